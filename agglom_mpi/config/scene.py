@@ -265,8 +265,8 @@ class SceneSection(Section):
 
     @model_validator(mode="before")
     @classmethod
-    def _one_size(cls, data: Any) -> Any:
-        if isinstance(data, dict) and are_lengths(data.get("sizes")):
+    def _one_size(cls, data: Any, info: ValidationInfo) -> Any:
+        if isinstance(data, dict) and are_lengths(data.get("sizes"), reading_of(info)):
             return none_of(SIZES, data, "sizes that are lengths")
         return one_of(SIZES, data)
 

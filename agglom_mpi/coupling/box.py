@@ -101,6 +101,9 @@ class Box(metaclass=PublicFace, constructor=True):
         `campaign.simulate(parameters, sample)`.
     engine : str, optional
         Another engine than the scene's: `event`, `fixed`, `fixed:STEPS` or `adaptive`.
+    allow_code : bool, optional
+        Whether Python code that the campaign of a path names may be executed, such as laws of
+        one's own. A pickle of the box carries their modules.
 
     Notes
     -----
@@ -139,9 +142,10 @@ class Box(metaclass=PublicFace, constructor=True):
         particles: int | None = None,
         sample: int = 0,
         engine: "str | Engine | None" = None,
+        allow_code: bool = False,
     ) -> None:
         if not isinstance(campaign, Campaign):
-            campaign = load_campaign(campaign)
+            campaign = load_campaign(campaign, allow_code)
         string = campaign.parameters(parameters)
         try:
             sample = read_count(sample)

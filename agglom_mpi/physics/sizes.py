@@ -14,11 +14,12 @@ from agglom_mpi.declaration.components import (
     UnknownComponentError,
     class_named,
     names_of,
+    unit_of,
 )
 from agglom_mpi.declaration.declared import LATER, FieldPath
 from agglom_mpi.declaration.field_types import Line
 from agglom_mpi.declaration.needed import needed
-from agglom_mpi.declaration.reading import PLAIN, Reading
+from agglom_mpi.declaration.reading import PLAIN, Reading, names_own
 from agglom_mpi.formatting import pluralise, value_with_prefix
 from agglom_mpi.physics.size_distributions import (
     ListedDistribution,
@@ -244,10 +245,18 @@ class FileSizes(Sizes):
         return entries if self.basis == "number" else {**entries, "basis": self.basis}
 
 
-def are_lengths(data: Any) -> bool:
-    """Return whether an entry `sizes`, not validated yet, says how large grains are."""
+def are_lengths(data: Any, reading: Reading = PLAIN) -> bool:
+    """Return whether an entry `sizes`, not validated yet, says how large grains are.
+
+    A law of one's own does by any number that is a length.
+    """
     if not isinstance(data, dict):
         return False
+    name = data.get("law")
+    if names_own(name):
+        with suppress(UnknownComponentError):  # its own field says so
+            fields = class_named(Sizes, name, reading).model_fields
+            return any(unit_of(field) == "m" and key in data for key, field in fields.items())
     return any(key in data for key in LENGTH_KEYS) or data.get("absolute") is True
 
 

@@ -93,7 +93,7 @@ def copies(*classes):
     imported = f"from agglom_mpi.components import {', '.join(names)}\n" if names else ""
     values = {key: value for each in classes for key, value in vars(getmodule(each)).items()}
     numbers = sorted(
-        name for name in used - set(names) if isinstance(values.get(name), int | float)
+        name for name in used - set(names) if isinstance(values.get(name), int | float | dict)
     )
     constants = "".join(f"{name} = {values[name]!r}\n" for name in numbers)
     return f"{STANDARD}{imported}{constants}\n\n{body}"
@@ -127,6 +127,13 @@ GIVEN = (
     ("search: {population", "search: {method: genetic, population"),
 )
 """Short forms of a campaign, and long ones."""
+
+
+NUMBERS_OF_COPIES = {
+    **{"generations": 2, "max_samples": 8, "population": 4, "parents": 2},
+    "final": "{strings: 2, samples: 4}",
+}
+"""Numbers of a campaign that takes a second."""
 
 
 def write_copies(folder, name, copied=tuple(ALL), **numbers):

@@ -13,21 +13,18 @@ from campaign_runs import (
     state,
 )
 from click.testing import CliRunner
-from own_components import ALL, DECIDING, NAMES_OF_ALL, write_copies
+from own_components import ALL, DECIDING, NAMES_OF_ALL, NUMBERS_OF_COPIES, write_copies
 
 from agglom_mpi import load_campaign, open_campaign
 from agglom_mpi.cli import main
 from agglom_mpi.storage.reader import read_campaign
-
-NUMBERS = {"generations": 2, "max_samples": 8, "population": 4, "parents": 2}
-FINAL = "{strings: 2, samples: 4}"
 
 
 @pytest.fixture(scope="module")
 def own(tmp_path_factory):
     """Return a folder with files of a campaign and of its copy with components of its own."""
     folder = tmp_path_factory.mktemp("own")
-    write_copies(folder, "own", final=FINAL, **NUMBERS)
+    write_copies(folder, "own", **NUMBERS_OF_COPIES)
     finish(folder, "own.yaml", "--allow-code")
     return folder
 
@@ -41,7 +38,7 @@ def moved(own, tmp_path, monkeypatch):
 
 
 def test_copies_of_components_decide_as_the_package_s_do_to_the_bit(own, tmp_path):
-    write_copies(tmp_path, "own", copied=(), final=FINAL, **NUMBERS)
+    write_copies(tmp_path, "own", copied=(), **NUMBERS_OF_COPIES)
     finish(tmp_path, "own.yaml")
     assert_same(own / "own.h5", decisions(tmp_path / "own.h5"))
     assert_sound(own / "own.h5")
@@ -58,7 +55,7 @@ def test_the_file_has_the_bytes_and_tells_of_each_component(own):
 
 
 def test_a_campaign_without_own_components_has_no_such_attributes(tmp_path):
-    write_copies(tmp_path, "own", copied=(), **NUMBERS)
+    write_copies(tmp_path, "own", copied=(), **NUMBERS_OF_COPIES)
     finish(tmp_path, "own.yaml")
     assert not [name for name in read_campaign(tmp_path / "own.h5").attributes if "own" in name]
 
@@ -139,7 +136,7 @@ def test_a_recorded_sample_is_simulated_again_with_leave_alone(moved):
 
 
 def test_a_resume_with_the_same_module_ends_as_one_run_does(own, tmp_path):
-    write_copies(tmp_path, "own", final=FINAL, **NUMBERS)
+    write_copies(tmp_path, "own", **NUMBERS_OF_COPIES)
     finish(tmp_path, "own.yaml", "--allow-code", "--generations", "1")
     assert len(read_campaign(tmp_path / "own.h5").generation_rows()) == 1
     finish(tmp_path, "own.yaml", "--allow-code")
@@ -147,7 +144,7 @@ def test_a_resume_with_the_same_module_ends_as_one_run_does(own, tmp_path):
 
 
 def test_an_edited_module_is_refused_by_its_name(own, tmp_path):
-    write_copies(tmp_path, "own", final=FINAL, **NUMBERS)
+    write_copies(tmp_path, "own", **NUMBERS_OF_COPIES)
     (tmp_path / "own.h5").write_bytes((own / "own.h5").read_bytes())
     (tmp_path / "mine.py").write_text((tmp_path / "mine.py").read_text() + "# edited\n")
     before = (tmp_path / "own.h5").read_bytes()
@@ -160,7 +157,7 @@ def test_an_edited_module_is_refused_by_its_name(own, tmp_path):
 
 
 def test_without_leave_a_run_is_refused(tmp_path):
-    write_copies(tmp_path, "own", **NUMBERS)
+    write_copies(tmp_path, "own", **NUMBERS_OF_COPIES)
     done = invert(tmp_path, "own.yaml")
     assert done.returncode == 2
     assert done.stderr.count("\n") == len(NAMES_OF_ALL)
@@ -178,7 +175,7 @@ FAULTS = [
 
 @pytest.mark.parametrize(("kind", "method", "fault", "said"), FAULTS)
 def test_a_component_that_fails_ends_the_run_in_one_line(tmp_path, kind, method, fault, said):
-    write_copies(tmp_path, "own", DECIDING, **NUMBERS)
+    write_copies(tmp_path, "own", DECIDING, **NUMBERS_OF_COPIES)
     source = (tmp_path / "mine.py").read_text()
     at = source.index(f"    def {method}(", source.index(kind))
     line = source.index('"""', source.index('"""', at) + 3) + 3

@@ -1,115 +1,111 @@
-"""What Numba cannot compile in a law of one's own is one line with the place in its file."""
+"""Laws of one's own compile into the kernels: copies of the package's give the same bits."""
 
-import math
+from pathlib import Path
 
+import numpy as np
 import pytest
-from own_modules import line_of, module_of
+from own_components import copies
 
-from agglom_mpi.compilation.kernels import runs_compiled
-from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.physics.contact import ContactArea
-from agglom_mpi.physics.pair import ContactPair
-from agglom_mpi.physics.restitution import (
-    ConstantRestitution,
-    ImpactLaws,
-    PressureRestitution,
-    RestitutionSolution,
-)
-from agglom_mpi.simulation.compilation import compile_kernels
-from agglom_mpi.simulation.own_laws import UncompiledLawError, compiled_formulas, own_formulas
+from agglom_mpi import load_campaign
+from agglom_mpi.physics.contact import CompressionRecoveryDuration, LengthDuration
+from agglom_mpi.physics.cooling import QuarticCooling, RadiativeCooling
+from agglom_mpi.physics.fragmentation import PairEnergyFragmentation
+from agglom_mpi.physics.friction import ConstantFriction
+from agglom_mpi.physics.heating import OwnEnergy
+from agglom_mpi.physics.restitution import ConstantRestitution, LastingContact
+from agglom_mpi.physics.sizes import LognormalSizes, UniformSizes
+from agglom_mpi.physics.velocities import SpreadVelocities
 
-pytestmark = pytest.mark.skipif(not runs_compiled(), reason="nothing is compiled")
-HEAD = """
-from agglom_mpi.compilation.stages import inlined
-from agglom_mpi.physics.restitution import Restitution, RestitutionSolution
-
-@inlined
-def helper(x):
-    return x.foo + 1
-
-class Own(Restitution):
-    def solve_restitution(self, laws, pair):
+JOBS = Path(__file__).parents[2] / "jobs"
+SCENE = """\
+title: Two grains
+seed: 3
+scene:
+  particles: 60
+  {size}
+  velocities: {velocities}
+  restitution: {restitution}
+  duration: {duration}
+  hardness: arrhenius
+  friction: {friction}
+  heating: {heating}
+  reaction: contact_area
+  fragmentation: {fragmentation}
+  cooling: {cooling}
+  end_time: 2 ms
+variables:
+  relative_speed: 20
+  size_ratio: 0.5
+  density: 6000
+  hardness: 5e7
+  heat_capacity: 1000
+  friction: 0.3
+  temperature: 300
+  activation_energy: 500
+  reaction_heat: 1e6
+  surface_energy: 10
 """
-END = "        return RestitutionSolution(0.5, False, 0.0, False)\n"
-MUTANTS = {
-    "an attribute that a pair does not have": ("        x = pair.aproach\n", "pair.aproach"),
-    "a number that the law does not have": ("        x = self.alpha\n", "self.alpha"),
-    "a function of the module": ("        x = helper(pair.radius)\n", "x.foo"),
-    "a name that is not defined": ("        x = unknown(pair)\n", "def solve"),
-    "an import": ("        import numpy\n", "import numpy"),
-    "a file": ("        with open('x') as f:\n            pass\n", "def solve"),
-    "a list": ("        x = [pair.radius]\n        x.append(1.0)\n", "x = ["),
-    "a dict": ("        s = {}\n        s['a'] = pair.radius\n", "s['a']"),
-    "two kinds of result": (
-        "        if pair.radius > 1.0:\n            return 0.5\n",
-        "return 0.5|return Rest",
+FIRST = {
+    "size": ("half_width: 1 cm\n  sizes: {law: NAME, spread: 1.3}", "lognormal", LognormalSizes),
+    "velocities": ("{law: NAME, mean: [0, 0, 1]}", "spread", SpreadVelocities),
+    "restitution": ("pressure", "", None),
+    "duration": ("{law: NAME}", "compression_recovery", CompressionRecoveryDuration),
+    "friction": ("{law: NAME}", "constant", ConstantFriction),
+    "heating": ("pair_split", "", None),
+    "fragmentation": ("{law: NAME}", "pair_energy", PairEnergyFragmentation),
+    "cooling": (
+        "{law: NAME, emissivity: 0.9, surroundings: 4 K, convection: 2, ambient: 250 K}",
+        "radiation",
+        RadiativeCooling,
     ),
-    "another result": ("        return 0.5\n", "def solve"),
-    "a text as deficit": (
-        "        return RestitutionSolution(True, pair.radius, 0.0, False)\n",
-        "def solve",
+}
+SECOND = FIRST | {
+    "size": (
+        "sizes: {law: NAME, smallest: 1 mm, largest: 2 mm, basis: volume}",
+        "uniform",
+        UniformSizes,
     ),
+    "restitution": (
+        "{law: NAME, value: 0.8, contact_time: 1 us}\n  solver: bracketed_root",
+        "constant",
+        ConstantRestitution,
+    ),
+    "duration": ("{law: mean_speed}", "", None),
+    "heating": ("{law: NAME}", "own_energy", OwnEnergy),
+    "fragmentation": ("none", "", None),
+    "cooling": ("{law: NAME}", "quartic", QuarticCooling),
 }
 
 
-def laws_with(restitution):
-    area = ContactArea.Numbers(0.0, 1.0)
-    return ImpactLaws(restitution, None, area, *[None] * 6, heat_capacity=math.inf)
+def scene_text(laws, own):
+    """Return a scene with the package's laws, or with copies of them in `mine.py`."""
+    entries = {}
+    for key, (entry, name, kind) in laws.items():
+        named = f'"mine.py:{kind.__name__}"' if own and kind is not None else name
+        entries[key] = entry.replace("NAME", named)
+    text = SCENE.format(**entries)
+    if entries["restitution"].startswith("{law"):
+        text = text.replace("  hardness: arrhenius\n", "").replace("  solver: bracketed_root\n", "")
+    return text
 
 
-@pytest.mark.parametrize("case", MUTANTS)
-def test_what_does_not_compile_is_one_line_with_its_place(case):
-    body, part = MUTANTS[case]
-    text = HEAD + body + END
-    numbers = module_of(text).Own.Numbers()
-    with pytest.raises(UncompiledLawError) as caught:
-        compiled_formulas(numbers, laws_with(numbers))
-    place, _, reason = str(caught.value).partition(": ")
-    assert place in {f"own.py:{line_of(text, each)}" for each in part.split("|")}
-    assert 10 < len(reason) < 310
-    assert "\n" not in reason
-
-
-def test_a_formula_with_other_arguments_is_named_with_both():
-    numbers = module_of(HEAD.replace("laws, pair", "pair") + END).Own.Numbers()
-    with pytest.raises(UncompiledLawError, match=r"own.py:\d+: .*\(self, pair\).*laws, pair\)"):
-        compiled_formulas(numbers, laws_with(numbers))
-
-
-def test_a_formula_compiled_alone_gives_what_it_says():
-    numbers = module_of(HEAD + END.replace("0.5", "pair.radius")).Own.Numbers()
-    (formula,) = compiled_formulas(numbers, laws_with(numbers)).values()
-    pair = ContactPair(*[0.25] * 12)
-    assert formula(numbers, laws_with(numbers), pair) == RestitutionSolution(0.25, False, 0, False)
-
-
-def test_formulas_of_the_package_are_not_own():
-    text = HEAD + END
-    own = module_of(text + "class More(Own):\n    pass\n").More
-    assert list(own_formulas(own)) == ["solve_restitution"]
-    assert own_formulas(ConstantRestitution) == own_formulas(PressureRestitution) == {}
-
-
-SCENE = """
-seed: 1
-scene:
-  particles: 20
-  half_width: 1 cm
-  velocities: {law: spread, mean: [0, 0, 0], transverse: 1}
-  restitution: {law: constant, value: 0.5}
-  heating: none
-  end_time: 20 ms
-variables: {relative_speed: 5, size_ratio: 0.5, density: 2500}
-"""
-
-
-def test_a_scene_whose_law_does_not_compile_ends_with_that_line():
-    campaign = Campaign.from_text(SCENE)
-    text = HEAD + "        x = pair.aproach\n" + END
-    numbers = module_of(text).Own.Numbers()
-    scene = campaign.scene.build(campaign.parameters())
-    scene = scene._replace(laws=scene.laws._replace(restitution=numbers))
-    with pytest.raises(UncompiledLawError) as caught:
-        compile_kernels(scene)
-    assert str(caught.value).startswith(f"own.py:{line_of(text, 'pair.aproach')}: ")
-    assert caught.value.exit_code == 2
+@pytest.mark.parametrize("laws", [FIRST, SECOND], ids=["first", "second"])
+def test_copies_of_laws_give_the_same_bits(tmp_path, laws):
+    kinds = [kind for _, _, kind in laws.values() if kind is not None]
+    extra = [LengthDuration] if CompressionRecoveryDuration in kinds else []
+    extra_after = [LastingContact] if ConstantRestitution in kinds else []
+    (tmp_path / "mine.py").write_text(copies(*extra, *kinds, *extra_after))
+    outcomes = []
+    for own in (False, True):
+        path = tmp_path / f"{own}.yaml"
+        path.write_text(scene_text(laws, own))
+        campaign = load_campaign(path, allow_code=own)
+        outcomes.append([campaign.simulate(campaign.parameters(), k) for k in range(3)])
+        assert len(campaign.scene.sizes.entries()) > 1
+    for builtin, copied in zip(*outcomes, strict=True):
+        assert builtin.collisions > 60
+        for name in builtin.record.dtype.names:
+            if "seconds" not in name:
+                assert builtin.record[name].tobytes() == copied.record[name].tobytes(), name
+        assert np.array_equal(builtin.radii, copied.radii)
+        assert np.array_equal(builtin.temperatures, copied.temperatures, equal_nan=True)
