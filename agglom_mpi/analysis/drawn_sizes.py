@@ -72,7 +72,14 @@ def drawn_fraction(file: "CampaignData", string: int) -> DrawnFraction | None:
         return None
     section, values = campaign.at(file.parameters[string])
     wanted = volume_fraction(values["size_ratio"], section.third_moment)
-    ratios = _mean_cubes(campaign, file.parameters[string], string, done.tolist())
+    parameters = file.parameters[string]
+    ratios: list[float] | None = file.unless_code(
+        "drawn volume fractions",
+        lambda: _mean_cubes(campaign, parameters, string, done.tolist()),
+        None,
+    )
+    if ratios is None:
+        return None
     completed = mean_of([wanted / section.third_moment * cube for cube in ratios])
     jammed = int((rows["reason"] == FailureReason.PLACEMENT_JAMMED).sum())
     return DrawnFraction(completed, wanted, jammed, len(rows))

@@ -1,6 +1,6 @@
 """Description of what a campaign would run, as `agglom check CAMPAIGN.yaml` prints it."""
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -11,6 +11,7 @@ from agglom_mpi.config.consequences import consequences
 from agglom_mpi.config.identity import digest, identity
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.declaration.laws import Law
+from agglom_mpi.errors import CodeNotAllowedError
 from agglom_mpi.formatting import pluralise, value_with_prefix
 from agglom_mpi.variables import VOLUME_FRACTION, volume_fraction
 
@@ -23,14 +24,15 @@ def submodels(scene: SceneSection, paths: Collection[str] = ()) -> tuple[list[st
 
     `paths` are those of the numbers that stand under `variables`.
     """
-    used, left_out = [], []
-    for key, law, is_used in scene.laws():
-        if is_used:
-            name = f"{key}: {law.name}" if law.name else key
-            used.append(f"{name:<31} {law.summary}{_settings(key, law, paths)}")
-        else:
-            left_out.append(key)
-    return used, left_out
+    laws = list(scene.laws())
+    names = [f"{key}: {law.name}" if law.name else key for key, law, is_used in laws]
+    width = max(32, *(len(name) + 2 for name in names))
+    used = [
+        f"{name:<{width}}{law.summary}{_settings(key, law, paths)}"
+        for name, (key, law, is_used) in zip(names, laws, strict=True)
+        if is_used
+    ]
+    return used, [key for key, _, is_used in laws if not is_used]
 
 
 def missing_fields(scene: SceneSection) -> list[str]:
@@ -98,10 +100,18 @@ def sections(campaign: "CampaignSections") -> list[Paragraph]:
         ("Scene", _scene(campaign)),
         ("Variables", _variables(campaign)),
         *_relations(campaign),
-        ("What follows", consequences(campaign)),
+        ("What follows", _known(lambda: consequences(campaign))),
         ("Submodels", used),
         ("Left out", left_out + _not_stored(campaign) or ["nothing"]),
     ]
+
+
+def _known(lines: Callable[[], list[str]]) -> list[str]:
+    """Return lines; where they need code of one's own that may not run, a line that says so."""
+    try:
+        return lines()
+    except CodeNotAllowedError as error:
+        return [f"not known: {error}"]
 
 
 def _relations(campaign: "CampaignSections") -> list[Paragraph]:
@@ -111,7 +121,10 @@ def _relations(campaign: "CampaignSections") -> list[Paragraph]:
         return []
     lines = [each.text for each in constraints]
     if campaign.variables.searched:
-        lines.append(f"allowed: {allowed_share(campaign)} of the box, by random strings")
+        share = _known(
+            lambda: [f"allowed: {allowed_share(campaign)} of the box, by random strings"]
+        )
+        lines += share
     return [("Constraints", lines)]
 
 

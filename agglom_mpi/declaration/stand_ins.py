@@ -7,7 +7,8 @@ refuses whatever would need a formula.
 """
 
 import inspect
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import cached_property
 from importlib import import_module
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, get_args, get_origin
 
@@ -49,7 +50,8 @@ def record_of(component: Component) -> Record:
     answers: Record = {}
     methods: Record = {}
     refused: list[str] = []
-    for name in _given_names(kind, base):
+    names = list(_given_names(kind, base))
+    for name in names:
         value = _answer(component, name)
         if callable(value):
             value = _called(value)
@@ -69,7 +71,9 @@ def record_of(component: Component) -> Record:
             for name, field in kind.model_fields.items()
             if name != kind.named_by and base.model_fields.get(name) != field
         },
+        "values": _values(component, kind.model_fields),
         "answers": answers,
+        "calculated": [name for name in names if name in answers and _is_calculated(kind, name)],
         "methods": methods,
         "refused": refused,
         **component.record(),
@@ -82,6 +86,18 @@ def _given_names(kind: type[Component], base: type[Component]) -> Iterator[str]:
     names = dict.fromkeys(name for each in own for name in vars(each))
     skipped = {*kind.model_fields, *_OF_DECLARATIONS}
     yield from (name for name in names if not name.startswith("_") and name not in skipped)
+
+
+def _values(component: Component, fields: Iterable[str]) -> Record:
+    """Return the values of those fields that are numbers."""
+    kinds = type(component).model_fields
+    numbers = [name for name in fields if name in kinds and number_of(kinds[name]) is not None]
+    return {name: plain(getattr(component, name)) for name in numbers}
+
+
+def _is_calculated(kind: type[Component], name: str) -> bool:
+    """Return whether an attribute is a property, which may depend on the numbers."""
+    return isinstance(inspect.getattr_static(kind, name, None), property | cached_property)
 
 
 def _answer(component: Component, name: str) -> Any:
@@ -154,10 +170,15 @@ def stand_in(kind: type[Component], name: str, record: Mapping[str, Any]) -> typ
         "__doc__": f"Stands in for {name}.",
         "__annotations__": {key: annotation for key, (annotation, _) in fields.items()},
         **{key: default for key, (_, default) in fields.items() if default is not MISSING},
+        **{key: _Refused(name) for key in record["refused"]},
         **base.restored(record),
         **{key: _returning(value) for key, value in record["methods"].items()},
-        **{key: _refusing(name) for key in (*record["refused"], *base.refused_of_stand_ins)},
+        **{key: _Refused(name) for key in base.refused_of_stand_ins},
     }
+    calculated = {*record["calculated"], *record["methods"]}
+    for key in list(namespace):
+        if key in calculated or (key not in fields and _is_calculated(base, key)):
+            namespace[key] = _Calculated(name, namespace[key], record["values"])
     metaclass: Any = type(base)
     made: type[Component] = metaclass(name.partition(":")[2], (base,), namespace)
     made.own = OwnModule(record["file"], record["sha256"], b"")
@@ -203,13 +224,30 @@ def _returning(value: Any) -> Callable[..., Any]:
     return lambda self: value
 
 
-def _refusing(name: str) -> Any:
-    """Return what stands for a formula, a method or a property."""
-    return _Refused(name)
+class _Calculated:
+    """Attribute of a stand-in that was recorded of certain numbers, and is refused with others."""
+
+    def __init__(self, name: str, value: Any, values: Record) -> None:
+        self._name = name
+        self._value = value
+        self._values = values
+
+    def __get__(self, component: Component | None, kind: type[Any]) -> Any:
+        if component is None:
+            return self._value
+        is_text = isinstance(self._value, str)
+        if not is_text and _values(component, self._values) != self._values:
+            raise CodeNotAllowedError(_not_allowed(self._name))
+        bound = hasattr(self._value, "__get__")
+        return self._value.__get__(component, kind) if bound else self._value
+
+
+def _not_allowed(name: str) -> str:
+    return f"{name} is code of one's own; --allow-code runs it"
 
 
 class _Refused:
-    """Attribute of a stand-in that raises a CodeNotAllowedError when it is asked for."""
+    """A formula, method or property of a stand-in: a CodeNotAllowedError when it is asked for."""
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -217,4 +255,4 @@ class _Refused:
     def __get__(self, component: "Declared | None", kind: type[Any]) -> Any:
         if component is None:  # of the class, as by a registry
             return self
-        raise CodeNotAllowedError(f"{self._name} is code of one's own; --allow-code runs it")
+        raise CodeNotAllowedError(_not_allowed(self._name))
