@@ -29,11 +29,11 @@ def check(file: str, allow_code: bool, strict: bool, as_json: bool) -> int:
     """Validate CAMPAIGN.yaml and print what would run, or verify the contents of FILE.h5.
 
     Of a campaign, prints the size of the file that a run would make, and warns of what is unlikely,
-    on standard error; with --allow-code, simulates one sample in the middle of the box and calls
-    the objective's function with it. Of a file, verifies checksums, the agreement of all numbers,
-    and that the stored samples lead to the stored decisions of the search; also while the file is
-    being written. Exit codes: 0 valid or sound, 1 damaged, 2 invalid, no campaign file, or a newer
-    format version.
+    on standard error; with --allow-code, tests the components of one's own, simulates one sample in
+    the middle of the box and calls the objective's function with it. Of a file, verifies checksums,
+    the agreement of all numbers, and that the stored samples lead to the stored decisions of the
+    search; also while the file is being written. Exit codes: 0 valid or sound, 1 damaged, 2
+    invalid, no campaign file, or a newer format version.
     """
     if is_hdf5(file):
         from agglom_mpi.analysis.replay import check_file
@@ -44,6 +44,7 @@ def check(file: str, allow_code: bool, strict: bool, as_json: bool) -> int:
         return code
     from agglom_mpi.config.loading import check_campaign
     from agglom_mpi.config.yaml_source import warn
+    from agglom_mpi.contracts.promises import promises_of
     from agglom_mpi.storage.room import check_room, file_bytes, size_text, table_sizes
 
     loaded = check_campaign(file, allow_code)
@@ -57,10 +58,12 @@ def check(file: str, allow_code: bool, strict: bool, as_json: bool) -> int:
         size = file_bytes(sizes)
     warnings = [*loaded.warnings(), *_of_start(loaded, allow_code)]
     warn(warnings, strict, lambda line: say(line, error=True))
+    promises = promises_of(loaded, allow_code)
     tried = loaded.try_function() if allow_code else None
     if as_json:
         found = loaded.description() | {"warnings": [str(warning) for warning in warnings]}
         found |= {} if size is None else {"file_bytes": size}
+        found |= {"properties": promises} if promises else {}
         if tried is not None:
             found |= {"function_value": tried.objective if isfinite(tried.objective) else None}
             found |= {"function_quantities": tried.quantities} if tried.quantities else {}
@@ -69,6 +72,8 @@ def check(file: str, allow_code: bool, strict: bool, as_json: bool) -> int:
     say(loaded.describe())
     if size is not None:
         say(f"File\n  size: {size_text(size)} at most; on the disk, as much as has been written")
+    if promises:
+        say("\n".join(["Properties", *(f"  {line}" for line in promises)]))
     if tried is not None:
         for line in _function_lines(tried, loaded.objective.quantity_units):
             say(line)

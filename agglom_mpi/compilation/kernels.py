@@ -142,6 +142,11 @@ def kernel(function: F) -> F:
     return compiled
 
 
+def as_plain(function: F) -> F:
+    """Return a kernel as the Python function that it was compiled from."""
+    return getattr(function, "py_func", function)
+
+
 def compiled_stage(function: Callable[..., Any], manner: str) -> Any:
     """Return Numba's dispatcher of a stage; `manner` is a key of `STAGE_OPTIONS`."""
     return numba.njit(**STAGE_OPTIONS[manner])(function)

@@ -140,6 +140,9 @@ class Component(Declared):
         Whether a file can name a class of one's own of this kind, `FILE.py:Class`.
     not_in_files
         Fields that a file does not give: they are read from elsewhere.
+    breaks
+        Properties of its kind that the class means to break, by name, and why; `agglom check`
+        prints them.
     own
         Module of a class of one's own, which is named `FILE.py:Class`; None for the package's.
     refused_of_stand_ins
@@ -151,6 +154,7 @@ class Component(Declared):
     in_files: ClassVar[bool] = True
     may_be_own: ClassVar[bool] = True
     not_in_files: ClassVar[tuple[str, ...]] = ()
+    breaks: ClassVar[Mapping[str, str]] = {}
     own: ClassVar[OwnModule | None] = None
     refused_of_stand_ins: ClassVar[tuple[str, ...]] = ()
 

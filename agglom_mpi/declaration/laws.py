@@ -45,6 +45,9 @@ class Law(Component):
         Variables that the law needs beside those, such as the temperature that it starts from.
     groups
         Dimensionless groups that the law depends on.
+    constants
+        SI units of the physical constants in the formulas, such as `J/mol/K` of the gas constant;
+        `agglom check` tests the law in units that leave these constants as they are.
     is_absent
         Whether it stands for leaving out what its kind does; kernels then see None.
     Numbers
@@ -56,6 +59,7 @@ class Law(Component):
     derived: ClassVar[tuple[str, ...]] = ()
     needs: ClassVar[tuple[str, ...]] = ()
     groups: ClassVar[tuple[Group, ...]] = ()
+    constants: ClassVar[tuple[str, ...]] = ()
     is_absent: ClassVar[bool] = False
     refused_of_stand_ins = ("build",)
     Numbers: ClassVar[Any]

@@ -4,7 +4,7 @@ A temperature does not depend on how the grain moves, so each can be integrated 
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal, NamedTuple, Self
 
 import numpy as np
@@ -162,6 +162,7 @@ class RadiativeCooling(SteppableCooling):
     integration: Integration = "exact"
     summary: ClassVar[str] = "radiation and convection [B 6.19-6.21]"
     derived = ("equilibrium",)
+    constants = ("W/m^2/K^4",)
     longest_step = "mC/(a_s(4Bεθ³ + h_c))"
 
     def problems(self) -> Iterator[tuple[FieldPath, str]]:
@@ -224,6 +225,8 @@ class QuarticCooling(SteppableCooling):
     law: Literal["quartic"] = "quartic"
     integration: Integration = "exact"
     summary: ClassVar[str] = "(theta - theta0)^4, bounded at theta0 [A 18-19]"
+    constants = ("W/m^2/K^4",)
+    breaks: ClassVar[Mapping[str, str]] = {"units": "as published, a length is missing"}
     variables = ("density", "heat_capacity", "temperature")
     longest_step = "ρC/(4B(θ − θ₀)³)"
 

@@ -1,6 +1,7 @@
 """Fragmentation: when an aggregate breaks, and into how many pieces."""
 
 import math
+from collections.abc import Mapping
 from typing import ClassVar, Final, Literal, NamedTuple
 
 from agglom_mpi.compilation.stages import formula, inlined
@@ -66,6 +67,10 @@ class OwnEnergyFragmentation(Fragmentation):
 
     law: Literal["own_energy"] = "own_energy"
     summary: ClassVar[str] = "by its own energy change, as published [B 5.1-5.5]"
+    breaks: ClassVar[Mapping[str, str]] = {
+        "frame": "as published, a sphere's own kinetic-energy change depends on the frame",
+        "energy": "as published, its own change may be more than the pair loses",
+    }
     variables = ("surface_energy",)
     groups = (FRAGMENTATION,)
 

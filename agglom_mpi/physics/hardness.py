@@ -78,6 +78,7 @@ class ArrheniusHardness(Hardness):
     variables = ("hardness", "activation_energy")
     needs = ("temperature",)
     groups = (SOFTENING,)
+    constants = ("J/mol/K",)
     softened_by = "activation_energy"
     misprint = "; [A] prints kJ/mol for J/mol"
     exponent_symbol = "U/(R theta)"

@@ -4,6 +4,7 @@ The search for the smallest root of e = G(e) bounds each heat over an interval o
 straight line through its upper end, with the least slope that the heat has in the interval.
 """
 
+from collections.abc import Mapping
 from typing import ClassVar, Final, Literal
 
 from agglom_mpi.compilation.stages import Submodel, formula, inlined
@@ -96,6 +97,10 @@ class OwnEnergy(Heating):
 
     law: Literal["own_energy"] = "own_energy"
     summary: ClassVar[str] = "each its own energy change, as published [B 6.5-6.10]"
+    breaks: ClassVar[Mapping[str, str]] = {
+        "frame": "as published, a sphere's own kinetic-energy change depends on the frame",
+        "energy": "as published, the heat is more than the energy that the pair loses",
+    }
     needs = ("heat_capacity", "temperature")
     groups = (HEATING,)
 

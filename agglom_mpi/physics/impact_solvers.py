@@ -5,6 +5,7 @@ largest in the deficit d, which a sufficiently relaxed iteration from e = 0 find
 """
 
 import math
+from collections.abc import Mapping
 from typing import Annotated, ClassVar, Final, Literal
 
 from agglom_mpi.compilation.stages import inlined
@@ -151,6 +152,7 @@ class FixedPointIteration(Solver):
     tolerance: Annotated[float, In("1", above=0)] = 1e-6
     cap: Annotated[int, Whole(at_least=1)] = 100
     summary: ClassVar[str] = "the published fixed point, which cycles for most impacts [A 20]"
+    breaks: ClassVar[Mapping[str, str]] = {"root": "as published, it cycles for most impacts"}
 
     def solve_pressure_law(self, laws, pair):
         """Where the iteration ends."""

@@ -12,7 +12,7 @@ def test_every_job_is_valid_and_says_what_would_run(agglom, job):
     assert done.exit_code == 0
     assert done.stderr == ""
     headings = [line for line in done.stdout.splitlines() if not line.startswith(" ")]
-    headings = [heading for heading in headings if heading != "Constraints"]
+    headings = [heading for heading in headings if heading not in ("Constraints", "Properties")]
     assert headings[1:] == ["Scene", "Variables", "What follows", "Submodels", "Left out", "File"]
     for entry in ("seed", "objective", "ensemble", "generations", "strings", "samples", "engine"):
         assert f"\n  {entry}: " in done.stdout

@@ -1,0 +1,1 @@
+"""Properties that components promise, tested on random numbers before anything runs."""

@@ -1,0 +1,119 @@
+"""Test the components of one's own that a campaign names, in its scene and over its box."""
+
+import math
+from collections.abc import Iterable, Iterator
+
+from agglom_mpi.compilation.kernels import runs_compiled
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.contracts.ensembles import (
+    OBJECTIVE_PROPERTIES,
+    RULE_PROPERTIES,
+    objective_failures,
+    rule_failures,
+)
+from agglom_mpi.contracts.findings import Finding, State, label_of
+from agglom_mpi.contracts.laws import SEED, law_findings, properties_of, unknown_breaks
+from agglom_mpi.contracts.points import draw_points
+from agglom_mpi.contracts.searches import PROPERTIES, search_failures
+from agglom_mpi.contracts.starts import SIZE_PROPERTIES, sizes_failures
+from agglom_mpi.contracts.subject import PAIR_DOMAIN, Subject
+from agglom_mpi.declaration.components import Component
+from agglom_mpi.declaration.laws import Law
+from agglom_mpi.errors import UserError
+from agglom_mpi.simulation.own_laws import compiled_formulas
+
+
+class BrokenComponentError(UserError, ValueError):
+    """A component of one's own lacks properties of its kind, one line each."""
+
+
+def tested_components(campaign: Campaign, components: Iterable[Component]) -> list[Finding]:
+    """Test those of a campaign's components that are of one's own.
+
+    Raises
+    ------
+    BrokenComponentError
+        If one fails; with a line on each property that it lacks.
+    UncompiledLawError
+        If a formula of one cannot be compiled.
+    """
+    findings = [each for own in components if own.own for each in _of(campaign, own)]
+    if failed := [str(each) for each in findings if each.state is State.FAILS]:
+        raise BrokenComponentError("\n".join(failed))
+    return findings
+
+
+def _of(campaign: Campaign, component: Component) -> list[Finding]:
+    """Return the findings on one component of one's own."""
+    if isinstance(component, Law):
+        return _of_law(campaign, component)
+    section, plan = campaign.at(campaign.parameters()).section, campaign.plan
+    if component is section.sizes and section.sizes is not None:
+        return _listed(component, SIZE_PROPERTIES, sizes_failures(section.sizes, SEED))
+    if plan is not None and component is plan.search:
+        failures = search_failures(plan.search, campaign.space(), campaign.seed)
+        return _listed(component, PROPERTIES, failures)
+    if plan is not None and component is plan.ensemble:
+        return _listed(component, RULE_PROPERTIES, rule_failures(plan.ensemble, SEED))
+    failures = objective_failures(campaign.objective, SEED)
+    return _listed(component, OBJECTIVE_PROPERTIES, failures)
+
+
+def _listed(
+    component: Component, known: Iterable[str], failures: Iterator[tuple[str, str]]
+) -> list[Finding]:
+    """Return a finding for each property, the first failure of each, in the order of testing."""
+    kind, names = type(component), list(known)
+    label, texts = label_of(kind), dict[str, str]()
+    try:
+        for name, text in failures:
+            texts.setdefault(name, text)
+    except Exception as error:  # a component of the user's may raise any
+        texts["raises"] = f"{type(error).__name__}: {error}"
+        names = ["raises"]
+    found = [*unknown_breaks(kind, set(known))]
+    for name in names:
+        if name not in texts:
+            found.append(Finding(label, name, State.HOLDS))
+        elif name in kind.breaks:
+            found.append(Finding(label, name, State.BREAKS, kind.breaks[name]))
+        else:
+            found.append(Finding(label, name, State.FAILS, texts[name]))
+    return found
+
+
+def _of_law(campaign: Campaign, law: Law) -> list[Finding]:
+    """Return the findings on a law of one's own: in the campaign's scene, over its box."""
+    section = campaign.at(campaign.parameters()).section
+    laws = {each.key: each.law for each in section.laws()}
+    key = next(key for key, each in laws.items() if each is law)
+    space = campaign.variables.space()
+    ends = zip(space.lower.tolist(), space.upper.tolist(), strict=True)
+    ranges = {
+        name: (low, high)
+        for name, (low, high) in zip(campaign.variables.table.names, ends, strict=True)
+        if not math.isnan(low)
+    }
+    own = {
+        name.removeprefix(f"{key}."): limits
+        for name, limits in ranges.items()
+        if name.startswith(f"{key}.")
+    }
+    subject = Subject(law, laws, ranges, own)
+    known = {each.name for each in properties_of(subject)}
+    if runs_compiled():
+        point = next(draw_points({**subject.domain, **PAIR_DOMAIN}, (SEED,), 1))
+        numbers = subject.numbers(point)
+        impact = subject.impact_laws(point)
+        subject = Subject(law, laws, ranges, own, compiled_formulas(numbers, impact))
+    return [*unknown_breaks(type(law), known), *law_findings(subject)]
+
+
+def lines_on(findings: Iterable[Finding]) -> list[str]:
+    """Return a line on each component that was tested, with the names of what holds."""
+    held: dict[str, list[str]] = {}
+    for each in findings:
+        names = held.setdefault(each.component, [])
+        if each.state is State.HOLDS:
+            names.append(each.property)
+    return [f"{label} holds {', '.join(names)}" for label, names in held.items()]

@@ -1,0 +1,60 @@
+"""What the tests of a component have found, one line each."""
+
+from collections.abc import Mapping
+from enum import Enum
+from typing import Any, Final, NamedTuple
+
+from agglom_mpi.contracts.points import spelled
+
+PAIRS: Final = 1000
+"""Number of random points at which a property that is cheap to test is tested."""
+
+
+class State(Enum):
+    """Whether a property holds."""
+
+    HOLDS = "holds"
+    BREAKS = "breaks"
+    """It does not, and the class says so."""
+    FAILS = "fails"
+
+
+class Finding(NamedTuple):
+    """A property of a component that was tested.
+
+    Attributes
+    ----------
+    component
+        File and class, `sticking.py:JKR`.
+    property
+        Name of the property.
+    state
+        Whether it holds.
+    text
+        What is wrong, or why the class means to break it.
+    numbers
+        The numbers at which it fails.
+    """
+
+    component: str
+    property: str
+    state: State
+    text: str = ""
+    numbers: Mapping[str, float] = {}
+
+    def __str__(self) -> str:
+        at = f"; at {spelled(self.numbers)}" if self.numbers else ""
+        return f"{self.component}: {self.property}: {self.text}{at}"
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the finding as plain values."""
+        plain = {name: str(value) for name, value in self.numbers.items()}
+        return self._asdict() | {"state": self.state.value, "numbers": plain}
+
+
+def label_of(component: type[Any]) -> str:
+    """Return what a component is called in a line: `FILE.py:Class`, or `heating own_energy`."""
+    module, name = component.__module__.rpartition(".")[2], next(iter(component.names()), "")
+    if not name:
+        return f"{module}.{component.__qualname__}"
+    return name if component.own is not None else f"{module} {name}"

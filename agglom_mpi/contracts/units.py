@@ -1,0 +1,46 @@
+"""Other units of length, mass and time, in which a law must give the same results.
+
+The kelvin and the mole stay as they are. Physical constants in a law's formulas are numbers in SI
+units; other units are chosen so that these constants keep their values.
+"""
+
+import math
+from collections.abc import Iterable
+from functools import cache
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglom_mpi.declaration.units import dimensions_of
+
+BASES: Final = ("[length]", "[mass]", "[time]")
+"""Base dimensions that are scaled."""
+
+UNIT_NAMES: Final = ("unit_length", "unit_mass", "unit_time")
+"""Names, in a point, of the logarithms to base 10 of the new units over those of SI."""
+
+
+@cache
+def exponents(unit: str) -> tuple[float, ...]:
+    """Return the powers of length, mass and time in a unit, without other dimensions."""
+    found = dimensions_of(unit)
+    return tuple(found.get(base, 0.0) for base in BASES)
+
+
+def factor(unit: str, logarithms: NDArray[np.float64]) -> float:
+    """Return by what a number in a unit is multiplied in other units; see `other_units`."""
+    return float(10.0 ** -(np.array(exponents(unit)) @ logarithms))
+
+
+def other_units(
+    wanted: NDArray[np.float64], constants: Iterable[str]
+) -> NDArray[np.float64] | None:
+    """Return the logarithms of new units over those of SI, near wanted ones, shape (3,).
+
+    Constants with the given units keep their values. None: that leaves SI alone.
+    """
+    fixed = np.array([exponents(unit) for unit in constants]).reshape(-1, len(BASES))
+    free = np.eye(len(BASES)) - np.linalg.pinv(fixed) @ fixed
+    chosen = free @ wanted
+    return chosen if float(np.abs(chosen).max()) > math.sqrt(np.finfo(float).eps) else None

@@ -1,0 +1,106 @@
+"""`agglom check --allow-code` tests own components: one line for what fails, and what is broken."""
+
+import json
+
+import pytest
+from click.testing import CliRunner
+from own_components import RESTITUTION_LINE, SPEED, write_scene
+
+from agglom_mpi.cli.check import check
+from agglom_mpi.compilation.kernels import runs_compiled
+
+COMPILED = pytest.mark.skipif(not runs_compiled(), reason="nothing is compiled")
+FORMULA = "deficit = 1.0 - min(1.0, (self.speed / pair.approach_speed) ** 0.25)"
+
+
+def checked(path, *options):
+    """Return exit code, output, and the lines on standard error."""
+    result = CliRunner().invoke(check, [str(path), "--allow-code", *options])
+    return result.exit_code, result.stdout, result.stderr.splitlines()
+
+
+def test_an_own_law_that_holds_is_listed_with_its_properties(tmp_path):
+    code, output, complaints = checked(write_scene(tmp_path), "--json")
+    assert code == 0
+    assert complaints == []
+    [line] = json.loads(output)["properties"]
+    assert line.startswith("sticking.py:SpeedRestitution ")
+    held = {"finite", "symmetry", "frame", "units", "range", "energy"}
+    assert held <= set(line.replace(",", "").split())
+
+
+def test_each_property_that_fails_is_one_line_with_exit_code_2(tmp_path):
+    source = SPEED.replace(FORMULA, FORMULA.replace("min(1.0", "min(1.2"))
+    code, output, lines = checked(write_scene(tmp_path, source))
+    assert code == 2
+    assert output == ""
+    properties = [line.split(": ")[:2] for line in lines]
+    assert properties == [
+        ["sticking.py:SpeedRestitution", "range"],
+        ["sticking.py:SpeedRestitution", "energy"],
+    ]
+    assert all("; at approach_speed=" in line for line in lines)
+
+
+def test_a_property_that_the_class_breaks_is_printed_with_its_reason(tmp_path):
+    declared = '    breaks = {"units": "a number of the sieve"}\n    summary'
+    source = SPEED.replace("    summary", declared).replace(FORMULA, FORMULA + " * 1.0")
+    source = source.replace("pair.approach_speed) **", "pair.approach_speed**0.9) **")
+    code, output, complaints = checked(write_scene(tmp_path, source), "--json")
+    assert code == 0, complaints
+    breaks, held = json.loads(output)["properties"]
+    assert breaks == "sticking.py:SpeedRestitution means to break units: a number of the sieve"
+    assert "units" not in held
+
+
+def test_a_break_of_no_property_is_refused(tmp_path):
+    source = SPEED.replace("    summary", '    breaks = {"unit": "?"}\n    summary')
+    code, _, [line] = checked(write_scene(tmp_path, source))
+    assert code == 2
+    assert line.startswith("sticking.py:SpeedRestitution: breaks: ")
+    assert "'unit'" in line
+
+
+@COMPILED
+def test_what_does_not_compile_is_one_line_with_its_place(tmp_path):
+    source = SPEED.replace("pair.approach_speed) **", "pair.aproach_speed) **")
+    line = next(i for i, text in enumerate(source.splitlines(), 1) if "aproach" in text)
+    code, _, complaints = checked(write_scene(tmp_path, source))
+    assert code == 2
+    [complaint] = complaints
+    assert complaint.startswith(f"sticking.py:{line}: ")
+
+
+def test_a_law_that_lacks_a_formula_is_refused_at_its_field(tmp_path):
+    source = SPEED.replace("def solve_restitution", "def solve")
+    code, _, complaints = checked(write_scene(tmp_path, source))
+    assert code == 2
+    assert len(complaints) == 1
+    assert "solve_restitution" in complaints[0]
+    assert f"own.yaml:{RESTITUTION_LINE}:" in complaints[0]
+
+
+@pytest.mark.parametrize(("highest", "expected"), [(0.9, 0), (1.5, 2)])
+def test_the_law_is_tested_over_the_range_that_a_campaign_searches(tmp_path, highest, expected):
+    source = SPEED.replace(FORMULA, "deficit = 1.0 - self.speed").replace(
+        'In("m/s", above', 'In("1", above'
+    )
+    searched = f"density: 2500, restitution.speed: [0.1, {highest}]"
+    edits = ("speed: 3 m/s, ", ""), ("density: 2500", searched)
+    code, _, lines = checked(write_scene(tmp_path, source, *edits))
+    assert code == expected
+    assert all(": range: " in line or ": energy: " in line for line in lines)
+
+
+def test_the_published_heat_is_printed_as_what_breaks_the_frame(tmp_path):
+    path = write_scene(tmp_path, SPEED, ("heating: none", "heating: own_energy"))
+    text = path.read_text().replace("density: 2500", "density: 2500, heat_capacity: 1000")
+    path.write_text(text.replace("heat_capacity: 1000", "heat_capacity: 1000, temperature: 300"))
+    result = CliRunner().invoke(check, [str(path), "--allow-code", "--json"])
+    assert result.exit_code == 0, result.stderr
+    lines = json.loads(result.stdout)["properties"]
+    broken = [line.split(": ")[0] for line in lines if "means to break" in line]
+    assert broken == [
+        "heating own_energy means to break frame",
+        "heating own_energy means to break energy",
+    ]
