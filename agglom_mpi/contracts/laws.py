@@ -10,6 +10,9 @@ from agglom_mpi.contracts.impacts import DURATION, FRICTION, HEATING, REACTION, 
 from agglom_mpi.contracts.kinds import (
     COMPILED,
     FINITE,
+    FRAME,
+    SYMMETRY,
+    UNITS,
     LawKind,
     LawProperty,
     general_properties,
@@ -47,6 +50,12 @@ KINDS: Final[Mapping[type[Law], LawKind]] = {
 IN_EQUATION: Final = (Restitution, Duration, Hardness, Friction, Heating, Reaction, Solver)
 """Kinds of laws that the impact equation is made of."""
 
+INHERITED: Final = (SYMMETRY, FRAME, UNITS, ROOT.name)
+"""Properties that a formula may lack because a law that it calls lacks them."""
+
+CALLERS: Final = (Restitution, Heating)
+"""Kinds of laws whose formulas are given other laws."""
+
 COMPARED: Final = 200
 """Number of points at which compiled formulas are compared with plain Python."""
 
@@ -59,17 +68,21 @@ def kind_of(law: Law) -> LawKind | None:
     return next((KINDS[each] for each in type(law).__mro__ if each in KINDS), None)
 
 
-def properties_of(subject: Subject) -> Iterator[LawProperty]:
-    """Yield all properties that a law promises, those of every formula first."""
+def properties_of(subject: Subject) -> list[LawProperty]:
+    """Return all properties that a law promises, those of every formula first.
+
+    Those are left out that other laws of the scene break, and that its formulas get from them: the
+    restitution by the pressure depends on the frame where the heat does.
+    """
     kind, law = kind_of(subject.tested), subject.tested
     if kind is None:
-        return
+        return []
     general = [each for quantity in kind.quantities for each in general_properties(quantity)]
-    yield from (each for each in general if each.name == FINITE)
-    yield from (each for each in general if each.name != FINITE)
-    yield from kind.properties
-    if isinstance(law, IN_EQUATION) and subject.solves_equation:
-        yield ROOT
+    general.sort(key=lambda each: each.name != FINITE)
+    root = [ROOT] if isinstance(law, IN_EQUATION) and subject.solves_equation else []
+    broken = {name for each in subject.laws.values() if each is not law for name in each.breaks}
+    spoilt = broken.intersection(INHERITED if isinstance(law, CALLERS) else (ROOT.name,))
+    return [each for each in (*general, *kind.properties, *root) if each.name not in spoilt]
 
 
 def law_findings(subject: Subject) -> list[Finding]:
@@ -114,11 +127,17 @@ def _tested(subject: Subject, promised: LawProperty) -> Finding:
 def _guarded(
     subject: Subject, violation: Callable[[Subject, Point], Violation]
 ) -> Callable[[Point], Violation]:
-    """Return a test that takes an exception of the law for a violation."""
+    """Return a test that takes an exception of the law for a violation.
+
+    Some properties are tested in plain Python alone, where a division by 0 raises; of a law that
+    is compiled it does not, and `finite` tests what it gives.
+    """
 
     def guarded(point: Point) -> Violation:
         try:
             return violation(subject, point)
+        except (ArithmeticError, ValueError) as error:
+            return None if subject.has_compiled else f"raises {type(error).__name__}: {error}"
         except Exception as error:  # a law of the user's may raise any
             return f"raises {type(error).__name__}: {error}"
 

@@ -96,6 +96,11 @@ class Subject:
         """Return whether a formula of the law is a compiled one."""
         return name in self._compiled
 
+    @property
+    def has_compiled(self) -> bool:
+        """Whether any formula of the law is a compiled one."""
+        return bool(self._compiled)
+
     def in_plain_python(self) -> "Subject":
         """Return the subject with all formulas as plain Python."""
         return Subject(self.tested, self.laws, self._ranges, self._numbers)

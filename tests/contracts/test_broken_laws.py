@@ -7,16 +7,17 @@ import pytest
 from law_subjects import instance, subject_of
 
 from agglom_mpi.contracts.findings import State
-from agglom_mpi.contracts.laws import law_findings
+from agglom_mpi.contracts.laws import law_findings, properties_of
 from agglom_mpi.contracts.starts import sizes_failures
 from agglom_mpi.physics.contact import CompressionRecoveryDuration
 from agglom_mpi.physics.cooling import Cooling
 from agglom_mpi.physics.fragmentation import FragmentCount, PairEnergyFragmentation
 from agglom_mpi.physics.friction import ConstantFriction
 from agglom_mpi.physics.hardness import ArrheniusHardness, Hardness
-from agglom_mpi.physics.heating import PairSplit
+from agglom_mpi.physics.heating import OwnEnergy, PairSplit
+from agglom_mpi.physics.impact_solvers import FixedPointIteration
 from agglom_mpi.physics.reaction import ContactAreaReaction
-from agglom_mpi.physics.restitution import Restitution, RestitutionSolution
+from agglom_mpi.physics.restitution import PressureRestitution, Restitution, RestitutionSolution
 from agglom_mpi.physics.size_distributions import LognormalDistribution
 from agglom_mpi.physics.sizes import LognormalSizes
 from agglom_mpi.physics.velocities import SpreadVelocities
@@ -233,3 +234,13 @@ def test_sizes_that_are_not_as_stated_are_found(distribution, property):
 
 def test_instances_have_what_they_need():
     assert instance(NewtonCooling).rest_temperature() == 300.0
+
+
+def test_what_another_law_of_the_scene_breaks_is_not_asked_of_a_law_that_calls_it():
+    scene = {"heating": OwnEnergy(), "solver": FixedPointIteration()}
+    subject = subject_of(PressureRestitution, **scene)
+    promised = {each.name for each in properties_of(subject)}
+    assert promised == {"finite", "symmetry", "units", "range", "energy"}
+    for law, others in ((PressureRestitution, {}), (ConstantFriction, {"heating": OwnEnergy()})):
+        promised = {each.name for each in properties_of(subject_of(law, **others))}
+        assert {"frame", "root"} <= promised

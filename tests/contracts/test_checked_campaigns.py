@@ -104,3 +104,11 @@ def test_the_published_heat_is_printed_as_what_breaks_the_frame(tmp_path):
         "heating own_energy means to break frame",
         "heating own_energy means to break energy",
     ]
+
+
+@COMPILED
+def test_a_division_by_zero_that_compiled_code_survives_is_no_failure(tmp_path):
+    safe = "deficit = 1.0 - min(1.0, self.speed / pair.slip_speed)"
+    code, _, complaints = checked(write_scene(tmp_path, SPEED.replace(FORMULA, safe)))
+    assert complaints == []
+    assert code == 0
