@@ -95,6 +95,35 @@ def test_a_file_is_sound_and_altered_quantities_are_found(own, tmp_path):
     assert "sample 0 of string 0" in done.output
 
 
+def test_with_leave_a_file_is_decided_again_and_estimated_by_its_own_copy_of_the_code(
+    own, tmp_path, monkeypatch
+):
+    (tmp_path / "own.h5").write_bytes((own / "own.h5").read_bytes())  # and no module
+    monkeypatch.chdir(tmp_path)
+    before = (own / "trace").read_text()
+    done = CliRunner().invoke(main, ["check", "own.h5", "--allow-code"])
+    assert done.exit_code == 0, done.output
+    assert "6 of 6 results and 2 of 2 populations" in done.output
+    done = CliRunner().invoke(main, ["report", "own.h5", "--json", "--allow-code"])
+    best = json.loads(done.stdout)["best"][0]
+    quantities, again = best["quantities"], best["reestimate"]
+    means = [quantities[name]["estimate"] for name in COLUMNS]
+    wanted = (means[0] / 3.0 - 1.0) ** 2 + means[1]
+    assert again["objective"] == pytest.approx(wanted, rel=1e-12)
+    assert again["standard_error"] > 0.0
+    data = agglom_mpi.open_campaign("own.h5", allow_code=True)
+    assert data.best(1)["estimate"][0] == again["objective"]
+    after = (own / "trace").read_text()
+    assert len(after) - len(before) in (0, 1)  # once in this process
+    with h5py.File("own.h5", "r+") as file:
+        modules = json.loads(file.attrs["own_modules"])
+        modules[0]["source"] += "# changed\n"
+        file.attrs["own_modules"] = json.dumps(modules)
+    done = CliRunner().invoke(main, ["check", "own.h5", "--allow-code"])
+    assert "replay: left out" in done.output
+    assert (own / "trace").read_text() == after
+
+
 def test_tables_and_csv_have_means_with_standard_errors(own, tmp_path, agglom):
     file = agglom_mpi.open_campaign(own / "own.h5")
     strings, samples = file.strings, file.samples
