@@ -63,7 +63,6 @@ def setups(
             message = "is a function that is not run from a file: give its unchanged campaign, too"
             raise CampaignError(Problem(campaign.name, None, "objective.call", message))
         campaign = replace(campaign, user_function=allowed)
-        history.allow(allowed)
     return {
         name_of(string): Setup(
             *closed(campaign, history.parameters[string]),

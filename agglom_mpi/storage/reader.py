@@ -8,7 +8,6 @@ from typing import Any, Final, NamedTuple, Self, TypeVar
 
 import numpy as np
 
-from agglom_mpi.config.user_function import UserFunction, recorded_function
 from agglom_mpi.formatting import printable
 from agglom_mpi.search.proposals import ORIGINS, Proposals, restored
 from agglom_mpi.storage.access import NotACampaign, open_file, read_attributes
@@ -58,11 +57,7 @@ class CampaignData(CampaignHeader):
     ----------
     particles
         Reads particles of samples.
-    allowed
-        The user's function of the campaign where it may be run for what rests on it; else None.
     """
-
-    allowed: UserFunction | None = None
 
     def __init__(
         self,
@@ -97,12 +92,6 @@ class CampaignData(CampaignHeader):
         """Read the tables that have been read again; of `/samples` only rows that are new."""
         self._derived.clear()
         self._snapshot.refresh()
-
-    def allow(self, function: UserFunction | None) -> None:
-        """Let the user's function be run if it is the one that the campaign was run with."""
-        if function is not None and function.without_source == recorded_function(self.identity):
-            self.allowed = function
-            self._derived.clear()
 
     def derived(self, compute: Callable[["CampaignData"], T]) -> T:
         """Return `compute(self)`, which is computed once for the rows as they are."""
