@@ -1,14 +1,12 @@
 """Replay of the decisions of a campaign from its stored samples, and `agglom check FILE.h5`."""
 
 from collections.abc import Iterable, Iterator
-from contextlib import suppress
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.analysis.completeness import check_finished
-from agglom_mpi.analysis.estimates import objective_of
 from agglom_mpi.analysis.failed_samples import state_lines
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.inversion import inversion_of
@@ -326,12 +324,9 @@ def _why_not_replayed(report: VerificationReport) -> str:
     """Return why the decisions of a file are not repeated; empty if they are."""
     if report.data.attributes.get("purpose") == STUDY:
         return f"the strings of an {STUDY} are not searched"
-    with suppress(ValueError):  # it cannot be read, which the replay finds
-        objective = objective_of(report.data)
-        if objective.needs_code:
-            return (
-                f"decisions rest on {objective.code_of_means}, which is run with --allow-code only"
-            )
+    of_means = report.data.identity.get("objective.of_means")
+    if of_means is not None and report.data.allowed is None:
+        return f"decisions rest on {of_means}, which is run with --allow-code only"
     return ""
 
 
