@@ -10,6 +10,7 @@ from goals import growth_target
 from matplotlib.figure import Figure
 
 from agglom_mpi.accuracy import search_history
+from agglom_mpi.declaration.reading import PLAIN
 from agglom_mpi.variables import TEN
 
 
@@ -21,6 +22,7 @@ class History:
     max_samples = 150
     identity: ClassVar[dict] = {}
     allowed = None
+    reading = PLAIN
     samples_used: ClassVar[dict] = {4: 30, 9: 40}
 
     def generation_rows(self):
