@@ -15,7 +15,15 @@ DOCUMENTS = [
     ROOT / "README.md",
     *(p for folder in ("agglom_mpi", "jobs", "slurm") for p in (ROOT / folder).rglob("README.md")),
 ]
-EXAMPLES = {"CAMPAIGN.yaml", "NAME.md.j2", "module.py", "report.html", "report.md"}
+EXAMPLES = {
+    "CAMPAIGN.yaml",
+    "FILE.py",
+    "sticking.py",
+    "NAME.md.j2",
+    "module.py",
+    "report.html",
+    "report.md",
+}
 """Names that stand for a user's file, or for one that a command writes."""
 FILE = re.compile(
     r"(?<![\w./*-])((?:[\w.-]+/)*[\w.-]+\.(?:py|md|yaml|j2|sbatch|toml|png|html))(?!\w)"

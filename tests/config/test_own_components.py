@@ -4,9 +4,10 @@ import copy
 import pickle
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
-from own_components import RESTITUTION_LINE, SPEED, write_scene
+from own_components import RESTITUTION_LINE, SCENE, SPEED, write_scene
 
 from agglom_mpi import components, load_campaign
 from agglom_mpi.config.loading import check_campaign
@@ -197,3 +198,13 @@ def test_a_module_is_executed_once_in_a_process(tmp_path):
     assert class_in(own, "SpeedRestitution") is class_in(own, "SpeedRestitution")
     load_campaign(write_scene(tmp_path, source), allow_code=True)
     assert trace.read_text() == "x"
+
+
+def test_the_example_of_the_readme_works(tmp_path):
+    text = (Path(__file__).parents[2] / "jobs" / "README.md").read_text()
+    section = text.partition("## Components of your own")[2]
+    source = section.partition("```python\n")[2].partition("```")[0]
+    line = section.partition("```yaml\n")[2].partition("```")[0].rstrip("\n")
+    old = SCENE.splitlines()[RESTITUTION_LINE - 1]
+    law = load_campaign(write_scene(tmp_path, source, (old, line)), True).scene.restitution
+    assert (law.name, law.speed, law.sticking) == ("sticking.py:Speed", 3.0, 0.3)
