@@ -23,6 +23,7 @@ from agglom_mpi.contracts.quantities import compiled_alike
 from agglom_mpi.contracts.starts import VELOCITIES
 from agglom_mpi.contracts.subject import Subject
 from agglom_mpi.declaration.laws import Law
+from agglom_mpi.declaration.own_modules import line_in
 from agglom_mpi.physics.contact import Duration
 from agglom_mpi.physics.cooling import Cooling
 from agglom_mpi.physics.fragmentation import Fragmentation
@@ -139,7 +140,9 @@ def _guarded(
         except (ArithmeticError, ValueError) as error:
             return None if subject.has_compiled else f"raises {type(error).__name__}: {error}"
         except Exception as error:  # a law of the user's may raise any
-            return f"raises {type(error).__name__}: {error}"
+            own = subject.tested.own
+            place = "" if own is None else f"{line_in(own.file, error)} "
+            return f"{place}raises {type(error).__name__}: {error}"
 
     return guarded
 

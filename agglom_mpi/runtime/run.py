@@ -90,27 +90,25 @@ def run_on_all_ranks(
         if world is not None and (unread := unread_input()):
             display.error(f"warning: {taken_input(unread)}")  # also if quiet: work is left out
         return code
+    except UserError as error:  # while kernels are compiled: a law that cannot be
+        if world is None:
+            display.error(error_text(error))
+        else:
+            print(error_text(error), file=sys.stderr, flush=True)
+            end_job(world, error.exit_code)
+        return error.exit_code
     except BaseException as error:
         if world is None:
             raise
         if isinstance(error, KeyboardInterrupt):
             print("interrupted; run the same command again to continue", file=sys.stderr)
-        elif isinstance(error, UserError):  # a law of the user's that does not compile
-            print(error_text(error), file=sys.stderr)
         else:
             text = exhausted(error)
             shown = f" {text}" if text else f"\n{printable(traceback.format_exc())}"
             print(f"rank {world.rank}:{shown}", file=sys.stderr)
         sys.stderr.flush()
-        end_job(world, _exit_code(error))
+        end_job(world, STOPPED if isinstance(error, KeyboardInterrupt) else FAILURE)
         raise
-
-
-def _exit_code(error: BaseException) -> int:
-    """Return what a job ends with that an error ends."""
-    if isinstance(error, UserError):
-        return error.exit_code
-    return STOPPED if isinstance(error, KeyboardInterrupt) else FAILURE
 
 
 def run_worker(world: "Intracomm") -> int:

@@ -16,7 +16,7 @@ from agglom_mpi.simulation.scene import Scene
 PACKAGE = __name__.partition(".")[0]
 
 
-class UncompiledLawError(UserError, RuntimeError):
+class UncompiledLawError(UserError, TypeError):
     """A law of one's own has a formula that Numba cannot compile."""
 
 
