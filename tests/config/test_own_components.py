@@ -51,6 +51,25 @@ def test_what_is_wrong_with_them_is_said_with_line_and_field(tmp_path, old, new,
     assert quoted in message
 
 
+def test_its_numbers_are_searched_by_their_paths(tmp_path):
+    numbers = "restitution.sticking: [1 cm/s, 1 m/s, log], "
+    edits = [(", sticking: 30 cm/s", ""), ("variables: {", f"variables: {{{numbers}")]
+    path = write_scene(tmp_path, SPEED, *edits)
+    campaign = load_campaign(path, allow_code=True)
+    variable = campaign.variables.table["restitution.sticking"]
+    assert (variable.unit, variable.limits.at_least) == ("m/s", 0.0)
+    string = campaign.parameters({"restitution.sticking": "50 cm/s"})
+    assert campaign.at(string).section.restitution.sticking == 0.5
+    assert campaign.at(string).build().laws.restitution.sticking == 0.5
+    assert problem(path, allow_code=False)[:2] == (RESTITUTION_LINE, "scene.restitution.law")
+    path.write_text(path.read_text().replace("restitution.sticking", "restitution.stick"))
+    with pytest.raises(CampaignError) as caught:
+        load_campaign(path, allow_code=True)
+    assert [each.field for each in caught.value.problems] == [
+        *("scene.restitution.sticking", "variables.restitution.stick")
+    ]
+
+
 def test_code_that_is_not_allowed_is_not_run(tmp_path):
     trace = tmp_path / "trace"
     path = write_scene(tmp_path, f"open({str(trace)!r}, 'w').write('x')\n{SPEED}")

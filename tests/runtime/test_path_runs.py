@@ -1,12 +1,14 @@
 """Campaigns that search numbers of their scene: run, resumed, verified, replayed, reported."""
 
 import json
+import signal
 
 import h5py
 import numpy as np
 import pytest
 from campaign_runs import assert_same, assert_sound, decisions, finish, invert, stop
 from click.testing import CliRunner
+from own_components import SPEED, write_scene
 from path_campaigns import HOT, HOT_VARIABLES, SIZED, text_of
 
 from agglom_mpi import Box
@@ -62,10 +64,11 @@ def test_a_file_has_a_column_and_a_row_for_each_variable(run):
         assert entries == load_campaign(run / "sized.yaml").identity()
 
 
-def test_stopped_and_resumed_it_is_the_same(run, tmp_path):
+@pytest.mark.parametrize("number", [signal.SIGUSR1, signal.SIGKILL])
+def test_stopped_or_killed_and_resumed_it_is_the_same(run, tmp_path, number):
     (tmp_path / "sized.yaml").write_text(SIZED)
-    code, said = stop(tmp_path, "sized")
-    assert code == 75, said
+    code, said = stop(tmp_path, "sized", number=number)
+    assert code == (75 if number == signal.SIGUSR1 else -signal.SIGKILL), said
     assert_sound(tmp_path / "sized.h5")
     finish(tmp_path, "sized.yaml", "-q")
     assert_same(tmp_path / "sized.h5", decisions(run / "sized.h5"))
@@ -176,3 +179,20 @@ def test_values_on_the_command_line_take_paths(run):
     assert found["parameters"]["duration.length_ratio"] == 0.5
     wrong = command(*words, "--set", "sizes.spread=0.5", code=2)
     assert "sizes.spread" in wrong.output
+
+
+@pytest.mark.slow
+def test_numbers_of_an_own_law_are_searched_and_its_file_is_read_without_code(tmp_path):
+    numbers = "restitution.sticking: [1 cm/s, 1 m/s, log], restitution.speed: 3 m/s, "
+    edits = [(", speed: 3 m/s, sticking: 30 cm/s", ""), ("variables: {", f"variables: {{{numbers}")]
+    path = write_scene(tmp_path, SPEED, *edits)
+    finish(tmp_path, path.name, "-q", "--allow-code")
+    path.unlink()
+    (tmp_path / "sticking.py").unlink()
+    assert_sound(tmp_path / "own.h5")
+    file = open_campaign(tmp_path / "own.h5")
+    sticking = file.strings["restitution.sticking"]
+    assert ((sticking >= 0.01) & (sticking <= 1.0)).all()
+    assert file.strings.attrs["units"]["restitution.sticking"] == "m/s"
+    words = ["simulate", file.path, "--string", 1, "--sample", 0, "--json", "--allow-code"]
+    assert json.loads(command(*words).stdout)["replay"].startswith("identical")
