@@ -80,7 +80,8 @@ class Box(metaclass=PublicFace, constructor=True):
     ----------
     campaign : Campaign, str or path
         A campaign, or the path of its file. Its scene, variables and seed are used; its end time
-        is no limit.
+        is no limit. One with laws of one's own is `load_campaign(path, allow_code=True)`; a pickle
+        of the box carries their modules.
     parameters : dict, optional
         Values of variables by name, SI numbers or texts with units, as for `campaign.simulate`.
         A variable that is not given has the middle of its searched range.
@@ -101,9 +102,6 @@ class Box(metaclass=PublicFace, constructor=True):
         `campaign.simulate(parameters, sample)`.
     engine : str, optional
         Another engine than the scene's: `event`, `fixed`, `fixed:STEPS` or `adaptive`.
-    allow_code : bool, optional
-        Whether Python code that the campaign of a path names may be executed, such as laws of
-        one's own. A pickle of the box carries their modules.
 
     Notes
     -----
@@ -142,10 +140,9 @@ class Box(metaclass=PublicFace, constructor=True):
         particles: int | None = None,
         sample: int = 0,
         engine: "str | Engine | None" = None,
-        allow_code: bool = False,
     ) -> None:
         if not isinstance(campaign, Campaign):
-            campaign = load_campaign(campaign, allow_code)
+            campaign = load_campaign(campaign)
         string = campaign.parameters(parameters)
         try:
             sample = read_count(sample)

@@ -20,8 +20,8 @@ pickle.dump(box.particles.velocities, sys.stdout.buffer)
 
 
 def test_a_box_with_a_law_of_one_s_own_goes_on_in_another_process(tmp_path):
-    path = write_scene(tmp_path)
-    box = Box(path, {"relative_speed": 1.0}, allow_code=True)
+    campaign = load_campaign(write_scene(tmp_path), allow_code=True)
+    box = Box(campaign, {"relative_speed": 1.0})
     box.advance(0.01)
     there = pickle.dumps(box)
     (tmp_path / "sticking.py").unlink()
