@@ -9,6 +9,7 @@ from agglom_mpi.contracts.kinds import LawKind, LawProperty
 from agglom_mpi.contracts.points import Domain, Interval, Point, Violation
 from agglom_mpi.contracts.quantities import CLOSE, Quantity
 from agglom_mpi.contracts.subject import Subject
+from agglom_mpi.formatting import pluralise
 
 GRAIN: Final[Domain] = {
     "temperature_of_grain": Interval(1.0, 5e3, "K", special=(300.0,)),
@@ -125,7 +126,7 @@ def counts_are_whole(subject: Subject, point: Point) -> Violation:
     numbers = subject.numbers(point)
     pieces, energy = subject.formula("breakage")(numbers, *_released(subject, point))
     if pieces != int(pieces) or not 1 <= pieces <= point["grains"]:
-        return f"there are {pieces} pieces of {point['grains']:.0f} grains"
+        return f"{pluralise(int(point['grains']), 'grain')} become {pluralise(pieces, 'piece')}"
     if energy < 0.0 or (pieces == 1 and energy != 0.0):
         return f"{pieces} pieces take {energy:.9g} J"
     return None
