@@ -121,7 +121,7 @@ def test_what_is_internal_exists(face, internals):
 def test_help_of_a_class_shows_its_public_names_and_nothing_else(face):
     text = help_of(face)
     assert [word for word in UNREADABLE if word in text] == []
-    assert max(map(len, text.splitlines())) < 180  # the signature of Box, its types left out
+    assert max(map(len, text.splitlines())) < 160
     members = text.partition(" defined here:\n")[2]
     entries = re.findall(r"^ \|  (\w+)(?:\(.*\))?(?: = .*)?$", members, re.MULTILINE)
     assert set(entries) == FACES[face]
