@@ -70,31 +70,29 @@ def drawn_fraction(file: "CampaignData", string: int) -> DrawnFraction | None:
     done = rows["sample"][rows["state"] == COMPLETED]
     if campaign.scene.size_law is None or not len(done):
         return None
-    section, values = campaign.at(file.parameters[string])
-    wanted = volume_fraction(values["size_ratio"], section.third_moment)
     parameters = file.parameters[string]
-    ratios: list[float] | None = file.unless_code(
-        "drawn volume fractions",
-        lambda: _mean_cubes(campaign, parameters, string, done.tolist()),
-        None,
+    found: tuple[float, MeanEstimate] | None = file.unless_code(
+        "drawn volume fractions", lambda: _drawn(campaign, parameters, string, done.tolist()), None
     )
-    if ratios is None:
+    if found is None:
         return None
-    completed = mean_of([wanted / section.third_moment * cube for cube in ratios])
+    wanted, completed = found
     jammed = int((rows["reason"] == FailureReason.PLACEMENT_JAMMED).sum())
     return DrawnFraction(completed, wanted, jammed, len(rows))
 
 
-def _mean_cubes(
+def _drawn(
     campaign: "Campaign", parameters: np.ndarray, string: int, samples: list[int]
-) -> list[float]:
-    """Return ⟨b³⟩/⟨b⟩³ of the grains of each of the first samples."""
+) -> tuple[float, MeanEstimate]:
+    """Return the volume fraction of a string, and the mean one of its first samples."""
     from agglom_mpi.config.simulate import random_numbers
 
-    law: SizeLaw = campaign.at(parameters).section.size_law
+    section, values = campaign.at(parameters)
+    law: SizeLaw = section.size_law
+    wanted, share = volume_fraction(values["size_ratio"], section.third_moment), []
     count, first = campaign.scene.particles, campaign.first_sample(string)
-    found = []
     for sample in samples[: max(2, MAX_GRAINS // count)]:
         random = random_numbers(campaign, parameters, first + sample)
-        found.append(float(np.mean(draw_radii(law, random, count) ** 3)))
-    return found
+        cubes = float(np.mean(draw_radii(law, random, count) ** 3))  # ⟨b³⟩/⟨b⟩³
+        share.append(wanted / section.third_moment * cubes)
+    return wanted, mean_of(share)

@@ -25,6 +25,7 @@ from agglom_mpi.storage.reader import given_strings
 from agglom_mpi.storage.schema import STUDY, parameters_of
 from agglom_mpi.storage.table import consecutive_samples
 from agglom_mpi.storage.verify import VerificationReport, row_list, verify_rows
+from agglom_mpi.variables import VariableTable
 
 
 class Replayed(NamedTuple):
@@ -120,10 +121,17 @@ def _check_campaign(campaign: Campaign, report: VerificationReport) -> None:
     if report.data.quantities != dict(campaign.objective.quantity_units):
         report.faults.append("attributes: other quantities than in the campaign's text")
     rows, box = data.variable_rows(), campaign.variables
+    if _described(data.variables) != _described(box.table):
+        report.faults.append("attributes: other further variables than in the campaign's text")
     bounds = (rows["lower"], box.lower), (rows["upper"], box.upper)
     same = all(np.array_equal(*pair, equal_nan=True) for pair in bounds)
     if not same or not np.array_equal(rows["searched"], box.lower < box.upper):
         report.faults.append("variables: another box than in the campaign's text")
+
+
+def _described(variables: VariableTable) -> list[tuple[str, str, str]]:
+    """Return what a file records of the variables beside those of the papers."""
+    return [(each.name, each.unit, each.meaning) for each in variables.further]
 
 
 def _rerun_decisions(campaign: Campaign, report: VerificationReport) -> tuple[ReplayLog, Inversion]:

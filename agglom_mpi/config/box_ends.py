@@ -9,6 +9,7 @@ import numpy.typing as npt
 from agglom_mpi.config.yaml_source import CampaignError, Problem, parse
 from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.declaration.given_values import JAMMING_FRACTION
+from agglom_mpi.errors import CodeNotAllowedError
 from agglom_mpi.variables import volume_fraction
 
 if TYPE_CHECKING:
@@ -23,6 +24,22 @@ def check_ends(campaign: "CampaignSections") -> None:
     """
     if not campaign.variables.paths:
         return
+    try:
+        problems = _refused(campaign) or dict(_out_of_reach(campaign))
+    except CodeNotAllowedError:  # of a recorded law of one's own, which was asked at the start
+        return
+    if problems:
+        source = parse(campaign.text, campaign.name)
+        raise CampaignError(
+            *(
+                Problem(campaign.name, source.line(path), ".".join(map(str, path)), message)
+                for path, message in problems.items()
+            )
+        )
+
+
+def _refused(campaign: "CampaignSections") -> dict[FieldPath, str]:
+    """Return why strings at ends of the box have no scene, by the field that it is reported at."""
     problems: dict[FieldPath, str] = {}
     for name, string in _ends(campaign):
         path = ("variables", name)
@@ -32,16 +49,7 @@ def check_ends(campaign: "CampaignSections") -> None:
             unit = "" if variable.unit == "1" else f" {variable.unit}"
             value = string[campaign.variables.table.index(name)]
             problems[path] = f"reaches {value:g}{unit}, where {message}"
-    if not problems:
-        problems = dict(_out_of_reach(campaign))
-    if problems:
-        source = parse(campaign.text, campaign.name)
-        raise CampaignError(
-            *(
-                Problem(campaign.name, source.line(path), ".".join(map(str, path)), message)
-                for path, message in problems.items()
-            )
-        )
+    return problems
 
 
 def _out_of_reach(campaign: "CampaignSections") -> Iterator[tuple[FieldPath, str]]:

@@ -97,7 +97,7 @@ def sections(campaign: "CampaignSections") -> list[Paragraph]:
     used, left_out = submodels(campaign.scene, paths)
     return [
         (campaign.title or campaign.name, _run(campaign)),
-        ("Scene", _scene(campaign)),
+        ("Scene", _known(lambda: _scene(campaign))),
         ("Variables", _variables(campaign)),
         *_relations(campaign),
         ("What follows", _known(lambda: consequences(campaign))),

@@ -17,6 +17,7 @@ from agglom_mpi.config.user_function import (
 )
 from agglom_mpi.config.yaml_source import read_text
 from agglom_mpi.declaration.reading import NO_OWN, OwnComponents, Reading
+from agglom_mpi.variables import TEN, VOLUME_FRACTION, VariableTable
 
 
 def load_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> Campaign:
@@ -90,7 +91,14 @@ def campaign_of_record(
         If the text is damaged.
     """
     function, sizes = recorded_function(identity), recorded_sizes(identity)
-    return Campaign.from_text(text, name, allowed or function, sizes, Reading(True, own))
+    reading = Reading(True, own, _recorded_variables(identity))
+    return Campaign.from_text(text, name, allowed or function, sizes, reading)
+
+
+def _recorded_variables(identity: Mapping[str, Any]) -> VariableTable:
+    """Return the ten variables, and the volume fraction if it is one of its own."""
+    own = any(entry.startswith(f"variables.{VOLUME_FRACTION.name}.") for entry in identity)
+    return VariableTable((VOLUME_FRACTION,)) if own else TEN
 
 
 def _with_function(

@@ -1,6 +1,7 @@
 """Components of one's own: their modules, read beside the campaign or as its file records them."""
 
 import base64
+import hashlib
 import json
 from collections.abc import Iterator, Mapping
 from keyword import iskeyword
@@ -14,6 +15,7 @@ from agglom_mpi.declaration.reading import (
     OWN_COMPONENTS,
     OWN_MODULES,
     OWN_NAME,
+    OWN_SHA256,
     OwnComponents,
 )
 from agglom_mpi.declaration.stand_ins import record_of, stand_in
@@ -98,7 +100,40 @@ def recorded_texts(campaign: "CampaignSections") -> dict[str, str]:
     ]
     records = {name: record_of(component) for name, component in found.items()}
     described = {OWN_COMPONENTS: json.dumps(records)} if records else {}
-    return {OWN_MODULES: json.dumps(sources), **described}
+    texts = {OWN_MODULES: json.dumps(sources), **described}
+    return texts | {OWN_SHA256: _digest(texts)}
+
+
+def _digest(texts: Mapping[str, Any]) -> str:
+    """Return the digest of what a file records of code of one's own."""
+    both = "".join(str(texts.get(name, "")) for name in (OWN_MODULES, OWN_COMPONENTS))
+    return hashlib.sha256(both.encode()).hexdigest()
+
+
+def record_faults(texts: Mapping[str, Any], identity: Mapping[str, Any]) -> Iterator[str]:
+    """Yield what is wrong with what the attributes of a file record of code of one's own."""
+    named = [f"{key}.source_sha256" for key in _sections_of_own(identity)]
+    names = {OWN_MODULES, OWN_SHA256, *([OWN_COMPONENTS] if named else [])}
+    if not named and not names.intersection(texts):
+        return
+    if absent := sorted(names.difference(texts)):
+        yield f"attributes: no {' and no '.join(absent)}, though the campaign has code of its own"
+    elif texts[OWN_SHA256] != _digest(texts):
+        yield f"attributes: {OWN_MODULES} and {OWN_COMPONENTS} have not the digest {OWN_SHA256}"
+    else:
+        kept = {each.sha256 for each in _modules(texts)}
+        for key in named:
+            if identity.get(key) not in kept:
+                yield f"attributes: {OWN_MODULES} has no source with the digest {key}"
+
+
+def _sections_of_own(identity: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the sections of an identity that have a component of one's own: `scene.friction`."""
+    for entry, name in identity.items():
+        section = entry.rpartition(".")[0]
+        is_own = isinstance(name, str) and OWN_NAME.fullmatch(name)
+        if is_own and f"{section}.source_sha256" in identity:
+            yield section
 
 
 def _own_of(campaign: "CampaignSections") -> Iterator[Component]:
@@ -119,17 +154,36 @@ def _as_text(source: bytes) -> dict[str, str]:
 
 
 def recorded_module(texts: Mapping[str, Any], file: str) -> OwnModule | None:
-    """Return a module that the attributes of a file record, by its file name; None without it."""
-    for each in _parsed(texts.get(OWN_MODULES, "[]")):
-        if each["file"] == file:
-            source = each["source"].encode() if "source" in each else b""
-            return OwnModule.of(file, source or base64.b64decode(each["base64"]))
-    return None
+    """Return a module that the attributes of a file record, by its file name; None without it.
+
+    Raises
+    ------
+    ValueError
+        If the attributes are damaged.
+    """
+    return next((each for each in _modules(texts) if each.file == file), None)
+
+
+def _modules(texts: Mapping[str, Any]) -> list[OwnModule]:
+    """Return the modules that the attributes of a file record; raise a ValueError if damaged."""
+    try:
+        return [
+            OwnModule.of(
+                str(each["file"]),
+                each["source"].encode() if "source" in each else base64.b64decode(each["base64"]),
+            )
+            for each in _parsed(texts.get(OWN_MODULES, "[]"))
+        ]
+    except (AttributeError, LookupError, TypeError, ValueError):
+        raise ValueError("the file's sources of own components are damaged") from None
 
 
 def recorded_source(texts: Mapping[str, Any], file: str, sha256: str) -> bytes | None:
     """Return the recorded source of a module if it has this digest; otherwise None."""
-    own = recorded_module(texts, file)
+    try:
+        own = recorded_module(texts, file)
+    except ValueError:
+        return None
     return own.source if own is not None and own.sha256 == sha256 else None
 
 

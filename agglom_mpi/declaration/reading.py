@@ -22,6 +22,8 @@ OWN_NAME: Final = re.compile(r"([^\W\d]\w*)\.py:([^\W\d]\w*)")
 OWN_MODULES: Final = "own_modules"
 OWN_COMPONENTS: Final = "own_components"
 """Names of the two texts, JSON, that a file records of components of one's own."""
+OWN_SHA256: Final = "own_sha256"
+"""Name of the SHA-256 of these two, one after the other, hexadecimal."""
 
 
 def names_own(name: object) -> TypeGuard[str]:

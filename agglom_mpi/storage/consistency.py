@@ -27,6 +27,7 @@ def check_numbers(report: VerificationReport) -> None:
     """Add to a report: rows that are absent though others rest on them, and impossible numbers."""
     if report.data.attributes.get("purpose") not in (INVERSION, STUDY):
         report.faults.append("attributes: unknown purpose")
+    report.faults += _faults_of_own(report)
     check_absent(report)
     for table, wrong, what in _out_of_range(report):
         if wrong.any():
@@ -38,6 +39,14 @@ def check_numbers(report: VerificationReport) -> None:
     for what, number in _mismatches(report):
         report.faults.append(f"generations: {what} in {number} does not follow from the results")
     report.faults += [*_wrong_legs(report), *_absent_texts(report)]
+
+
+def _faults_of_own(report: VerificationReport) -> list[str]:
+    """Return what is wrong with what the file records of code of one's own."""
+    # Imported here: other files are verified without what reads modules.
+    from agglom_mpi.config.own_components import record_faults
+
+    return list(record_faults(report.data.attributes, report.data.identity))
 
 
 def check_absent(report: VerificationReport) -> None:

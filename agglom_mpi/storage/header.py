@@ -7,7 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from agglom_mpi.config.identity import SEPARATORS, STUDY_SEPARATORS, digest
-from agglom_mpi.declaration.reading import OWN_COMPONENTS, OWN_MODULES, Reading
+from agglom_mpi.declaration.reading import (
+    OWN_COMPONENTS,
+    OWN_MODULES,
+    OWN_SHA256,
+    Reading,
+)
 from agglom_mpi.errors import CodeNotAllowedError
 from agglom_mpi.formatting import printable
 from agglom_mpi.storage.schema import fresh_from, quantities_of
@@ -27,7 +32,7 @@ _LEAST: Final = {"seed": 0, "strings": 1, "max_samples": 1, "population": 1}
 """Least values of numbers that every file has."""
 _LEAST_OPTIONAL: Final = {"fresh_from": 0, "grains": 0, "final_particles": 0, "frames": 0}
 """Least values of numbers that older files lack."""
-_TEXTS_OPTIONAL: Final = ("purpose", "quantities", OWN_MODULES, OWN_COMPONENTS)
+_TEXTS_OPTIONAL: Final = ("purpose", "quantities", OWN_MODULES, OWN_COMPONENTS, OWN_SHA256)
 """Texts that older files lack, and those of campaigns without code of one's own."""
 
 

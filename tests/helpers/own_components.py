@@ -151,3 +151,49 @@ def write_copies(folder, name, copied=tuple(ALL), **numbers):
     text = copies(LengthDuration, Rescale, *ALL.values(), GeneticSearch, _t_95_of)
     (folder / "mine.py").write_text(text)
     return path
+
+
+SIZES = '''\
+"""A law of sizes."""
+
+from typing import Annotated, ClassVar
+
+from agglom_mpi.components import In, Sizes, UniformDistribution
+
+
+class Flat(Sizes):
+    """Uniform, the largest `ratio` times the smallest."""
+
+    ratio: Annotated[float, In("1", above=1, at_most=10)]
+    summary: ClassVar[str] = "flat"
+
+    @property
+    def mean_diameter(self):
+        """None: relative to the mean."""
+        return None
+
+    def build(self):
+        """Return the distribution."""
+        mean = 0.5 * (1.0 + self.ratio)
+        return UniformDistribution(1.0 / mean, self.ratio / mean)
+'''
+SEARCHED_SIZES = """\
+seed: 11
+scene:
+  particles: 20
+  grain_diameter: 1 mm
+  sizes: {law: "flat.py:Flat"}
+  velocities: {law: spread, mean: [0, 0, 0], transverse: 1}
+  restitution: {law: constant, value: 0.8}
+  heating: none
+  end_time: 1 ms
+variables: {sizes.ratio: [1.5, 3], relative_speed: [0.5, 2], volume_fraction: 0.05, density: 2500}
+derived: {largest: sizes.ratio * grain_diameter}
+constraints: [largest < 2.9 mm]
+objective: {law: growth_target, ratio: 1.5}
+search: {method: random, population: 4}
+ensemble: {rule: fixed, samples: 2}
+stopping: {generations: 2}
+final: {strings: 2, samples: 2}
+"""
+"""A campaign that searches a number of that law."""

@@ -13,7 +13,15 @@ from campaign_runs import (
     state,
 )
 from click.testing import CliRunner
-from own_components import ALL, DECIDING, NAMES_OF_ALL, NUMBERS_OF_COPIES, write_copies
+from own_components import (
+    ALL,
+    DECIDING,
+    NAMES_OF_ALL,
+    NUMBERS_OF_COPIES,
+    SEARCHED_SIZES,
+    SIZES,
+    write_copies,
+)
 
 from agglom_mpi import load_campaign, open_campaign
 from agglom_mpi.cli import main
@@ -94,6 +102,37 @@ def test_a_check_verifies_rows_and_leaves_out_the_decisions(moved):
     assert "replay: the samples lead again to 6 of 6 strings, 6 of 6 results and 2 of 2" in text
 
 
+@pytest.mark.parametrize("name", ["own_modules", "own_components", "own_sha256"])
+@pytest.mark.parametrize("absent", [True, False])
+def test_an_altered_record_of_components_is_a_fault_also_where_nothing_needs_it(
+    moved, name, absent, tmp_path
+):
+    import h5py
+
+    with h5py.File(tmp_path / "own.h5", "r+") as file:
+        text = file.attrs.pop(name) if absent else file.attrs[name]
+        if not absent:
+            file.attrs[name] = text[:-9] + ("a" if text[-9] != "a" else "b") + text[-8:]
+    done = moved("check", "own.h5")
+    assert done.exit_code == 1
+    assert name in done.output
+
+
+@pytest.mark.parametrize(
+    "text", ["3", "[3]", "[{}]", '{"a": 1}', '[{"file": "mine.py"}]', '[{"source": {}}]', "[null]"]
+)
+def test_sources_that_are_none_are_one_message(moved, text, tmp_path):
+    import h5py
+
+    with h5py.File(tmp_path / "own.h5", "r+") as file:
+        file.attrs["own_modules"] = text
+    for command in ("report", "check", "simulate"):
+        string = ["--string", 1, "--sample", 1] if command == "simulate" else []
+        done = moved(command, "own.h5", "--allow-code", *string)
+        assert isinstance(done.exception, SystemExit | None)
+        assert "damaged" in done.output or command == "report"
+
+
 @pytest.mark.parametrize("name", ["own_modules", "own_components"])
 def test_a_damaged_record_of_components_is_one_message(moved, name, tmp_path):
     import h5py
@@ -117,6 +156,40 @@ def test_a_module_with_another_digest_is_not_executed(moved, tmp_path):
     assert done.exit_code == 1
     assert "ZeroDivisionError" not in done.output
     assert "no source with the same digest" in done.output
+
+
+@pytest.fixture(scope="module")
+def sizes(tmp_path_factory):
+    """Return the file of a campaign that searches a number of its own law of sizes."""
+    folder = tmp_path_factory.mktemp("sizes")
+    (folder / "flat.py").write_text(SIZES)
+    (folder / "sizes.yaml").write_text(SEARCHED_SIZES)
+    finish(folder, "sizes.yaml", "--allow-code")
+    return folder / "sizes.h5"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "left_out"),
+    [
+        (("check",), "replay: left out"),
+        (("report",), "estimates on fresh samples, derived quantities, drawn volume fractions"),
+        (("report", "--json"), "drawn volume fractions"),
+        (("report", "--out", "page"), "drawn volume fractions"),
+        (("export", "--csv", "tables"), "derived quantities"),
+    ],
+)
+def test_a_searched_number_of_an_own_law_of_sizes_needs_no_code_to_be_read(
+    sizes, tmp_path, monkeypatch, arguments, left_out
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.h5").write_bytes(sizes.read_bytes())
+    done = CliRunner().invoke(main, [arguments[0], "own.h5", *arguments[1:]])
+    assert done.exit_code == 0, done.output
+    assert left_out in done.output
+    assert read_campaign(tmp_path / "own.h5").variables.further_names == (
+        "sizes.ratio",
+        "volume_fraction",
+    )
 
 
 def test_the_estimates_are_those_of_the_code_where_it_may_run(own, moved, tmp_path):
