@@ -80,11 +80,14 @@ def _check_units(ends: list[Any], unit: str) -> None:
     first, second = (unit_in(end) for end in ends)
     if bool(first) == bool(second):
         return
-    plain, given = (ends[1], first) if first else (ends[0], second)
+    plain, other, given = (ends[1], ends[0], first) if first else (*ends, second)
     completed = f"{plain} {given}"
     try:
-        if to_si(completed, unit) == to_si(plain, unit):
+        value = to_si(completed, unit)
+        if value == to_si(plain, unit):
             return
+        if value == to_si(other, unit):  # that would be no range
+            completed = f"{plain} {unit}"
     except ValueError:  # out of the limits of magnitudes
         pass
     both = ", ".join(completed if end is plain else end for end in ends)

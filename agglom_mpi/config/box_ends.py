@@ -43,13 +43,39 @@ def _refused(campaign: "CampaignSections") -> dict[FieldPath, str]:
     problems: dict[FieldPath, str] = {}
     for name, string in _ends(campaign):
         path = ("variables", name)
-        allowed = path not in problems and campaign.allowed_strings(string[None])[0]
-        if allowed and (message := _problem(campaign, string)):
-            variable = campaign.variables.table[name]
-            unit = "" if variable.unit == "1" else f" {variable.unit}"
-            value = string[campaign.variables.table.index(name)]
-            problems[path] = f"reaches {value:g}{unit}, where {message}"
-    return problems
+        if path not in problems and (message := _refusal(campaign, string)):
+            problems[path] = _reaches(campaign, name, string, message)
+    if problems:
+        return problems
+    for string in (campaign.variables.lower, campaign.variables.upper):
+        if message := _refusal(campaign, string):
+            name = _taking_part(campaign, string)
+            return {("variables", name): _reaches(campaign, name, string, message)}
+    return {}
+
+
+def _refusal(campaign: "CampaignSections", string: npt.NDArray[np.float64]) -> str:
+    """Return why a string, (k,), has no scene; empty if it has one, or is never proposed."""
+    return _problem(campaign, string) if campaign.allowed_strings(string[None])[0] else ""
+
+
+def _taking_part(campaign: "CampaignSections", string: npt.NDArray[np.float64]) -> str:
+    """Return a searched number of the scene without whose end a string, (k,), has a scene."""
+    box, names = campaign.variables, _searched(campaign)
+    for name in names:
+        moved, place = np.array(string), box.table.index(name)
+        moved[place] = box.at(0.5)[place]
+        if not _problem(campaign, moved):
+            return name
+    return names[0]
+
+
+def _reaches(
+    campaign: "CampaignSections", name: str, string: npt.NDArray[np.float64], message: str
+) -> str:
+    variable = campaign.variables.table[name]
+    unit = "" if variable.unit == "1" else f" {variable.unit}"
+    return f"reaches {string[campaign.variables.table.index(name)]:g}{unit}, where {message}"
 
 
 def _out_of_reach(campaign: "CampaignSections") -> Iterator[tuple[FieldPath, str]]:
@@ -63,19 +89,21 @@ def _out_of_reach(campaign: "CampaignSections") -> Iterator[tuple[FieldPath, str
         yield ("objective", *field), f"is {ratio:g}; {grains} give at most {largest:.4g}"
 
 
-def _ends(campaign: "CampaignSections") -> Iterator[tuple[str, npt.NDArray[np.float64]]]:
-    """Yield strings at ends of the box, (k,), each with the variable that it is reported at."""
+def _searched(campaign: "CampaignSections") -> list[str]:
+    """Return the names of the numbers of the scene that are searched."""
     box = campaign.variables
-    searched = [path.name for path in box.paths if path.name in box.searched]
-    for name in searched:
+    return [path.name for path in box.paths if path.name in box.searched]
+
+
+def _ends(campaign: "CampaignSections") -> Iterator[tuple[str, npt.NDArray[np.float64]]]:
+    """Yield strings with one number of the scene at an end, (k,), each with its name."""
+    box = campaign.variables
+    for name in _searched(campaign):
         place = box.table.index(name)
         for end in (box.lower, box.upper):
             string = box.at(0.5)
             string[place] = end[place]
             yield name, string
-    for name in searched[:1]:
-        yield name, box.lower
-        yield name, box.upper
 
 
 def _problem(campaign: "CampaignSections", string: npt.NDArray[np.float64]) -> str:

@@ -181,11 +181,12 @@ def _search(campaign: "CampaignSections") -> list[str]:
             f"{search.kept} get no more, at a confidence of {ensemble.racing.confidence:g}"
         )
     lines += [f"target: {criterion.summary}" for criterion in stopping.criteria.values()]
+    least = ensemble.min_samples if ensemble.is_adaptive else ensemble.max_samples
     lines += [
         f"generations: {_between(1 if sooner else None, stopping.generations)}",
         f"strings: {_between(fewest, strings)}",
-        f"samples: {_between(fewest * ensemble.min_samples, strings * ensemble.max_samples)}, "
-        f"{_between(ensemble.min_samples, ensemble.max_samples)} per string",
+        f"samples: {_between(fewest * least, strings * ensemble.max_samples)}, "
+        f"{_between(least, ensemble.max_samples)} per string",
         f"final answer: {_final(campaign)}",
     ]
     if ensemble.is_published:

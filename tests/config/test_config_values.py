@@ -247,6 +247,7 @@ def test_loading_imports_nothing_heavy() -> None:
         ("  temperature", "[250, 80 degF, log]", "[250 degF, 80 degF]"),
         ("  relative_speed", "[0.05, 20 cm/s]", "[0.05 cm/s, 20 cm/s]"),
         ("  relative_speed", "[5 cm/s, 20]", "[5 cm/s, 20 cm/s]"),
+        ("  relative_speed", "[1 mm/s, 1, log]", "[1 mm/s, 1 m/s]"),
         ("  size_ratio", "[0.4, 80 %]", "[0.4 %, 80 %]"),
         ("  density", "[1e99, 2 g/cm^3]", "[1e+99 g/cm^3, 2 g/cm^3]"),
     ],

@@ -138,6 +138,20 @@ def test_the_ends_of_ranges_fit_together(smallest, largest, wrong):
         assert [field for field, _ in problems(scene, variables)] == [f"variables.{wrong}"]
 
 
+def test_a_number_that_takes_no_part_is_not_blamed():
+    """The first number by name is restitution.value, which fits all sizes."""
+    scene = COLD | {"half_width": None, "sizes": "uniform", "restitution": "constant"}
+    other = COLD_VARIABLES | {"restitution.value": "[0.5, 0.9]"}
+    [(field, _)] = problems(
+        scene, other | {"sizes.smallest": "[1 um, 30 um]", "sizes.largest": "45 um"}
+    )
+    assert field == "variables.sizes.smallest"
+    # Each end fits the middle of the other, and both lower ends together do not.
+    together = {"sizes.smallest": "[2 um, 10 um]", "sizes.largest": "[25 um, 60 um]"}
+    [(field, _)] = problems(scene, other | {key: together[key] for key in together})
+    assert field.startswith("variables.sizes.")
+
+
 def test_a_constraint_may_exclude_what_does_not_fit():
     scene = COLD | {"half_width": None, "sizes": "uniform"}
     variables = COLD_VARIABLES | {
