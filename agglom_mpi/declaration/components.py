@@ -24,12 +24,13 @@ from typing import (
     get_origin,
 )
 
+from agglom_mpi.declaration import own_fields
 from agglom_mpi.declaration.declared import Declared, DeclaredField, FieldError, Reads
 from agglom_mpi.declaration.field_types import WholeNumber, named
 from agglom_mpi.declaration.needed import missing_methods, needed
 from agglom_mpi.declaration.own_modules import OwnModule, own_error, own_module
 from agglom_mpi.declaration.reading import PLAIN, Reading, names_own, reading_of
-from agglom_mpi.declaration.units import check_si, quoted, to_si
+from agglom_mpi.declaration.units import quoted, to_si
 from agglom_mpi.declaration.users_code import users_code
 from agglom_mpi.errors import CodeNotAllowedError, UserError, named_error
 
@@ -171,8 +172,7 @@ class Component(Declared):
         cls.own = own_module(cls.__module__)
         if cls.own is not None and cls.may_be_own:
             cls._call(f"{cls.own.file}:{cls.__name__}")
-            for field in cls.model_fields.values():
-                check_si(unit_of(field))
+            cls.check_own()
         elif cls.names():
             cls.check_complete()
 
@@ -183,6 +183,21 @@ class Component(Declared):
         literal: Any = Literal.__getitem__(name)
         cls.model_fields = {cls.named_by: DeclaredField(literal, (), name), **others}
         setattr(cls, cls.named_by, name)
+
+    @classmethod
+    def check_own(cls) -> None:
+        """Raise a TypeError or ValueError if fields of a class of one's own are wrong."""
+        own_fields.check_names(cls, cls.base())
+        for name, field in cls.model_fields.items():
+            number = number_of(field)
+            if number is not None:
+                kind = float if isinstance(number, In) else int
+                own_fields.check_number(name, field, number, kind)
+
+    @classmethod
+    def base(cls) -> type["Component"]:
+        """Return the class of the package that this one is, or is derived from."""
+        return next(kind for kind in cls.__mro__ if issubclass(kind, Component) and not kind.own)
 
     @classmethod
     def check_complete(cls) -> None:

@@ -6,6 +6,7 @@ from typing import Any, ClassVar, NamedTuple, Self, TypeAlias
 
 from agglom_mpi.compilation.stages import Submodel, declare_numbers, formula, law_of
 from agglom_mpi.declaration.components import Component, number_of
+from agglom_mpi.variables import TEN
 
 _named_tuple: Any = collections.namedtuple  # of names known when it is run, which mypy refuses
 Values: TypeAlias = Mapping[str, float]
@@ -78,6 +79,18 @@ class Law(Component):
             numbers.__reduce__ = _reduced_numbers
         cls.Numbers = numbers
         declare_numbers(numbers, cls)
+
+    @classmethod
+    def check_own(cls) -> None:
+        """Raise a TypeError or ValueError if what a class of one's own declares is wrong."""
+        super().check_own()
+        for key, names in (("variables", cls.variables), ("needs", cls.needs)):
+            if not isinstance(names, tuple) or not set(names) <= set(TEN.names):
+                must = f"a tuple of some of {', '.join(TEN.names)}"
+                raise TypeError(f"{key} of {cls.__name__} is {names!r}; must be {must}")
+        for name in (*cls.variables, *cls.derived):
+            if name in cls.model_fields:
+                raise TypeError(f"field {name} of {cls.__name__} is also one of its variables")
 
     @classmethod
     def lacking(cls) -> Iterator[tuple[str, str]]:

@@ -22,12 +22,12 @@ def missing_methods(component: Any) -> Iterator[tuple[str, str]]:
     known = set(component.model_fields)
     for kind in component.__mro__:
         for name, found in vars(kind).items():
-            if name not in known and _is_needed(found):
+            function = found.fget if isinstance(found, property) else found
+            if name not in known and is_needed(function):
                 yield name, kind.__qualname__
         known.update(vars(kind))
 
 
-def _is_needed(attribute: Any) -> bool:
-    """Return whether an attribute of a class is marked by `needed`, or is abstract."""
-    function = attribute.fget if isinstance(attribute, property) else attribute
+def is_needed(function: Any) -> bool:
+    """Return whether a method, or the function of a property, is marked by `needed` or abstract."""
     return any(getattr(function, mark, False) is True for mark in _MARKS)

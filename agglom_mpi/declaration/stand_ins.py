@@ -45,7 +45,7 @@ _OF_DECLARATIONS: Final = {
 def record_of(component: Component) -> Record:
     """Return the record of a component of one's own, plain values for JSON."""
     kind = type(component)
-    base = next(each for each in kind.__mro__ if issubclass(each, Component) and each.own is None)
+    base = kind.base()
     assert kind.own is not None
     answers: Record = {}
     methods: Record = {}

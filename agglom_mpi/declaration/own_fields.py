@@ -1,0 +1,87 @@
+"""Fields of a class of one's own: their names, types and defaults, checked where it is declared.
+
+The package's own classes are known to be right; the tests of the package run them. What is wrong
+with a class of one's own would show where a number is read, stored or compiled, far from its field.
+"""
+
+from collections.abc import Iterator
+from types import NoneType
+from typing import Any, Final, get_args, get_origin
+
+from agglom_mpi.declaration.declared import MISSING, DeclaredField
+from agglom_mpi.declaration.needed import is_needed
+from agglom_mpi.declaration.units import check_si, quoted
+from agglom_mpi.variables import Limits
+
+DIGEST: Final = "source_sha256"
+"""What an identity has of a component of one's own beside its fields."""
+
+
+def check_names(component: type[Any], base: type[Any]) -> None:
+    """Raise a TypeError if a field hides an attribute that the package uses.
+
+    Parameters
+    ----------
+    component
+        The class.
+    base
+        The class of the package that it is derived from.
+    """
+    for name in component.model_fields:
+        if name == component.named_by or name in base.model_fields:
+            continue
+        hidden = getattr(base, name, None)
+        function = hidden.fget if isinstance(hidden, property) else hidden
+        if name == DIGEST or (hasattr(base, name) and not is_needed(function)):
+            user = base.__name__ if hasattr(base, name) else "a campaign's identity"
+            raise TypeError(f"field {name} has a name that {user} uses; it needs another")
+
+
+def check_number(
+    name: str, field: DeclaredField, number: Any, kind: type[float] | type[int]
+) -> None:
+    """Raise a TypeError or ValueError if a field of numbers has no such type or default.
+
+    Parameters
+    ----------
+    name, field
+    number
+        Its unit and limits, `In` or `Whole`.
+    kind
+        Type of each of its numbers, float or int.
+    """
+    check_si(number.unit)
+    parts = list(_parts(field.annotation))
+    if kind not in parts or not {kind, NoneType}.issuperset(parts):
+        allowed = f"{kind.__name__}, or a tuple of a fixed number of these"
+        raise TypeError(f"field {name} is {_text(field.annotation)}; must be {allowed}")
+    if field.default is MISSING or (field.default is None and NoneType in parts):
+        return
+    several = get_origin(field.annotation) is tuple
+    values: Any = field.default if several else (field.default,)
+    if not isinstance(values, tuple) or len(values) != (len(parts) if several else 1):
+        raise TypeError(
+            f"field {name} has the default {quoted(field.default)}; must be {len(parts)} numbers"
+        )
+    own: dict[str, Any] = number._asdict()
+    limits = Limits(*(own.get(each) for each in Limits._fields))
+    for value in values:
+        if isinstance(value, bool) or not isinstance(value, (int, kind)):
+            wanted = "a number" if kind is float else "a whole number"
+            raise TypeError(f"field {name} has the default {quoted(value)}; must be {wanted}")
+        if broken := limits.broken_by(value):
+            raise ValueError(f"field {name} has the default {quoted(value)}; must be {broken}")
+
+
+def _parts(annotation: Any) -> Iterator[Any]:
+    """Yield the types of a tuple or union, or the type itself; of others what they are."""
+    inner = get_args(annotation)
+    if not inner or get_origin(annotation) in (list, dict, set):
+        yield annotation
+        return
+    for each in inner:
+        yield from _parts(each)
+
+
+def _text(annotation: Any) -> str:
+    return annotation.__name__ if isinstance(annotation, type) else str(annotation)
