@@ -95,7 +95,9 @@ def _messages(
             named = isinstance(source.value(path), dict)
             place = (*path, key) if named else path
             given = source.value(place) if place in source.lines else value
-            yield place, f"is {quoted(given)}; allowed: {_unquoted(context['expected_tags'])}"
+            own = "; a class of your own is FILE.py:Class" if ":" in str(given) else ""
+            allowed = _unquoted(context["expected_tags"])
+            yield place, f"is {quoted(given)}; allowed: {allowed}{own}"
         case "literal_error":
             value = quoted(source.value(path))
             yield path, f"is {value}; allowed: {_unquoted(context['expected'])}"

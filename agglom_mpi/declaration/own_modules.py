@@ -14,6 +14,7 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 from agglom_mpi.compilation.stages import OWN_PREFIX
+from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.declaration.users_code import EndedError, users_code
 from agglom_mpi.errors import named_error
 
@@ -112,10 +113,16 @@ def class_in(own: OwnModule, name: str) -> type[Any]:
     module = executed(own)
     found = getattr(module, name, None)
     if not isinstance(found, type):
-        raise ValueError(f"{own.file} defines no class {name!r}")
-    if found.__module__ != own.name:
+        classes = [each for each, kind in vars(module).items() if _is_own_class(kind, own)]
+        hint = f"; {suggestion(name, classes)}" if classes else ""
+        raise ValueError(f"{own.file} defines no class {name!r}{hint}")
+    if not _is_own_class(found, own):
         raise ValueError(f"{own.file} only imports {name!r}; a class of its own may subclass it")
     return found
+
+
+def _is_own_class(found: Any, own: OwnModule) -> bool:
+    return isinstance(found, type) and found.__module__ == own.name
 
 
 def own_module(module: str) -> OwnModule | None:

@@ -90,7 +90,7 @@ def test_code_that_is_not_allowed_is_not_run(tmp_path):
         (None, "sticking.py cannot be read"),
         (SPEED.replace("):", ")", 1), "sticking.py:8: expected ':'"),
         ("\0", "sticking.py"),
-        (SPEED.replace("class SpeedRestitution", "class Other"), "sticking.py defines no class"),
+        (SPEED.replace("class Speed", "class Sped"), "did you mean 'SpedRestitution'"),
         ("SpeedRestitution = 3\n", "sticking.py defines no class 'SpeedRestitution'"),
         ("from agglom_mpi.components import Friction as SpeedRestitution\n", "only imports"),
         ("class SpeedRestitution:\n    pass\n", "no subclass of Restitution"),
@@ -115,7 +115,10 @@ def test_a_module_that_cannot_be_used_is_one_line(tmp_path, source, quoted):
 
 @pytest.mark.parametrize(
     "name",
-    ["../sticking.py:A", "a.b.py:A", "sticking.py", "sticking.py:", "sticking.py:A.B", "if.py:A"],
+    [
+        *("../sticking.py:A", "a.b.py:A", "sticking.py", "sticking.py:", "sticking.py:A.B"),
+        *("if.py:A", "sticking:A"),
+    ],
 )
 def test_a_name_of_another_form_is_refused(tmp_path, name):
     line, field, message = problem(write_scene(tmp_path, SPEED, (NAME, name)))
