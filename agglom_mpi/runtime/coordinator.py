@@ -18,7 +18,7 @@ from agglom_mpi.runtime.experiment import Experiment
 from agglom_mpi.runtime.failures import FailureLog
 from agglom_mpi.runtime.messages import NOT_NEEDED, SILENT_AFTER, RankMessage, storable
 from agglom_mpi.runtime.post_stages import FrameStage, PostStage, ReestimationStage
-from agglom_mpi.runtime.recorder import ProgressListener, RunRecorder
+from agglom_mpi.runtime.recorder import ProgressListener, RunRecorder, decided_again
 from agglom_mpi.runtime.stop_request import StopRequest
 from agglom_mpi.runtime.worker_pool import WorkerPool
 from agglom_mpi.scheduling.in_flight import SampleRange
@@ -101,13 +101,20 @@ class Coordinator:
         plan = self._experiment.frame_plan(self.inversion)
         return FrameStage(plan, self._writer, self.inversion.parameters)
 
-    def replay(self) -> bool:
-        """Make the decisions of the stored samples again; return whether all work is done."""
+    def replay(self, stop: StopRequest) -> bool:
+        """Make the decisions of the stored samples again; return whether all work is done.
+
+        Where that takes long, a line says so. A request to stop ends it after a generation; `run`
+        then ends at once.
+        """
         for samples in stored_outcomes(
             self._stored.searched_samples, self._stored.judged_timed_out
         ):
             self.recorder.record(self.inversion.complete(*samples))
-        self.recorder.record(self.inversion.start())
+        generations = pluralise(len(self._stored.generation_rows()), "generation")
+        notice = f"deciding {generations} again by the stored samples"
+        again = decided_again(self.inversion.start(), stop, lambda: self._listener.message(notice))
+        self.recorder.record(again)
         return self.inversion.finished and self.reestimation.complete and self.frame_stage.complete
 
     def run(self, pool: WorkerPool, stop: StopRequest) -> RunEnd:

@@ -1,14 +1,16 @@
 """Record samples and decisions in the campaign file, and notify progress listeners."""
 
-from collections.abc import Callable, Iterable
+import time
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
-from typing import Protocol
+from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.display.progress import RunProgress, best_of
 from agglom_mpi.outcome import FailureReason
+from agglom_mpi.runtime.stop_request import StopRequest
 from agglom_mpi.runtime.tally import RunTally
 from agglom_mpi.runtime.write_order import WriteOrderBarrier
 from agglom_mpi.search.decisions import (
@@ -28,6 +30,9 @@ from agglom_mpi.storage.table import (
     used_samples,
 )
 from agglom_mpi.storage.writer import CampaignWriter, GenerationRow
+
+NOTICED: Final = 2.0
+"""Seconds without a line that make somebody wonder."""
 
 
 class ProgressListener(Protocol):
@@ -267,3 +272,29 @@ class RunRecorder:
         self._writer.put_generation(row)
         self._writer.sync()
         self.synced()
+
+
+def decided_again(
+    decisions: Iterable[Decision], stop: StopRequest, show: Callable[[], None]
+) -> Iterator[Decision]:
+    """Yield decisions until somebody asks to stop; all of a generation, which may take seconds.
+
+    Parameters
+    ----------
+    decisions
+        Decisions of stored samples.
+    stop
+        Whether to stop.
+    show
+        Called once where they take long.
+    """
+    begun, is_shown = time.monotonic(), False
+    for decision in decisions:
+        yield decision
+        match decision:
+            case GenerationSummary():
+                if stop.reason:
+                    return
+                if not is_shown and time.monotonic() - begun > NOTICED:
+                    is_shown = True
+                    show()

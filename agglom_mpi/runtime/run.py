@@ -198,7 +198,7 @@ def run_rank_zero(
             try:
                 with blame_damage(path):
                     coordinator = Coordinator(experiment, file, writer, display)
-                    complete = coordinator.replay()
+                    complete = coordinator.replay(stop)
             except DamagedCampaign as error:
                 display.error(error_text(error))
                 broadcast_start(world, error.exit_code)

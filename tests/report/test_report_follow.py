@@ -83,7 +83,7 @@ def carried_out(tmp_path_factory):
         patch.setattr(coordinator_module, "TICK", 0.0)
         patch.setattr(module, "SILENCE", 1e9)
         coordinator = coordinator_module.Coordinator(work, file, writer, Listener())
-        coordinator.replay()
+        coordinator.replay(StopRequest())
         runner = SampleRunner(work, 0)
         runner.warm_up()
         writer.log.begin_leg(leg_start(1, ""))

@@ -47,7 +47,7 @@ def test_a_sample_of_the_search_that_raises_late_gives_up_no_picture(tmp_path):
     file = prepare(path, work, accept_code_change=False)
     with CampaignWriter(path) as writer:
         coordinator = Coordinator(work, file, writer, Display(quiet=True))
-        assert not coordinator.replay()
+        assert not coordinator.replay(StopRequest())
         end = coordinator.run(Pool(100), StopRequest(None))
     assert (end.code, end.state) == (0, "finished")
     assert open_campaign(path).framed() == pictures_wanted(path, 1, 1)
