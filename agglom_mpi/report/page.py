@@ -106,7 +106,7 @@ def write_report(
         page.draw_set(feasible_set)
     for section in dict.fromkeys(figure.section for figure in FIGURES.values()):
         resimulates = section == "particles" and simulate and not all_stored(file)
-        if resimulates and rank_strings(file).order:
+        if resimulates and file.may_simulate and rank_strings(file).order:
             yield RESIMULATION_MESSAGE
         page.draw(section)
     replace_file(directory / NAME, page.render().encode())

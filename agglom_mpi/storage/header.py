@@ -159,6 +159,13 @@ class CampaignHeader:
         source = recorded_source(self.attributes, function.file, function.sha256)
         return None if source is None else function._replace(source=source)
 
+    @property
+    def may_simulate(self) -> bool:
+        """Whether no law of the scene is one's own, or its code may run."""
+        names = self.identity.keys()
+        own = any(name.startswith("scene.") and name.endswith(".source_sha256") for name in names)
+        return self.allow_code or not own
+
     def unless_code(self, what: str, compute: Callable[[], T], otherwise: T) -> T:
         """Return `compute()`; where that needs code that may not run, `what` is left out."""
         try:

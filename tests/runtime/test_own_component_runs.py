@@ -186,6 +186,7 @@ def test_a_searched_number_of_an_own_law_of_sizes_needs_no_code_to_be_read(
     done = CliRunner().invoke(main, [arguments[0], "own.h5", *arguments[1:]])
     assert done.exit_code == 0, done.output
     assert left_out in done.output
+    assert "simulating" not in done.output
     assert read_campaign(tmp_path / "own.h5").variables.further_names == (
         "sizes.ratio",
         "volume_fraction",
