@@ -14,11 +14,15 @@ from typing import Any, Final, NamedTuple, get_args, get_origin, get_type_hints
 import numba
 from numba.core import types
 
+from agglom_mpi.compilation.stages import OWN_PREFIX
+
 _PLACES: Final = re.compile(
     r'File "(?P<file>[^"]+)", line (?P<line>\d+)|(?:at|from) (\S+) \((\d+)\)'
 )
 _STEP: Final = re.compile(r"\s*(\w+: )?Failed in \w+ mode pipeline \(step: .*\)")
 _UNKNOWN_CALL: Final = re.compile(r"No implementation of function Function\(<.*?(\w+)( at .*)?>\)")
+_OWN_TYPE: Final = re.compile(rf"{OWN_PREFIX}\w+?_[0-9a-f]{{16}}_")
+"""What the types of a law's numbers have before the name of its class."""
 _ALLOCATES: Final = "NRT required but not enabled"
 
 _OPTIONS: Final[dict[str, Any]] = {"error_model": "numpy", "_nrt": False}
@@ -133,7 +137,7 @@ def _reason(lines: list[str], indent: int) -> str:
         calls = (line.strip() for line in lines[first:] if line.strip().startswith(">>> "))
         call = next(calls, found.group(1))
         text = f"Numba cannot compile {call.removeprefix('>>> ')}"
-    text = re.sub(r"\.*\s*(Raised from .*)?$", "", text)
+    text = _OWN_TYPE.sub("", re.sub(r"\.*\s*(Raised from .*)?$", "", text))
     return text if len(text) <= LONGEST_REASON else f"{text[: LONGEST_REASON - 3]}..."
 
 

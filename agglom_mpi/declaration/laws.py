@@ -77,6 +77,8 @@ class Law(Component):
         numbers.__qualname__ = f"{cls.__qualname__}.Numbers"  # so that it can be pickled
         if cls.own is not None:
             numbers.__reduce__ = _reduced_numbers
+            # Numba names the machine code of a function by the names of its arguments' types.
+            numbers.__name__ = f"{cls.__module__}_{cls.__qualname__}"
         cls.Numbers = numbers
         declare_numbers(numbers, cls)
 
