@@ -1,5 +1,6 @@
 """The feasible set: pairs of variables, marginals, what decides, and how reliable it is."""
 
+import math
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
@@ -242,8 +243,6 @@ def _draw_marginal(ax: Any, shown: PlottedSet, each: "SetVariable") -> None:
 
 def _scale_axis(axis: Any, shown: PlottedSet, each: "SetVariable", label: bool) -> None:
     """Label an axis of a variable's coordinate with its values, name and unit."""
-    from matplotlib.ticker import LogLocator, MaxNLocator
-
     place = shown.place(each)
     box = shown.of.emulated.box
     variable, space = box.own[place], box.space
@@ -253,9 +252,7 @@ def _scale_axis(axis: Any, shown: PlottedSet, each: "SetVariable", label: bool) 
     strings = space.from_unit(units)
     first, last = variable.values(strings)
     factor, unit = scaled_unit(each.unit, each.upper)
-    locator = LogLocator(subs=(1.0, 2.0, 5.0)) if variable.logarithmic else MaxNLocator(4)
-    ticks = np.asarray(locator.tick_values(first / factor, last / factor)) * factor
-    ticks = ticks[(ticks >= first * (1 - 1e-9)) & (ticks <= last * (1 + 1e-9))]
+    ticks = few_ticks(first / factor, last / factor, variable.logarithmic) * factor
     marked = np.tile(strings[0], (len(ticks), 1))
     marked[:, variable.column] = variable.components(ticks)
     at = space.to_unit(marked)[:, place]
@@ -263,6 +260,18 @@ def _scale_axis(axis: Any, shown: PlottedSet, each: "SetVariable", label: bool) 
     axis.set_tick_params(labelsize=7)
     if label:
         axis.set_label_text(axis_label(each.name, unit), fontsize=8)
+
+
+def few_ticks(first: float, last: float, logarithmic: bool) -> Floats:
+    """Return at most five places from first to last that have room for labels, ascending, (t,)."""
+    from matplotlib.ticker import LogLocator, MaxNLocator
+
+    decades = math.log10(last / first) if logarithmic else 0.0
+    subs = (1.0, 3.0) if decades < 2.0 else (1.0,)
+    locator = LogLocator(subs=subs) if decades >= 1.0 else MaxNLocator(4)
+    ticks = np.asarray(locator.tick_values(first, last))
+    ticks = ticks[(ticks >= first * (1 - 1e-9)) & (ticks <= last * (1 + 1e-9))]
+    return np.asarray(ticks[:: math.ceil(len(ticks) / 5)] if len(ticks) else ticks)
 
 
 def draw_group(ax: Any, shown: PlottedSet) -> Any:
