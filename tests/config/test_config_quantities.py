@@ -57,6 +57,7 @@ WRONG = [
     ("quantities: [a, 3]", "quantities:", "is ['a', 3]"),
     ("quantities: {loss: g}", "quantities.loss:", "is 'g'", "kg"),
     ("quantities: {loss: degC}", "quantities.loss:", "is 'degC'"),
+    ('quantities: {loss: ""}', "quantities.loss:", "is empty"),
     ("quantities: {loss: '%'}", "quantities.loss:", "is '%'"),
     ("quantities: {loss: kgs}", "quantities.loss:", "is 'kgs'", "unknown unit"),
     ("quantities: {loss: 2}", "quantities.loss:", "is 2"),

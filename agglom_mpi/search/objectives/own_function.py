@@ -83,6 +83,8 @@ def _no_unit(entries: Mapping[Any, Any], name: str) -> str:
         return f"is {quoted(unit)}; {must}"
     if unit in KINDS:
         return ""
+    if not unit.strip():
+        return f"is empty; {must}"
     try:
         is_si = in_base_units("1", unit) == 1.0 and not has_offset(unit)
     except ValueError as error:
