@@ -1,7 +1,7 @@
 """Errors of a campaign's text, with file, line, field, value and what is allowed."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from typing import Any, NamedTuple, get_args
 
@@ -11,9 +11,9 @@ from pydantic import (
 )
 
 from agglom_mpi.config.yaml_source import CampaignError, Problem, Source
-from agglom_mpi.declaration.components import Choice, number_of
+from agglom_mpi.declaration.components import Choice, Component, number_of
 from agglom_mpi.declaration.declared import Declared, FieldError, FieldPath
-from agglom_mpi.declaration.reading import PLAIN, Reading
+from agglom_mpi.declaration.reading import PLAIN, Reading, names_own
 from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.declaration.units import quoted
 
@@ -95,7 +95,7 @@ def _messages(
             named = isinstance(source.value(path), dict)
             place = (*path, key) if named else path
             given = source.value(place) if place in source.lines else value
-            own = "; a class of your own is FILE.py:Class" if ":" in str(given) else ""
+            own = _hint_of_own(str(given), models.at(loc))
             allowed = _unquoted(context["expected_tags"])
             yield place, f"is {quoted(given)}; allowed: {allowed}{own}"
         case "literal_error":
@@ -182,6 +182,15 @@ def _models_within(annotation: Any) -> Models:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel | Declared):
         return [annotation]
     return [model for inner in get_args(annotation) for model in _models_within(inner)]
+
+
+def _hint_of_own(given: str, classes: Iterable[type[Any]]) -> str:
+    """Return how a class of one's own is named where a name looks like one; empty elsewhere."""
+    if ":" not in given:
+        return ""
+    if any(issubclass(each, Component) and each.may_be_own for each in classes):
+        return "; a class of your own is FILE.py:Class"
+    return "; no class of your own can stand here" if names_own(given) else ""
 
 
 def _tags(model: type[Any]) -> tuple[str, ...]:

@@ -132,6 +132,7 @@ def test_a_kind_that_kernels_are_built_of_is_not_ones_own(tmp_path, key):
     line, field, message = problem(write_scene(tmp_path, SPEED, edit))
     assert (line, field) == (RESTITUTION_LINE + 3, f"scene.{key}")
     assert "allowed: " in message
+    assert "FILE.py:Class" not in message
 
 
 def test_the_identity_has_the_name_the_numbers_and_the_digest_of_the_bytes(tmp_path):
