@@ -37,7 +37,9 @@ def test_ranks_decide_as_one_does_and_read_no_source(tmp_path):
     assert_same(tmp_path / "two" / "own.h5", decisions(tmp_path / "one" / "own.h5"))
 
 
-@pytest.mark.parametrize("database", ["gathered", "parallel"])
+@pytest.mark.parametrize(
+    "database", ["gathered", pytest.param("parallel", marks=pytest.mark.parallel_hdf5)]
+)
 def test_ranks_send_and_store_named_quantities(tmp_path, database):
     need_mpirun()
     if database == "parallel":

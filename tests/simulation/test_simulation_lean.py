@@ -89,8 +89,8 @@ JOBS = sorted((Path(__file__).parents[2] / "jobs").glob("**/*.yaml"))
 
 @pytest.mark.parametrize("job", JOBS, ids=lambda job: job.stem)
 def test_what_a_campaign_says_it_does_not_know_of_a_particle_is_not_allocated(job):
-    campaign = load_campaign(job)
-    scene = campaign.scene.build(campaign.parameters())
+    campaign = load_campaign(job, allow_code=True)
+    scene = campaign.at(campaign.parameters()).build()
     fields = particle_type_of(scene).names
     assert missing_fields(campaign.scene) == [n for n, name in NAMES.items() if name not in fields]
 
