@@ -1,7 +1,8 @@
 """Whether the laws of a scene take together the numbers at the ends of a box."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from itertools import groupby, product
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +14,11 @@ from agglom_mpi.errors import CodeNotAllowedError
 from agglom_mpi.variables import volume_fraction
 
 if TYPE_CHECKING:
+    from agglom_mpi.config.bounds import Bounds
     from agglom_mpi.config.campaign_sections import CampaignSections
+
+MAX_TOGETHER: Final = 8
+"""Numbers of one law whose ends are combined: 256 strings, a tenth of a second."""
 
 
 def check_ends(campaign: "CampaignSections") -> None:
@@ -36,6 +41,25 @@ def check_ends(campaign: "CampaignSections") -> None:
                 for path, message in problems.items()
             )
         )
+
+
+def refused_corners(campaign: "CampaignSections") -> list[Problem]:
+    """Return a warning of each law that refuses some ends of its numbers together."""
+    source, found = parse(campaign.text, campaign.name), []
+    for names, strings in _corners(campaign):
+        refusals = ((string, _refusal(campaign, string)) for string in strings)
+        try:
+            string, message = next(((s, m) for s, m in refusals if m), (None, ""))
+        except CodeNotAllowedError:  # of a recorded law of one's own
+            continue
+        if string is not None:
+            reached = " and ".join(
+                f"{name} {string[campaign.variables.table.index(name)]:g}" for name in names
+            )
+            text = f"reaches {reached}, where {message}; samples fail there; constraints exclude it"
+            path = ("variables", names[0])
+            found.append(Problem(campaign.name, source.line(path), ".".join(path), text))
+    return found
 
 
 def _refused(campaign: "CampaignSections") -> dict[FieldPath, str]:
@@ -104,6 +128,25 @@ def _ends(campaign: "CampaignSections") -> Iterator[tuple[str, npt.NDArray[np.fl
             string = box.at(0.5)
             string[place] = end[place]
             yield name, string
+
+
+def _corners(
+    campaign: "CampaignSections",
+) -> Iterator[tuple[list[str], Iterator[npt.NDArray[np.float64]]]]:
+    """Yield searched numbers of each law, and strings, (k,), with all their ends combined."""
+    box = campaign.variables
+    for _, paths in groupby(box.paths, key=lambda path: path.section):
+        names = [path.name for path in paths if path.name in box.searched][:MAX_TOGETHER]
+        if len(names) > 1:
+            yield names, _combined(box, [box.table.index(name) for name in names])
+
+
+def _combined(box: "Bounds", places: list[int]) -> Iterator[npt.NDArray[np.float64]]:
+    for ends in product((box.lower, box.upper), repeat=len(places)):
+        string = box.at(0.5)
+        for place, end in zip(places, ends, strict=True):
+            string[place] = end[place]
+        yield string
 
 
 def _problem(campaign: "CampaignSections", string: npt.NDArray[np.float64]) -> str:

@@ -11,7 +11,7 @@ from agglom_mpi.config import describe, identity
 from agglom_mpi.config.allowed_share import LEAST_SHARE, SMALL_SHARE, allowed_share
 from agglom_mpi.config.arguments import read_count
 from agglom_mpi.config.bounds import bounds_of
-from agglom_mpi.config.box_ends import check_ends
+from agglom_mpi.config.box_ends import check_ends, refused_corners
 from agglom_mpi.config.campaign_sections import CampaignSections
 from agglom_mpi.config.document import read_document
 from agglom_mpi.config.own_variables import Parameters, read_strings, string_of
@@ -201,7 +201,8 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
         """
         from agglom_mpi.config.plausibility import implausible
 
-        return implausible(self, parameters)
+        corners = refused_corners(self) if parameters is None and self.variables.paths else []
+        return implausible(self, parameters) + corners
 
     def with_seed(self, seed: int) -> "Campaign":
         """Return the campaign with another seed, which its `text` has, too."""

@@ -91,7 +91,11 @@ class CampaignSections:
         """Return the objective of the samples of a string, which start with its own grains."""
         if not self.scenes.sizes_differ:
             return self.objective
-        return self.objective.of_grains(self.at(string).section.equivalent_grains)
+        try:
+            grains = self.at(string).section.equivalent_grains
+        except ValueError:  # a law refuses the string, none of whose samples completes
+            return self.objective
+        return self.objective.of_grains(grains)
 
     @property
     def search(self) -> SearchMethod:

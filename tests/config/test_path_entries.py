@@ -138,6 +138,18 @@ def test_the_ends_of_ranges_fit_together(smallest, largest, wrong):
         assert [field for field, _ in problems(scene, variables)] == [f"variables.{wrong}"]
 
 
+def test_ends_of_a_law_that_do_not_fit_together_are_warned_of():
+    """Samples of strings there fail; a constraint excludes them."""
+    scene = COLD | {"half_width": None, "sizes": "uniform"}
+    ranges = {"sizes.smallest": "[10 um, 45 um]", "sizes.largest": "[40 um, 60 um]"}
+    found = campaign_of(scene, COLD_VARIABLES | ranges).warnings()
+    [field] = [each.field for each in found if "4.5e-05" in each.message]
+    assert field == "variables.sizes.largest"
+    more = "constraints: [sizes.largest > 1.2 * sizes.smallest]\n"
+    campaign = campaign_of(scene, COLD_VARIABLES | ranges, more=more)
+    assert not [each for each in campaign.warnings() if "4.5e-05" in each.message]
+
+
 def test_a_number_that_takes_no_part_is_not_blamed():
     """The first number by name is restitution.value, which fits all sizes."""
     scene = COLD | {"half_width": None, "sizes": "uniform", "restitution": "constant"}

@@ -15,6 +15,7 @@ from agglom_mpi import Box
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli import main
 from agglom_mpi.config.loading import load_campaign
+from agglom_mpi.outcome import FAILED
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.variables import PAPER_VARIABLES
 
@@ -196,3 +197,47 @@ def test_numbers_of_an_own_law_are_searched_and_its_file_is_read_without_code(tm
     assert file.strings.attrs["units"]["restitution.sticking"] == "m/s"
     words = ["simulate", file.path, "--string", 1, "--sample", 0, "--json", "--allow-code"]
     assert json.loads(command(*words).stdout)["replay"].startswith("identical")
+
+
+REFUSED = """\
+seed: 1
+scene:
+  particles: 20
+  sizes: {law: uniform}
+  velocities: {law: spread, mean: [0, 0, 0], transverse: 1}
+  restitution: {law: constant, value: 0.5}
+  heating: none
+  end_time: 0.01 ms
+variables:
+  sizes.smallest: [1 um, 2 um]
+  sizes.largest: [1.6 um, 3 um]
+  relative_speed: 1
+  volume_fraction: 0.02
+  density: 2500
+objective: {law: growth_target, ratio: 1.01}
+search: {method: sobol, population: 16}
+ensemble: {rule: fixed, samples: 2}
+stopping: {generations: 1}
+final: none
+"""
+
+
+def test_samples_of_a_string_that_a_law_refuses_fail_and_the_campaign_goes_on(tmp_path):
+    (tmp_path / "refused.yaml").write_text(REFUSED)
+    finish(tmp_path, "refused.yaml", "-q")
+    assert_sound(tmp_path / "refused.h5")
+    file = read_campaign(tmp_path / "refused.h5")
+    strings = np.arange(len(file.string_rows()))
+    inverted = file.values(strings, "sizes.largest") < file.values(strings, "sizes.smallest")
+    samples = file.all_sample_rows()
+    failed = np.unique(samples["string"][samples["state"] == FAILED])
+    assert failed.tolist() == strings[inverted].tolist() != []
+
+
+def test_other_further_variables_than_in_the_text_are_a_fault(run, tmp_path):
+    (tmp_path / "other.h5").write_bytes((run / "sized.h5").read_bytes())
+    with h5py.File(tmp_path / "other.h5", "r+") as file:
+        entries = json.loads(file.attrs["further_variables"])
+        entries[0][2] = "another number"
+        file.attrs["further_variables"] = json.dumps(entries)
+    assert "further variables" in command("check", tmp_path / "other.h5", code=1).output
