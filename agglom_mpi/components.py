@@ -9,7 +9,8 @@ from importlib import import_module
 from typing import Any, Final
 
 _BY_MODULE: Final[dict[str, tuple[str, ...]]] = {
-    "declaration.components": ("In", "Whole", "Choice", "Setting"),
+    "declaration.components": ("In", "Whole", "Setting"),
+    "declaration.choices": ("Choice",),
     "declaration.declared": ("Declared", "FieldPath", "Meaning", "LATER"),
     "declaration.field_types": ("Flag", "Line", "NONE"),
     "declaration.laws": ("Law", "Group", "Values"),

@@ -34,7 +34,7 @@ from agglom_mpi.config.relation_reader import quantity_problems, read_constraint
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.config.size_file import SizeReader, unread
 from agglom_mpi.config.yaml_source import CampaignError, Problem, Source, parse
-from agglom_mpi.declaration.components import Choice
+from agglom_mpi.declaration.choices import Choice
 from agglom_mpi.declaration.declared import FieldError, FieldPath, raise_field_errors
 from agglom_mpi.declaration.field_types import NONE, Line, WholeNumber
 from agglom_mpi.declaration.reading import PLAIN, Reading, reading_of

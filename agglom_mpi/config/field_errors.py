@@ -11,7 +11,8 @@ from pydantic import (
 )
 
 from agglom_mpi.config.yaml_source import CampaignError, Problem, Source
-from agglom_mpi.declaration.components import Choice, Component, number_of
+from agglom_mpi.declaration.choices import Choice
+from agglom_mpi.declaration.components import Component, number_of
 from agglom_mpi.declaration.declared import Declared, FieldError, FieldPath
 from agglom_mpi.declaration.reading import PLAIN, Reading, names_own
 from agglom_mpi.declaration.spelling import suggestion

@@ -6,7 +6,8 @@ from typing import Any, Final, Literal, get_args, get_origin
 
 from agglom_mpi.config.document import CampaignDocument
 from agglom_mpi.config.scene import SceneSection
-from agglom_mpi.declaration.components import Choice, Component, In, Whole, number_of
+from agglom_mpi.declaration.choices import Choice
+from agglom_mpi.declaration.components import Component, In, Whole, number_of
 from agglom_mpi.declaration.declared import DeclaredField
 from agglom_mpi.declaration.laws import Law
 from agglom_mpi.search.ending import EndingCriterion

@@ -9,13 +9,8 @@ from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
 from agglom_mpi.config.alternatives import SIZES, GrainSize, HalfWidth, none_of, one_of
-from agglom_mpi.declaration.components import (
-    Choice,
-    In,
-    UnknownComponentError,
-    class_named,
-    names_of,
-)
+from agglom_mpi.declaration.choices import Choice
+from agglom_mpi.declaration.components import In, UnknownComponentError, class_named, names_of
 from agglom_mpi.declaration.declared import LATER, FieldPath, raise_field_errors
 from agglom_mpi.declaration.field_types import WholeNumber
 from agglom_mpi.declaration.laws import Law, Values

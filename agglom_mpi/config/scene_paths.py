@@ -8,14 +8,8 @@ from contextlib import suppress
 from typing import Any, Final, NamedTuple, get_args, get_origin
 
 from agglom_mpi.config.scene import SceneSection
-from agglom_mpi.declaration.components import (
-    Choice,
-    Component,
-    In,
-    UnknownComponentError,
-    Whole,
-    number_of,
-)
+from agglom_mpi.declaration.choices import Choice
+from agglom_mpi.declaration.components import Component, In, UnknownComponentError, Whole, number_of
 from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.declaration.reading import PLAIN, Reading
 from agglom_mpi.declaration.spelling import suggestion

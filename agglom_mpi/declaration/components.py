@@ -7,7 +7,7 @@ class. Adding a component takes one class; nothing else lists it.
 """
 
 import pkgutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache, partial
 from importlib import import_module
 from typing import (
@@ -19,23 +19,21 @@ from typing import (
     NamedTuple,
     Self,
     TypeVar,
-    Union,
     get_args,
     get_origin,
 )
 
 from agglom_mpi.declaration import own_fields
-from agglom_mpi.declaration.declared import Declared, DeclaredField, FieldError, Reads
+from agglom_mpi.declaration.declared import Declared, DeclaredField, Reads
 from agglom_mpi.declaration.field_types import WholeNumber, named
 from agglom_mpi.declaration.needed import missing_methods, needed
-from agglom_mpi.declaration.own_modules import OwnModule, own_error, own_module
-from agglom_mpi.declaration.reading import PLAIN, Reading, names_own, reading_of
+from agglom_mpi.declaration.own_modules import OwnModule, own_module
+from agglom_mpi.declaration.reading import PLAIN, Reading, names_own
 from agglom_mpi.declaration.units import quoted, to_si
-from agglom_mpi.declaration.users_code import users_code
-from agglom_mpi.errors import CodeNotAllowedError, UserError, named_error
+from agglom_mpi.errors import UserError
 
 if TYPE_CHECKING:
-    from pydantic import GetCoreSchemaHandler, ValidationInfo
+    from pydantic import GetCoreSchemaHandler
     from pydantic_core import CoreSchema
 
 
@@ -354,26 +352,6 @@ def _own_class(kind: type[C], name: str, reading: Reading) -> type[C]:
     return found
 
 
-def _made_own(own: type[Component], entry: Any, reading: Reading) -> Component:
-    """Return a component of one's own of an entry of a file."""
-    name = next(iter(own.names()), own.__name__)
-    try:
-        with users_code(name):
-            made = own.checked(entry, reading)
-            summary = made.summary
-    except CodeNotAllowedError:  # of a stand-in without a summary
-        return made
-    except Exception as error:
-        if isinstance(error, ValueError) and not own_error(error):
-            raise
-        raise ValueError(
-            f"is {quoted(name)}, but {own_error(error) or named_error(error)}"
-        ) from error
-    if not isinstance(summary, str):
-        raise ValueError(f"is {quoted(name)}, whose summary is {summary!r}; must be a text")
-    return made
-
-
 def names_of(component: type[Declared]) -> tuple[str, ...]:
     """Return the name by which a file can call a component; empty for a base class."""
     if not issubclass(component, Component) or not component.in_files:
@@ -392,86 +370,3 @@ def unit_of(field: DeclaredField) -> str:
     """Return the SI unit of a field; `1` where it is a pure number or none."""
     number = number_of(field)
     return "1" if number is None else number.unit
-
-
-class Choice(NamedTuple):
-    """Marks a field whose value is one of the components of a kind, by name or with its numbers.
-
-    Attributes
-    ----------
-    kind
-        Base class of the components.
-    or_none
-        Whether an empty entry stands for the component `none`.
-    default
-        Name of the component that a mapping without a name is; empty if it must have one.
-    """
-
-    kind: type[Component]
-    or_none: bool = False
-    default: str = ""
-
-    @property
-    def components(self) -> tuple[type[Component], ...]:
-        """The components to choose from."""
-        return tuple(dict.fromkeys(self.kind.components().values()))
-
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: "GetCoreSchemaHandler"
-    ) -> "CoreSchema":
-        """Return the schema of a union that is told apart by the name."""
-        from pydantic import Field
-        from pydantic_core import core_schema
-
-        union: Any = Union.__getitem__(self.components)  # of a number known when it is run
-        tagged = Annotated[union, Field(discriminator=self.kind.named_by)]
-        schema = handler.generate_schema(Annotated[tagged, Reads(self._as_mapping)])
-        if self.kind.may_be_own:
-            schema = core_schema.with_info_wrap_validator_function(self._read, schema)
-        return core_schema.nullable_schema(schema) if type(None) in get_args(source) else schema
-
-    def own_class(self, entry: Any, reading: Reading) -> type[Component] | None:
-        """Return the class of one's own that an entry of a file names, None if it names none.
-
-        Raises
-        ------
-        FieldError
-            If the class cannot be had.
-        """
-        is_mapping = isinstance(entry, Mapping)
-        name = entry.get(self.kind.named_by) if is_mapping else entry
-        if not (self.kind.may_be_own and names_own(name)):
-            return None
-        try:
-            return class_named(self.kind, name, reading)
-        except UnknownComponentError as error:
-            path = (self.kind.named_by,) if is_mapping else ()
-            raise FieldError((path, str(error))) from error
-
-    def class_of(self, entry: Any, reading: Reading = PLAIN) -> type[Component]:
-        """Return the class that an entry of a file names.
-
-        Raises
-        ------
-        UnknownComponentError, ValueError
-            If it names none that is known.
-        """
-        mapping = self._as_mapping(entry)
-        if isinstance(mapping, Component):
-            return type(mapping)
-        return class_named(self.kind, mapping.get(self.kind.named_by), reading)
-
-    def _read(self, entry: Any, validate: Callable[[Any], Any], info: "ValidationInfo") -> Any:
-        """Return the component of an entry: of one's own, or one of the package."""
-        if isinstance(entry, self.kind):
-            return entry
-        reading = reading_of(info)
-        own = self.own_class(entry, reading)
-        if own is None:
-            return validate(entry)
-        return _made_own(own, self._as_mapping(entry), reading)
-
-    def _as_mapping(self, entry: Any) -> Any:
-        if self.default and isinstance(entry, dict) and self.kind.named_by not in entry:
-            return {self.kind.named_by: self.default, **entry}
-        return self.kind.as_mapping("none" if self.or_none and entry is None else entry)

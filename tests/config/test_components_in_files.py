@@ -14,7 +14,8 @@ from agglom_mpi.analysis.ranking import ranks_itself
 from agglom_mpi.compilation.kernels import _KERNEL_SOURCES
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.config.yaml_source import CampaignError
-from agglom_mpi.declaration.components import Choice, UnknownComponentError
+from agglom_mpi.declaration.choices import Choice
+from agglom_mpi.declaration.components import UnknownComponentError
 from agglom_mpi.declaration.reading import PLAIN
 from agglom_mpi.physics.sizes import reads_file
 from agglom_mpi.search.methods.genetic import Genetic

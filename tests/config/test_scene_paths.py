@@ -15,7 +15,8 @@ from agglom_mpi.config.scene_paths import (
     paths_of,
     with_number,
 )
-from agglom_mpi.declaration.components import Choice, Component, In, number_of
+from agglom_mpi.declaration.choices import Choice
+from agglom_mpi.declaration.components import Component, In, number_of
 
 SCENE = {
     "particles": 50,

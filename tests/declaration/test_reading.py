@@ -5,7 +5,8 @@ from typing import Annotated, ClassVar
 import pytest
 
 from agglom_mpi.config.scene import SceneSection
-from agglom_mpi.declaration.components import Choice, In, UnknownComponentError, class_named
+from agglom_mpi.declaration.choices import Choice
+from agglom_mpi.declaration.components import In, UnknownComponentError, class_named
 from agglom_mpi.declaration.declared import Declared
 from agglom_mpi.declaration.reading import OwnComponents, Reading
 from agglom_mpi.physics.friction import Friction
