@@ -17,8 +17,7 @@ def test_a_law_that_does_not_compile_is_one_line_and_exit_code_2(tmp_path, ranks
         need_mpirun()
     write_scene(tmp_path, SOURCE)
     done = invert(tmp_path, "own.yaml", "--allow-code", ranks=ranks, alone=True)
-    said = done.stderr.splitlines()
+    said = done.stderr.splitlines()  # launchers add that rank 0 has ended the job
     assert done.returncode == 2
-    assert [line for line in said if line.startswith(f"sticking.py:{LINE}: ")]
-    assert "Traceback" not in done.stderr
-    assert len(said) < 6  # with what is being compiled, and what the launcher says of the end
+    assert len([line for line in said if line.startswith(f"sticking.py:{LINE}: ")]) == 1
+    assert not [word for word in ("Traceback", "numba", "pipeline") if word in done.stderr]
