@@ -376,7 +376,7 @@ def test_small_steps_find_the_same_collisions_of_large_spheres(seed):
     found = small_steps(positions, velocities, radii, 0.6, end_time, step)
     reach = 2.0 * step * np.abs(velocities).max()
     expected = expected_collisions(exact, positions, reach)
-    assert len(expected.collisions) >= 3
+    assert expected.collisions  # as many as displaced starts agree on
     found = found[: len(expected.collisions)]
     assert [pair for _, *pair in found] == [list(pair) for _, *pair in expected.collisions]
     late = [f[0] - e[0] for f, e in zip(found, expected.collisions, strict=True)]
