@@ -46,8 +46,14 @@ def started(tmp_path):
     return start
 
 
+def daemon_number(folder):
+    """Return the number of the daemon's process as text, empty until it is written."""
+    path = folder / "number"
+    return path.read_text() if path.exists() else ""
+
+
 def daemon_is_gone(folder):
-    number = int((folder / "number").read_text())
+    number = int(daemon_number(folder))
     return not psutil.pid_exists(number) or psutil.Process(number).status() == "zombie"
 
 
@@ -85,7 +91,7 @@ def test_a_file_fails_the_run(started, leave, line):
 def test_ctrl_c_in_the_middle_leaves_no_process(started, tmp_path):
     endless = "def test_one():\n    start_daemon()\n    import time; time.sleep(1000)"
     with started(endless) as run:
-        wait_for((tmp_path / "number").exists, "daemon", run)
+        wait_for(lambda: daemon_number(tmp_path), "daemon", run)
         os.killpg(run.pid, signal.SIGINT)
         said, _ = output_of(run)
         assert daemon_is_gone(tmp_path)
