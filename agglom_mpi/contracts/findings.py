@@ -46,11 +46,6 @@ class Finding(NamedTuple):
         at = f"; at {spelled(self.numbers)}" if self.numbers else ""
         return f"{self.component}: {self.property}: {self.text}{at}"
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return the finding as plain values."""
-        plain = {name: str(value) for name, value in self.numbers.items()}
-        return self._asdict() | {"state": self.state.value, "numbers": plain}
-
 
 def label_of(component: type[Any]) -> str:
     """Return what a component is called in a line: `FILE.py:Class`, or `heating own_energy`."""

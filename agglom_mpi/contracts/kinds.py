@@ -7,7 +7,6 @@ from agglom_mpi.contracts.findings import PAIRS
 from agglom_mpi.contracts.points import Domain, Point, Violation
 from agglom_mpi.contracts.quantities import (
     SHIFT_DOMAIN,
-    UNIT_DOMAIN,
     Quantity,
     finite,
     same_in_other_frame,
@@ -15,6 +14,7 @@ from agglom_mpi.contracts.quantities import (
     symmetric,
 )
 from agglom_mpi.contracts.subject import Subject
+from agglom_mpi.contracts.units import UNIT_DOMAIN
 
 
 class LawProperty(NamedTuple):

@@ -45,12 +45,17 @@ def _temperature(subject: Subject, point: Point) -> tuple[Any, ...]:
     return (point["temperature_of_grain"],)
 
 
+def _cold_and_warm(point: Point) -> tuple[float, float]:
+    """Return two temperatures of a grain in K, the lower one first."""
+    cold = point["temperature_of_grain"]
+    return cold, cold * (1.0 + point["warmer_by"])
+
+
 def hardness_falls(subject: Subject, point: Point) -> Violation:
     """Check that hardness never rises with the temperature."""
     numbers = subject.numbers(point)
     hardening = subject.formula("log_hardening")
-    cold = point["temperature_of_grain"]
-    warm = cold * (1.0 + point["warmer_by"])
+    cold, warm = _cold_and_warm(point)
     first, second = hardening(numbers, cold), hardening(numbers, warm)
     if second <= first + 1e-12 * abs(first):
         return None
@@ -61,8 +66,7 @@ def softening_is_derivative(subject: Subject, point: Point) -> Violation:
     """Check that `softening_rate` is -d ln H/dtheta, by the mean slope between two ends."""
     numbers = subject.numbers(point)
     hardening, rate = (subject.formula(name) for name in ("log_hardening", "softening_rate"))
-    cold = point["temperature_of_grain"]
-    warm = cold * (1.0 + point["warmer_by"])
+    cold, warm = _cold_and_warm(point)
     first, second = hardening(numbers, cold), hardening(numbers, warm)
     if not (math.isfinite(first) and abs(first - second) >= LEAST_CHANGE * max(1.0, abs(first))):
         return _without_change(numbers, rate, (cold, warm), first, second)
@@ -91,8 +95,7 @@ def softening_never_rises(subject: Subject, point: Point) -> Violation:
     """Check that `softening_rate` is not negative and never rises, as the root finder assumes."""
     numbers = subject.numbers(point)
     rate = subject.formula("softening_rate")
-    cold = point["temperature_of_grain"]
-    warm = cold * (1.0 + point["warmer_by"])
+    cold, warm = _cold_and_warm(point)
     first, second = rate(numbers, cold), rate(numbers, warm)
     if 0.0 <= second <= first * (1.0 + 1e-12):
         return None

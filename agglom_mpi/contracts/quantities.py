@@ -15,7 +15,7 @@ import numpy as np
 
 from agglom_mpi.contracts.points import Domain, Interval, Point, Violation
 from agglom_mpi.contracts.subject import Subject, exchanged
-from agglom_mpi.contracts.units import UNIT_NAMES, factor, other_units
+from agglom_mpi.contracts.units import factor, other_units, scaled_point
 
 CLOSE: Final = 1e-10
 """Relative difference that is rounding."""
@@ -26,15 +26,11 @@ SLACK: Final = 1e-12
 JITTERS: Final = 4
 """Number of such changes."""
 
-UNIT_DOMAIN: Final[Domain] = {name: Interval(-4.0, 4.0, "1", False) for name in UNIT_NAMES}
 SHIFT_DOMAIN: Final[Domain] = {
     "frame_along_n": Interval(1e-2, 1e2, "m/s", signed=True),
     "frame_along_t": Interval(1e-2, 1e2, "m/s", signed=True),
 }
 """Velocity of another inertial frame."""
-
-FIXED_NAMES: Final = (*UNIT_NAMES, *SHIFT_DOMAIN)
-"""Numbers of a point that are of the transformation, and so the same in all units."""
 
 
 def as_floats(value: Any) -> tuple[float, ...]:
@@ -158,17 +154,10 @@ def same_in_other_frame(quantity: Quantity, subject: Subject, point: Point) -> V
 
 def same_in_other_units(quantity: Quantity, subject: Subject, point: Point) -> Violation:
     """Check that results are the same in other units of length, mass and time."""
-    wanted = np.array([point[name] for name in UNIT_NAMES])
-    logarithms = other_units(wanted, subject.constants)
+    logarithms = other_units(point, subject.constants)
     if logarithms is None:
         return None
-    domain = {**subject.domain, **quantity.domain}
-    scaled = {
-        name: value
-        if name in FIXED_NAMES or name not in domain
-        else value * factor(domain[name].unit, logarithms)
-        for name, value in point.items()
-    }
+    scaled = scaled_point(point, {**subject.domain, **quantity.domain}, logarithms)
     results = quantity.at(subject, point)
     others = quantity.at(subject.in_units(logarithms), scaled)
     back = tuple(

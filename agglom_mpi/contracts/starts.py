@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from agglom_mpi.contracts.kinds import LawKind, LawProperty
 from agglom_mpi.contracts.points import Domain, Interval, Point, Violation
-from agglom_mpi.contracts.quantities import CLOSE, UNIT_DOMAIN
+from agglom_mpi.contracts.quantities import CLOSE
 from agglom_mpi.contracts.subject import Subject
-from agglom_mpi.contracts.units import UNIT_NAMES, factor, other_units
+from agglom_mpi.contracts.units import UNIT_DOMAIN, factor, other_units, scaled_point
 from agglom_mpi.physics.size_distributions import SizeDistribution
 from agglom_mpi.physics.sizes import Sizes
 
@@ -94,15 +94,10 @@ def flow_does_not_scale(subject: Subject, point: Point) -> Violation:
 
 def velocities_in_other_units(subject: Subject, point: Point) -> Violation:
     """Check that the same random numbers give the same velocities in other units."""
-    wanted = np.array([point[name] for name in UNIT_NAMES])
-    logarithms = other_units(wanted, subject.constants)
+    logarithms = other_units(point, subject.constants)
     if logarithms is None:
         return None
-    domain = subject.domain
-    scaled = {
-        name: value * factor(domain[name].unit, logarithms) if name in domain else value
-        for name, value in point.items()
-    }
+    scaled = scaled_point(point, subject.domain, logarithms)
     velocity = drawn_velocities(subject, point, 100)
     other = drawn_velocities(subject.in_units(logarithms), scaled, 100) / factor("m/s", logarithms)
     away = float(np.abs(velocity - other).max())

@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.contracts.points import Domain, Interval, Point
 from agglom_mpi.declaration.units import dimensions_of
 
 BASES: Final = ("[length]", "[mass]", "[time]")
@@ -19,6 +20,8 @@ BASES: Final = ("[length]", "[mass]", "[time]")
 
 UNIT_NAMES: Final = ("unit_length", "unit_mass", "unit_time")
 """Names, in a point, of the logarithms to base 10 of the new units over those of SI."""
+
+UNIT_DOMAIN: Final[Domain] = {name: Interval(-4.0, 4.0, "1", False) for name in UNIT_NAMES}
 
 
 @cache
@@ -33,14 +36,21 @@ def factor(unit: str, logarithms: NDArray[np.float64]) -> float:
     return float(10.0 ** -(np.array(exponents(unit)) @ logarithms))
 
 
-def other_units(
-    wanted: NDArray[np.float64], constants: Iterable[str]
-) -> NDArray[np.float64] | None:
-    """Return the logarithms of new units over those of SI, near wanted ones, shape (3,).
+def other_units(point: Point, constants: Iterable[str]) -> NDArray[np.float64] | None:
+    """Return the logarithms of new units over those of SI, near those of a point, shape (3,).
 
     Constants with the given units keep their values. None: that leaves SI alone.
     """
+    wanted = np.array([point[name] for name in UNIT_NAMES])
     fixed = np.array([exponents(unit) for unit in constants]).reshape(-1, len(BASES))
     free = np.eye(len(BASES)) - np.linalg.pinv(fixed) @ fixed
     chosen = free @ wanted
     return chosen if float(np.abs(chosen).max()) > math.sqrt(np.finfo(float).eps) else None
+
+
+def scaled_point(point: Point, domain: Domain, logarithms: NDArray[np.float64]) -> Point:
+    """Return a point in other units; numbers that a domain does not have stay as they are."""
+    return {
+        name: value * factor(domain[name].unit, logarithms) if name in domain else value
+        for name, value in point.items()
+    }
