@@ -13,7 +13,7 @@ import numpy as np
 from agglom_mpi.analysis.derived import derived_columns, values_of
 from agglom_mpi.analysis.drawn_sizes import drawn_fraction
 from agglom_mpi.analysis.estimates import Estimate, objective_of
-from agglom_mpi.analysis.quantities import as_entries
+from agglom_mpi.analysis.quantity_means import as_entries
 from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.analysis.tables import time_of_strings
 from agglom_mpi.outcome import COMPLETED, summaries

@@ -20,7 +20,7 @@ from agglom_mpi.analysis.comparison import PairedSamples
 from agglom_mpi.analysis.derived import derived_columns
 from agglom_mpi.analysis.estimates import objective_of, rounding_of, unconverged
 from agglom_mpi.analysis.failed_samples import no_result, state_lines
-from agglom_mpi.analysis.quantities import left_out, quantity_rows
+from agglom_mpi.analysis.quantity_means import left_out, quantity_rows
 from agglom_mpi.analysis.ranking import listed_strings, rank_strings, ranks_itself
 from agglom_mpi.analysis.selection_bias import SelectionBias, describe_bias, selection_bias
 from agglom_mpi.display.fitted_table import FittedTable

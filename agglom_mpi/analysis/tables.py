@@ -7,7 +7,7 @@ import numpy as np
 
 from agglom_mpi.analysis.derived import derived_columns
 from agglom_mpi.analysis.estimates import Estimate, estimates_of
-from agglom_mpi.analysis.quantities import quantity_table
+from agglom_mpi.analysis.quantity_means import quantity_table
 from agglom_mpi.analysis.ranking import order_by_estimates, search_order
 from agglom_mpi.errors import require_library
 from agglom_mpi.outcome import REASONS

@@ -5,9 +5,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from agglom_mpi.contracts.formula_properties import RESULT_ROUNDING, LawFormula
 from agglom_mpi.contracts.kinds import LawKind, LawProperty
 from agglom_mpi.contracts.points import Domain, Interval, Point, Violation
-from agglom_mpi.contracts.quantities import CLOSE, Quantity
 from agglom_mpi.contracts.subject import Subject
 from agglom_mpi.formatting import pluralise
 
@@ -58,7 +58,7 @@ def stays_between(subject: Subject, point: Point) -> Violation:
     start, surface, capacity = _rate(subject, point)
     rest = subject.formula("rest_temperature")(numbers)
     end = subject.formula("exact_temperature")(numbers, start, surface, capacity, point["time"])
-    margin = CLOSE * max(start, rest)
+    margin = RESULT_ROUNDING * max(start, rest)
     low, high = sorted((start, rest))
     if max(low - margin, 0.0) <= end <= high + margin:
         return None
@@ -76,7 +76,7 @@ def two_intervals_are_one(subject: Subject, point: Point) -> Violation:
     middle = exact(numbers, start, surface, capacity, first)
     twice = exact(numbers, middle, surface, capacity, point["time"] - first)
     once = exact(numbers, start, surface, capacity, point["time"])
-    if abs(twice - once) <= CLOSE * max(once, twice, 0.01 * start):
+    if abs(twice - once) <= RESULT_ROUNDING * max(once, twice, 0.01 * start):
         return None
     return f"{start:.9g} K becomes {once:.9g} K at once, and {twice:.9g} K by two intervals"
 
@@ -110,7 +110,7 @@ def solves_its_equation(subject: Subject, point: Point) -> Violation:
 
     coarse, fine = fallen(*FEW), fallen(*MANY)
     change = start - exact(numbers, start, surface, capacity, time)
-    margin = 10.0 * abs(fine - coarse) + 1e-9 * abs(fine) + CLOSE * max(start, distance)
+    margin = 10.0 * abs(fine - coarse) + 1e-9 * abs(fine) + RESULT_ROUNDING * max(start, distance)
     if abs(change - fine) <= margin:
         return None
     return f"it cools by {change:.9g} K in {time:.6g} s, but its rate gives {fine:.9g} K"
@@ -139,7 +139,7 @@ def takes_what_is_there(subject: Subject, point: Point) -> Violation:
     breakage = subject.formula("breakage")
     taken = breakage(numbers, loss, own, radius, grains).energy
     taken += breakage(numbers, loss, loss - own, radius, grains).energy
-    if taken <= loss * (1.0 + CLOSE):
+    if taken <= loss * (1.0 + RESULT_ROUNDING):
         return None
     return f"new surface takes {taken:.9g} J, but the pair has lost {loss:.9g} J"
 
@@ -151,16 +151,19 @@ def same_pieces_in_other_frame(subject: Subject, point: Point) -> Violation:
     breakage = subject.formula("breakage")
     rest = own - point["work_of_frame"]
     one, other = (breakage(numbers, loss, change, radius, grains) for change in (own, rest))
-    if one.pieces == other.pieces and abs(one.energy - other.energy) <= CLOSE * one.energy:
+    if (
+        one.pieces == other.pieces
+        and abs(one.energy - other.energy) <= RESULT_ROUNDING * one.energy
+    ):
         return None
     return f"there are {one.pieces} pieces, and {other.pieces} in another frame"
 
 
-COOLING: Final = LawKind(
-    quantities=(
-        Quantity("cooling_rate", _rate, ("K/s",), GRAIN),
-        Quantity("exact_temperature", _cooled, ("K",), GRAIN),
-        Quantity("rest_temperature", lambda subject, point: (), ("K",), {}),
+COOLING_KIND: Final = LawKind(
+    formulas=(
+        LawFormula("cooling_rate", _rate, ("K/s",), GRAIN),
+        LawFormula("exact_temperature", _cooled, ("K",), GRAIN),
+        LawFormula("rest_temperature", lambda subject, point: (), ("K",), {}),
     ),
     properties=(
         LawProperty("bounds", stays_between, GRAIN),
@@ -168,8 +171,8 @@ COOLING: Final = LawKind(
         LawProperty("solution", solves_its_equation, RELAXING, 500),
     ),
 )
-FRAGMENTATION: Final = LawKind(
-    quantities=(Quantity("breakage", _released, ("1", "J"), SHATTERING),),
+FRAGMENTATION_KIND: Final = LawKind(
+    formulas=(LawFormula("breakage", _released, ("1", "J"), SHATTERING),),
     properties=(
         LawProperty("pieces", counts_are_whole, SHATTERING),
         LawProperty("energy", takes_what_is_there, SHATTERING),

@@ -4,15 +4,15 @@ import math
 from typing import Any, Final
 
 from agglom_mpi.compilation.kernels import as_plain
+from agglom_mpi.contracts.formula_properties import RESULT_ROUNDING, LawFormula
 from agglom_mpi.contracts.kinds import LawKind, LawProperty
 from agglom_mpi.contracts.points import Domain, Interval, Point, Violation
-from agglom_mpi.contracts.quantities import CLOSE, Quantity
 from agglom_mpi.contracts.subject import PAIR_DOMAIN, Subject, pair_at
 from agglom_mpi.physics.friction import friction_loss, normal_loss, tangential_impulse
 from agglom_mpi.physics.heating import merge_dissipation
 from agglom_mpi.simulation.impact import solve_impact
 
-ROUNDING: Final = 1e-12
+ENERGY_ROUNDING: Final = 1e-12
 """Relative rounding of an energy: some ten operations of 1.1e-16 each, and a margin."""
 
 EXACT: Final = 4.0 * 2.0**-52
@@ -21,7 +21,7 @@ EXACT: Final = 4.0 * 2.0**-52
 BOUNCE: Final[Domain] = {**PAIR_DOMAIN, "deficit": Interval(1e-9, 1.0, special=(1.0,))}
 """A pair and a deficit 1 − e."""
 
-RANGE: Final[Domain] = {
+DEFICIT_RANGE: Final[Domain] = {
     **PAIR_DOMAIN,
     "upper": Interval(1e-6, 1.0, special=(1.0,)),
     "lower_share": Interval(0.0, 1.0, "1", False),
@@ -75,9 +75,9 @@ def makes_no_energy(subject: Subject, point: Point) -> Violation:
     normal = pair.approach_speed - impact.normal_impulse / pair.reduced_mass
     slip = pair.slip_speed - impact.friction_impulse / pair.reduced_mass
     after = 0.5 * pair.reduced_mass * (normal * normal + slip * slip)
-    if after > before * (1.0 + ROUNDING):
+    if after > before * (1.0 + ENERGY_ROUNDING):
         return f"the pair has {after / before:.9g} of its kinetic energy after the impact"
-    if abs(before - after - impact.loss) > ROUNDING * before:
+    if abs(before - after - impact.loss) > ENERGY_ROUNDING * before:
         return f"the loss is {impact.loss:.9g} J, but {before - after:.9g} J of motion are gone"
     return None
 
@@ -88,7 +88,7 @@ def never_drives_slip(subject: Subject, point: Point) -> Violation:
     pair = pair_at(point)
     impulse = subject.formula("tangential_impulse")(numbers, pair, point["deficit"])
     most = pair.reduced_mass * pair.slip_speed
-    if 0.0 <= impulse <= most * (1.0 + ROUNDING):
+    if 0.0 <= impulse <= most * (1.0 + ENERGY_ROUNDING):
         return None
     return f"the friction impulse is {impulse:.9g} N s, not within 0 ... m*|u_t| = {most:.9g} N s"
 
@@ -108,7 +108,7 @@ def slopes_bound_impulse(subject: Subject, point: Point) -> Violation:
     least, most = subject.formula("impulse_slopes")(numbers, pair, lower, upper)
     formula = subject.formula("tangential_impulse")
     low, mid, high = (formula(numbers, pair, deficit) for deficit in (lower, middle, upper))
-    margin = ROUNDING * max(abs(low), abs(mid), abs(high))
+    margin = ENERGY_ROUNDING * max(abs(low), abs(mid), abs(high))
     for start, end, change in ((lower, middle, mid - low), (middle, upper, high - mid)):
         width = end - start
         if not least * width - margin <= change <= most * width + margin:
@@ -124,7 +124,7 @@ def keeps_the_books(subject: Subject, point: Point) -> Violation:
     numbers, laws = subject.numbers(point), subject.impact_laws(point)
     pair = pair_at(point)
     deficit = point["deficit"]
-    margin = ROUNDING * energy_scale(point)
+    margin = ENERGY_ROUNDING * energy_scale(point)
     impulse = tangential_impulse(laws.friction, pair, deficit)
     loss = normal_loss(pair, deficit) + friction_loss(pair, impulse)
     heat = sum(subject.formula("impact_heats")(numbers, laws.friction, pair, deficit))
@@ -144,7 +144,7 @@ def slopes_bound_heats(subject: Subject, point: Point) -> Violation:
     slopes = subject.formula("least_heat_slopes")(numbers, laws.friction, pair, lower, upper)
     heats = subject.formula("impact_heats")
     ends, inner = (heats(numbers, laws.friction, pair, d) for d in (upper, middle))
-    margin = ROUNDING * energy_scale(point)
+    margin = ENERGY_ROUNDING * energy_scale(point)
     for end, within, slope in zip(ends, inner, slopes, strict=True):
         line = end - slope * (upper - middle)
         if within > line + margin:
@@ -164,7 +164,7 @@ def heat_rises_less_than_deficit(subject: Subject, point: Point) -> Violation:
     heats = subject.formula("impact_heats")
     shares = zip(heats(numbers, None, pair, middle), heats(numbers, None, pair, upper), strict=True)
     for low, high in shares:
-        if high * middle > low * upper + CLOSE * abs(low) * upper:
+        if high * middle > low * upper + RESULT_ROUNDING * abs(low) * upper:
             return f"heat over deficit rises from {low / middle:.9g} J to {high / upper:.9g} J"
     return None
 
@@ -176,7 +176,9 @@ def is_proportional_to_area(subject: Subject, point: Point) -> Violation:
     first, second = point["area"], point["area"] * point["area_ratio"]
     whole = heat(numbers, first + second)
     parts = heat(numbers, first) + heat(numbers, second)
-    if abs(whole - parts) <= CLOSE * (abs(heat(numbers, first)) + abs(heat(numbers, second))):
+    if abs(whole - parts) <= RESULT_ROUNDING * (
+        abs(heat(numbers, first)) + abs(heat(numbers, second))
+    ):
         return None
     return f"two areas give {parts:.9g} J, and their sum {whole:.9g} J"
 
@@ -187,7 +189,7 @@ def factor_never_falls(subject: Subject, point: Point) -> Violation:
     factor = subject.formula("restitution_factor")
     _, middle, upper = _deficits(point)
     low, high = factor(numbers, 1.0 - upper), factor(numbers, 1.0 - middle)
-    if 0.0 < low <= high * (1.0 + ROUNDING):
+    if 0.0 < low <= high * (1.0 + ENERGY_ROUNDING):
         return None
     return f"the factor is {low:.9g} at e = {1.0 - upper:.6g} and {high:.9g} at {1.0 - middle:.6g}"
 
@@ -217,7 +219,7 @@ def pressure_knows_no_size(subject: Subject, point: Point) -> Violation:
         pair = pair_at({**point, "radius_i": radius, "radius_j": radius})
         pressures.append(subject.formula("force_scale")(numbers, pair) / radius**2)
     first, second = pressures
-    if first > 0.0 and abs(first - second) <= CLOSE * first:
+    if first > 0.0 and abs(first - second) <= RESULT_ROUNDING * first:
         return None
     return f"force over radius squared is {first:.9g} Pa and {second:.9g} Pa for two radii"
 
@@ -227,9 +229,9 @@ AREA: Final[Domain] = {
     "area_ratio": Interval(1e-3, 1e3),
 }
 
-RESTITUTION: Final = LawKind(
-    quantities=(
-        Quantity(
+RESTITUTION_KIND: Final = LawKind(
+    formulas=(
+        LawFormula(
             "solve_restitution",
             _laws_and_pair,
             ("1", "1"),
@@ -243,16 +245,16 @@ RESTITUTION: Final = LawKind(
         LawProperty("energy", makes_no_energy, PAIR_DOMAIN),
     ),
 )
-FRICTION: Final = LawKind(
-    quantities=(Quantity("tangential_impulse", _bounce, ("kg*m/s",), BOUNCE, (0,)),),
+FRICTION_KIND: Final = LawKind(
+    formulas=(LawFormula("tangential_impulse", _bounce, ("kg*m/s",), BOUNCE, (0,)),),
     properties=(
         LawProperty("slip", never_drives_slip, BOUNCE),
-        LawProperty("slopes", slopes_bound_impulse, RANGE),
+        LawProperty("slopes", slopes_bound_impulse, DEFICIT_RANGE),
     ),
 )
-HEATING: Final = LawKind(
-    quantities=(
-        Quantity(
+HEATING_KIND: Final = LawKind(
+    formulas=(
+        LawFormula(
             "impact_heats",
             _friction_and_bounce,
             ("J", "J"),
@@ -260,28 +262,28 @@ HEATING: Final = LawKind(
             (1, 0),
             scale=energy_scale,
         ),
-        Quantity("merge_heat", _pair, ("J",), BOUNCE, (0,), scale=energy_scale),
+        LawFormula("merge_heat", _pair, ("J",), BOUNCE, (0,), scale=energy_scale),
     ),
     properties=(
         LawProperty("energy", keeps_the_books, BOUNCE),
-        LawProperty("slopes", slopes_bound_heats, RANGE),
-        LawProperty("unique", heat_rises_less_than_deficit, RANGE),
+        LawProperty("slopes", slopes_bound_heats, DEFICIT_RANGE),
+        LawProperty("unique", heat_rises_less_than_deficit, DEFICIT_RANGE),
     ),
 )
-REACTION: Final = LawKind(
-    quantities=(Quantity("contact_heat", lambda subject, point: (point["area"],), ("J",), AREA),),
+REACTION_KIND: Final = LawKind(
+    formulas=(LawFormula("contact_heat", lambda subject, point: (point["area"],), ("J",), AREA),),
     properties=(LawProperty("linear", is_proportional_to_area, AREA),),
 )
-DURATION: Final = LawKind(
-    quantities=(
-        Quantity("force_scale", _pair, ("N",), PAIR_DOMAIN, (0,)),
-        Quantity(
+DURATION_KIND: Final = LawKind(
+    formulas=(
+        LawFormula("force_scale", _pair, ("N",), PAIR_DOMAIN, (0,)),
+        LawFormula(
             "restitution_factor",
             lambda subject, point: (1.0 - point["deficit"],),
             ("1",),
             {"deficit": BOUNCE["deficit"]},
         ),
-        Quantity(
+        LawFormula(
             "restitution_factor_slope",
             lambda subject, point: (point["deficit"],),
             ("1",),
@@ -290,7 +292,7 @@ DURATION: Final = LawKind(
     ),
     properties=(
         LawProperty("size", pressure_knows_no_size, PAIR_DOMAIN),
-        LawProperty("factor", factor_never_falls, RANGE),
-        LawProperty("slope", factor_slope_is_right, RANGE),
+        LawProperty("factor", factor_never_falls, DEFICIT_RANGE),
+        LawProperty("slope", factor_slope_is_right, DEFICIT_RANGE),
     ),
 )

@@ -1,20 +1,22 @@
-"""What is promised by each kind of law: its quantities, and properties of the kind alone."""
+"""Records of the promises of a kind of law: its formulas, and properties of the kind alone."""
 
 from collections.abc import Callable
 from typing import Final, NamedTuple
 
-from agglom_mpi.contracts.findings import PAIRS
-from agglom_mpi.contracts.points import Domain, Point, Violation
-from agglom_mpi.contracts.quantities import (
+from agglom_mpi.contracts.formula_properties import (
     SHIFT_DOMAIN,
-    Quantity,
-    finite,
+    LawFormula,
+    results_are_finite,
     same_in_other_frame,
     same_in_other_units,
     symmetric,
 )
+from agglom_mpi.contracts.other_units import UNIT_DOMAIN
+from agglom_mpi.contracts.points import Domain, Point, Violation
 from agglom_mpi.contracts.subject import Subject
-from agglom_mpi.contracts.units import UNIT_DOMAIN
+
+RANDOM_POINTS: Final = 1000
+"""Number of random points at which a property that is cheap to test is tested."""
 
 
 class LawProperty(NamedTuple):
@@ -34,13 +36,13 @@ class LawProperty(NamedTuple):
     name: str
     violation: Callable[[Subject, Point], Violation]
     domain: Domain
-    points: int = PAIRS
+    points: int = RANDOM_POINTS
 
 
 class LawKind(NamedTuple):
-    """What a kind of law promises."""
+    """Promises of a kind of law: every formula's, and those of the kind alone."""
 
-    quantities: tuple[Quantity, ...]
+    formulas: tuple[LawFormula, ...]
     properties: tuple[LawProperty, ...]
 
 
@@ -51,17 +53,17 @@ UNITS: Final = "units"
 COMPILED: Final = "compiled"
 
 
-def general_properties(quantity: Quantity) -> list[LawProperty]:
+def general_properties(formula: LawFormula) -> list[LawProperty]:
     """Return the properties that every formula promises, the one without which no other counts."""
 
     def bound(
-        violation: Callable[[Quantity, Subject, Point], Violation],
+        violation: Callable[[LawFormula, Subject, Point], Violation],
     ) -> Callable[..., Violation]:
-        return lambda subject, point: violation(quantity, subject, point)
+        return lambda subject, point: violation(formula, subject, point)
 
-    domain = quantity.domain
-    found = [LawProperty(FINITE, bound(finite), domain)]
-    if quantity.exchanged is not None:
+    domain = formula.domain
+    found = [LawProperty(FINITE, bound(results_are_finite), domain)]
+    if formula.exchanged is not None:
         found.append(LawProperty(SYMMETRY, bound(symmetric), domain))
         found.append(LawProperty(FRAME, bound(same_in_other_frame), {**domain, **SHIFT_DOMAIN}))
     found.append(LawProperty(UNITS, bound(same_in_other_units), {**domain, **UNIT_DOMAIN}))

@@ -3,9 +3,9 @@
 import math
 from typing import Any, Final
 
+from agglom_mpi.contracts.formula_properties import LawFormula
 from agglom_mpi.contracts.kinds import LawKind, LawProperty
 from agglom_mpi.contracts.points import Domain, Interval, Point, Violation
-from agglom_mpi.contracts.quantities import Quantity
 from agglom_mpi.contracts.subject import PAIR_DOMAIN, Subject, pair_at
 from agglom_mpi.physics.impact_solvers import LARGEST_RESIDUAL, restitution_residual
 from agglom_mpi.physics.restitution import ImpactLaws, log_pressure_ratio, log_pressure_scale
@@ -22,7 +22,7 @@ LEAST_CHANGE: Final = 1e-5
 
 SCANNED: Final = 240
 """Number of deficits at which it is looked for a root that was missed."""
-LOWEST: Final = -24.0
+LOWEST_LOG_DEFICIT: Final = -24.0
 """ln d of the smallest of these deficits."""
 
 MOST_LOG: Final = 300.0
@@ -122,7 +122,7 @@ def root_is_the_smallest(subject: Subject, point: Point) -> Violation:
         return f"|e - G(e)| is {residual:.3g} at e = {1.0 - solution.deficit:.9g}"
     found = math.log(solution.deficit) if solution.deficit > 0.0 else -math.inf
     for step in range(1, SCANNED + 1):
-        place = LOWEST * step / SCANNED
+        place = LOWEST_LOG_DEFICIT * step / SCANNED
         if place <= found + 1e-9:  # the root itself, by its tolerance and the slope of ln r
             return None
         if log_pressure_ratio(laws, pair, scale, math.exp(place)) >= place:
@@ -142,13 +142,13 @@ def _with_pressure_ratio(laws: ImpactLaws, pair: Any, ratio: float) -> ImpactLaw
     return laws._replace(hardness=laws.hardness._replace(hardness=hardness))
 
 
-ROOT: Final = LawProperty("root", root_is_the_smallest, ROOT_DOMAIN, ROOTS)
+ROOT_PROPERTY: Final = LawProperty("root", root_is_the_smallest, ROOT_DOMAIN, ROOTS)
 """Property of all laws that the impact equation is made of, where a scene solves it."""
 
-HARDNESS: Final = LawKind(
-    quantities=(
-        Quantity("log_hardening", _temperature, ("1",), TEMPERATURES, may_be_infinite=True),
-        Quantity("softening_rate", _temperature, ("1/K",), TEMPERATURES),
+HARDNESS_KIND: Final = LawKind(
+    formulas=(
+        LawFormula("log_hardening", _temperature, ("1",), TEMPERATURES, may_be_infinite=True),
+        LawFormula("softening_rate", _temperature, ("1/K",), TEMPERATURES),
     ),
     properties=(
         LawProperty("falls", hardness_falls, TEMPERATURES),

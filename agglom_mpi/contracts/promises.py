@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from agglom_mpi.contracts.findings import label_of
+from agglom_mpi.contracts.property_findings import component_label
 from agglom_mpi.declaration.components import Component
 
 if TYPE_CHECKING:
@@ -28,13 +28,16 @@ def promises_of(campaign: "Campaign", allow_code: bool) -> list[str]:
     """
     components = components_of(campaign)
     lines = [
-        f"{label_of(type(each))} means to break {name}: {why}"
+        f"{component_label(type(each))} means to break {name}: {why}"
         for each in components
         for name, why in type(each).breaks.items()
     ]
     if not (allow_code and any(each.own is not None for each in components)):
         return lines
-    from agglom_mpi.contracts.campaign import lines_on, tested_components  # loads the compiler
+    from agglom_mpi.contracts.tested_components import (
+        lines_on,
+        tested_components,
+    )  # loads the compiler
 
     return [*lines, *lines_on(tested_components(campaign, components))]
 

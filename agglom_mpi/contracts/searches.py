@@ -12,16 +12,16 @@ from agglom_mpi.search.space import SearchSpace
 
 Floats = NDArray[np.float64]
 
-GENERATIONS: Final = 3
+DRIVEN_GENERATIONS: Final = 3
 """Number of generations that are told; one more is proposed."""
 OPTIMUM: Final = 0.3
 """Every coordinate, in the unit cube, of the string with the lowest made-up objective."""
-ALLOWED_SHARE: Final = 0.7
+ALLOWED_MEAN: Final = 0.7
 """Mean coordinate in the unit cube up to which strings are allowed in the second drive."""
 NUDGE: Final = 1e-9
 """Relative change of strings as a campaign file gives them back."""
 
-PROPERTIES: Final = (
+SEARCH_PROPERTIES: Final = (
     *("count", "box", "given", "repeatable", "seed", "record", "ahead", "ranking", "failures"),
 )
 
@@ -67,12 +67,12 @@ def evaluated(drive: Drive, proposals: Proposals, first: int) -> Evaluations:
     return Evaluations(ids, strings, objectives, objectives.copy(), samples)
 
 
-def generations(
+def driven_generations(
     method: SearchMethod, drive: Drive
 ) -> Iterator[tuple[RunningSearch, Proposals, Evaluations]]:
     """Yield the search after each generation, with what it has proposed and was told."""
     search, first = method.build(drive.inputs), 0
-    for _ in range(GENERATIONS):
+    for _ in range(DRIVEN_GENERATIONS):
         for _ in range(drive.asked):
             proposals = search.ask()
         told = evaluated(drive, proposals, first)
@@ -104,14 +104,14 @@ def search_failures(
     yield from _not_restored(method, Drive(inputs, nudge=NUDGE))
     yield from _wrong_ahead(method, inputs)
     yield from _wrong_ranking(method, inputs)
-    for _, proposals, _ in generations(method, Drive(inputs, failing=True)):
+    for _, proposals, _ in driven_generations(method, Drive(inputs, failing=True)):
         if text := _out_of_box(space, proposals):
             yield "failures", f"after strings without a finite objective {text}"
 
 
 def constrained(space: SearchSpace) -> SearchSpace:
     """Return the box with only those strings allowed that are near enough to the lower ends."""
-    return space.within(lambda strings: space.to_unit(strings).mean(axis=1) <= ALLOWED_SHARE)
+    return space.within(lambda strings: space.to_unit(strings).mean(axis=1) <= ALLOWED_MEAN)
 
 
 def _out_of_box(space: SearchSpace, proposals: Proposals) -> str:
@@ -131,7 +131,7 @@ def _out_of_box(space: SearchSpace, proposals: Proposals) -> str:
 def _wrong_proposals(method: SearchMethod, drive: Drive) -> Iterator[tuple[str, str]]:
     """Yield numbers of strings, places and first strings that are not as they should be."""
     inputs = drive.inputs
-    for number, (_, proposals, _) in enumerate(generations(method, drive)):
+    for number, (_, proposals, _) in enumerate(driven_generations(method, drive)):
         wanted = method.strings(number + 1) - (method.strings(number) if number else 0)
         found = len(proposals.parameters)
         if found != wanted or (number == 0 and found != method.first_generation):
@@ -156,7 +156,9 @@ def _not_repeated(method: SearchMethod, inputs: SearchInputs) -> Iterator[tuple[
         "seed": (Drive(inputs), Drive(inputs), "driven again with the same seed"),
     }
     for name, (first, second, how) in cases.items():
-        pairs = zip(generations(method, first), generations(method, second), strict=True)
+        pairs = zip(
+            driven_generations(method, first), driven_generations(method, second), strict=True
+        )
         for number, ((_, one, _), (_, other, _)) in enumerate(pairs):
             if not _same(one.parameters, other.parameters):
                 yield name, f"generation {number} is another one {how}"
@@ -169,7 +171,7 @@ def _not_restored(method: SearchMethod, drive: Drive) -> Iterator[tuple[str, str
     The search is then told what is recorded, and is asked in between for its best strings, and for
     those of coming generations.
     """
-    recorded = [(proposals, told) for _, proposals, told in generations(method, drive)]
+    recorded = [(proposals, told) for _, proposals, told in driven_generations(method, drive)]
     search = method.build(drive.inputs)
     for number, (proposals, told) in enumerate(recorded):
         for coming in (number, number + 1):
@@ -186,7 +188,7 @@ def _wrong_ahead(method: SearchMethod, inputs: SearchInputs) -> Iterator[tuple[s
     """Yield strings that were known ahead, and are others when their generation comes."""
     promised: dict[int, tuple[int, Floats]] = {}
     first = 0
-    for number, (search, proposals, told) in enumerate(generations(method, Drive(inputs))):
+    for number, (search, proposals, told) in enumerate(driven_generations(method, Drive(inputs))):
         if number in promised:
             start, strings = promised[number]
             begin = start - first
@@ -206,7 +208,7 @@ def _wrong_ahead(method: SearchMethod, inputs: SearchInputs) -> Iterator[tuple[s
 def _wrong_ranking(method: SearchMethod, inputs: SearchInputs) -> Iterator[tuple[str, str]]:
     """Yield rankings that are out of order, or of strings that there are none of."""
     total = 0
-    for number, (search, proposals, told) in enumerate(generations(method, Drive(inputs))):
+    for number, (search, proposals, told) in enumerate(driven_generations(method, Drive(inputs))):
         total += len(told.ids)
         ranked = search.best(total)
         values = [each.objective for each in ranked]

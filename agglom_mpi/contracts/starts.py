@@ -7,30 +7,30 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.contracts.formula_properties import RESULT_ROUNDING
 from agglom_mpi.contracts.kinds import LawKind, LawProperty
+from agglom_mpi.contracts.other_units import UNIT_DOMAIN, factor, other_units, scaled_point
 from agglom_mpi.contracts.points import Domain, Interval, Point, Violation
-from agglom_mpi.contracts.quantities import CLOSE
 from agglom_mpi.contracts.subject import Subject
-from agglom_mpi.contracts.units import UNIT_DOMAIN, factor, other_units, scaled_point
 from agglom_mpi.physics.size_distributions import SizeDistribution
 from agglom_mpi.physics.sizes import Sizes
 
 Floats = NDArray[np.float64]
 
-GRAINS: Final = 20_000
+DRAWN_SIZES: Final = 20_000
 """Number of grains whose sizes are drawn."""
-MOVING: Final = 4_000
+DRAWN_VELOCITIES: Final = 4_000
 """Number of grains whose velocities are drawn, one by one."""
 DEVIATION: Final = 4.0
 """Standard errors that a mean over these grains may differ by: 1 of 16 000 does by chance."""
-POINTS: Final = 3
+POINTS_OF_MANY_GRAINS: Final = 3
 """Number of points at which so many grains are drawn."""
-COMPARED: Final = 300
+COMPARED_GRAINS: Final = 300
 """Number of grains whose pairs are all compared."""
 
 SEEDS: Final[Domain] = {"seed": Interval(1.0, 1e6, whole=True)}
 HIGHEST_MOMENT: Final = 4
-SHARES: Final = (0.1, 0.25, 0.5, 0.75, 0.9)
+QUANTILE_SHARES: Final = (0.1, 0.25, 0.5, 0.75, 0.9)
 
 
 def drawn_velocities(subject: Subject, point: Point, count: int) -> Floats:
@@ -50,30 +50,30 @@ def velocities_are_finite(subject: Subject, point: Point) -> Violation:
 
 def velocities_have_their_variance(subject: Subject, point: Point) -> Violation:
     """Check that `variance` is the mean square of the velocities about their mean."""
-    velocity = drawn_velocities(subject, point, MOVING)
+    velocity = drawn_velocities(subject, point, DRAWN_VELOCITIES)
     squares = ((velocity - velocity.mean(axis=1, keepdims=True)) ** 2).sum(axis=0)
-    found, error = float(squares.mean()), float(squares.std()) / math.sqrt(MOVING)
+    found, error = float(squares.mean()), float(squares.std()) / math.sqrt(DRAWN_VELOCITIES)
     law: Any = subject.law_at(point)
     stated = law.variance(point["relative_speed"])
-    if abs(found - stated) <= DEVIATION * error + CLOSE * stated:
+    if abs(found - stated) <= DEVIATION * error + RESULT_ROUNDING * stated:
         return None
     return f"the variance is {found:.6g} +- {error:.2g} m2/s2, but {stated:.6g} is stated"
 
 
 def velocities_are_within_bounds(subject: Subject, point: Point) -> Violation:
     """Check that `fastest_approach` and `transverse_speed` bound the velocities."""
-    velocity = drawn_velocities(subject, point, MOVING)
+    velocity = drawn_velocities(subject, point, DRAWN_VELOCITIES)
     law: Any = subject.law_at(point)
     speed = point["relative_speed"]
-    some = velocity[:, :COMPARED]
+    some = velocity[:, :COMPARED_GRAINS]
     apart = some[:, :, None] - some[:, None, :]
     fastest = float(np.sqrt((apart**2).sum(axis=0)).max())
     size = float(np.abs(velocity).max())
-    if fastest > law.fastest_approach(speed) * (1.0 + CLOSE) + 1e-12 * size:
+    if fastest > law.fastest_approach(speed) * (1.0 + RESULT_ROUNDING) + 1e-12 * size:
         stated = law.fastest_approach(speed)
         return f"two grains approach at {fastest:.9g} m/s, but at most {stated:.9g} is stated"
     across = velocity[1:] - velocity[1:].mean(axis=1, keepdims=True)
-    margin = DEVIATION * float(across.std()) / math.sqrt(MOVING) + 1e-12 * size
+    margin = DEVIATION * float(across.std()) / math.sqrt(DRAWN_VELOCITIES) + 1e-12 * size
     if float(np.abs(across).max()) > law.transverse_speed(speed) + margin:
         stated = law.transverse_speed(speed)
         return f"a speed across is {np.abs(across).max():.9g} m/s, but {stated:.9g} is stated"
@@ -87,7 +87,10 @@ def flow_does_not_scale(subject: Subject, point: Point) -> Violation:
     flow = (2.0 * once - drawn_velocities(subject, faster, 100)).mean(axis=1)
     law: Any = subject.law_at(point)
     found, stated = float(np.sqrt((flow**2).sum())), float(law.mean_flow)
-    if abs(found - stated) <= CLOSE * float(np.abs(once).max()) + CLOSE * stated:
+    if (
+        abs(found - stated)
+        <= RESULT_ROUNDING * float(np.abs(once).max()) + RESULT_ROUNDING * stated
+    ):
         return None
     return f"the flow that all grains share is {found:.9g} m/s, but {stated:.9g} is stated"
 
@@ -101,17 +104,17 @@ def velocities_in_other_units(subject: Subject, point: Point) -> Violation:
     velocity = drawn_velocities(subject, point, 100)
     other = drawn_velocities(subject.in_units(logarithms), scaled, 100) / factor("m/s", logarithms)
     away = float(np.abs(velocity - other).max())
-    if away <= CLOSE * float(np.abs(velocity).max()):
+    if away <= RESULT_ROUNDING * float(np.abs(velocity).max()):
         return None
     return f"a velocity differs by {away:.6g} m/s in other units"
 
 
-VELOCITIES: Final = LawKind(
-    quantities=(),
+VELOCITIES_KIND: Final = LawKind(
+    formulas=(),
     properties=(
         LawProperty("finite", velocities_are_finite, SEEDS, 20),
-        LawProperty("variance", velocities_have_their_variance, SEEDS, POINTS),
-        LawProperty("bounds", velocities_are_within_bounds, SEEDS, POINTS),
+        LawProperty("variance", velocities_have_their_variance, SEEDS, POINTS_OF_MANY_GRAINS),
+        LawProperty("bounds", velocities_are_within_bounds, SEEDS, POINTS_OF_MANY_GRAINS),
         LawProperty("flow", flow_does_not_scale, SEEDS, 20),
         LawProperty("units", velocities_in_other_units, {**SEEDS, **UNIT_DOMAIN}, 20),
     ),
@@ -131,10 +134,13 @@ def sizes_failures(sizes: Sizes, seed: int) -> Iterator[tuple[str, str]]:
         yield "positive", f"the mean diameter is {mean} m"
     if law is None:
         return
-    radii = law.draw(np.random.default_rng(seed), GRAINS)
-    if radii.shape != (GRAINS,) or not (np.isfinite(radii).all() and radii.min() > 0.0):
+    radii = law.draw(np.random.default_rng(seed), DRAWN_SIZES)
+    if radii.shape != (DRAWN_SIZES,) or not (np.isfinite(radii).all() and radii.min() > 0.0):
         shown = float(radii.min()) if radii.size else math.nan
-        yield "positive", f"{GRAINS} radii have the shape {radii.shape}, the least is {shown:.6g}"
+        yield (
+            "positive",
+            f"{DRAWN_SIZES} radii have the shape {radii.shape}, the least is {shown:.6g}",
+        )
         return
     yield from (("moments", text) for text in _wrong_moments(law, radii))
     yield from (("quantiles", text) for text in _wrong_quantiles(law, radii))
@@ -148,8 +154,8 @@ def _wrong_moments(law: SizeDistribution, radii: Floats) -> Iterator[str]:
     for power in range(1, HIGHEST_MOMENT + 1):
         stated, found = law.moment(power), float((radii**power).mean())
         spread = max(law.moment(2 * power) - stated**2, 0.0)
-        error = math.sqrt(max(spread, float((radii**power).var())) / GRAINS)
-        if abs(found - stated) > DEVIATION * error + CLOSE * abs(stated):
+        error = math.sqrt(max(spread, float((radii**power).var())) / DRAWN_SIZES)
+        if abs(found - stated) > DEVIATION * error + RESULT_ROUNDING * abs(stated):
             yield f"moment {power} is {found:.6g} +- {error:.2g}, but {stated:.6g} is stated"
     if abs(law.moment(1) - 1.0) > 1e-9:
         yield f"moment 1 is stated as {law.moment(1):.9g}; radii are over their mean"
@@ -157,10 +163,10 @@ def _wrong_moments(law: SizeDistribution, radii: Floats) -> Iterator[str]:
 
 def _wrong_quantiles(law: SizeDistribution, radii: Floats) -> Iterator[str]:
     """Yield quantiles by number below which another share of the drawn radii lies."""
-    for share in SHARES:
+    for share in QUANTILE_SHARES:
         radius = law.quantile(share)
-        margin = DEVIATION * math.sqrt(share * (1.0 - share) / GRAINS)
-        up_to = float((radii <= radius * (1.0 + CLOSE)).mean())
-        below = float((radii < radius * (1.0 - CLOSE)).mean())
+        margin = DEVIATION * math.sqrt(share * (1.0 - share) / DRAWN_SIZES)
+        up_to = float((radii <= radius * (1.0 + RESULT_ROUNDING)).mean())
+        below = float((radii < radius * (1.0 - RESULT_ROUNDING)).mean())
         if up_to < share - margin or below > share + margin:
             yield f"{below:.4f} to {up_to:.4f} of the radii lie below the quantile {share:g}"

@@ -9,8 +9,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.contracts.other_units import factor
 from agglom_mpi.contracts.points import Domain, Interval, Point
-from agglom_mpi.contracts.units import factor
 from agglom_mpi.declaration.components import In, number_of
 from agglom_mpi.declaration.laws import Law
 from agglom_mpi.physics.pair import ContactPair
@@ -43,7 +43,7 @@ MAY_BE_ZERO: Final = ("friction", "activation_energy", "reaction_heat")
 DECADES: Final = 1e3
 """How far a number of a law without limits is drawn from 1, or from its limit."""
 
-UNITS: Final = {name: unit for name, unit, *_ in PAPER_VARIABLES}
+VARIABLE_UNITS: Final = {name: unit for name, unit, *_ in PAPER_VARIABLES}
 """SI units of the variables, by name."""
 
 
@@ -109,9 +109,9 @@ class Subject:
     def domain(self) -> Domain:
         """Intervals of the variables and of the law's own numbers."""
         found = {
-            name: Interval(low, high, UNITS[name], low > 0.0 < high, self._zero(name, low))
+            name: Interval(low, high, VARIABLE_UNITS[name], low > 0.0 < high, self._zero(name, low))
             for name, (low, high) in self._ranges.items()
-            if name in UNITS
+            if name in VARIABLE_UNITS
         }
         for name, number in self._drawn.items():
             found[self._own(name)] = self._interval(name, number)
@@ -134,7 +134,7 @@ class Subject:
 
     def _own(self, name: str) -> str:
         """Return the name of an own number in a point, apart from those of variables."""
-        return f"{name}_of_law" if name in UNITS else name
+        return f"{name}_of_law" if name in VARIABLE_UNITS else name
 
     def _interval(self, name: str, number: In) -> Interval:
         """Return where a number of the law is drawn from."""
@@ -155,7 +155,7 @@ class Subject:
         return Interval(start + inner, end - inner, number.unit, False, ends)
 
     def in_units(self, logarithms: NDArray[np.float64]) -> "Subject":
-        """Return the subject with all laws in other units; see `units.other_units`."""
+        """Return the subject with all laws in other units; see `other_units.other_units`."""
         other = copy.copy(self)
         other._logarithms = logarithms
         return other

@@ -13,7 +13,7 @@ from rich.console import Console, RenderableType
 from agglom_mpi.analysis.comparison import PairedSamples
 from agglom_mpi.analysis.estimates import rounding_of
 from agglom_mpi.analysis.failed_samples import no_result
-from agglom_mpi.analysis.quantities import left_out
+from agglom_mpi.analysis.quantity_means import left_out
 from agglom_mpi.analysis.ranking import listed_strings, rank_strings
 from agglom_mpi.analysis.selection_bias import describe_bias, selection_bias
 from agglom_mpi.analysis.summary import moment_notes

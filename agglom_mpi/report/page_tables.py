@@ -15,7 +15,7 @@ from agglom_mpi.analysis.best_strings import (
     time_row,
 )
 from agglom_mpi.analysis.derived import derived_columns
-from agglom_mpi.analysis.quantities import quantity_rows
+from agglom_mpi.analysis.quantity_means import quantity_rows
 from agglom_mpi.analysis.ranking import listed_strings
 from agglom_mpi.formatting import format_duration, label_of, number_or_none, value_with_error
 from agglom_mpi.outcome import COLUMNS, COMPLETED, LEDGER, REASONS

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from law_subjects import instance, subject_of
 
-from agglom_mpi.contracts.findings import State
-from agglom_mpi.contracts.laws import law_findings, properties_of
+from agglom_mpi.contracts.property_findings import Verdict
 from agglom_mpi.contracts.starts import sizes_failures
+from agglom_mpi.contracts.tested_laws import law_findings, properties_of
 from agglom_mpi.physics.contact import CompressionRecoveryDuration
 from agglom_mpi.physics.cooling import Cooling
 from agglom_mpi.physics.fragmentation import FragmentCount, PairEnergyFragmentation
@@ -176,7 +176,7 @@ PROPERTY = {
 @pytest.mark.parametrize("case", BROKEN)
 def test_a_broken_law_fails_by_its_property_with_the_numbers(case):
     found = law_findings(subject_of(BROKEN[case]))
-    failed = {each.property: each for each in found if each.state is State.FAILS}
+    failed = {each.property: each for each in found if each.verdict is Verdict.FAILS}
     name = PROPERTY.get(case, case)
     assert name in failed
     line = str(failed[name])
@@ -189,7 +189,7 @@ def test_only_the_broken_property_fails():
     """Of the others, those that follow from it: a restitution above 1 makes energy."""
     for case, others in (("range", {"energy"}), ("symmetry", set()), ("frame", set())):
         found = law_findings(subject_of(BROKEN[case]))
-        failed = {each.property for each in found if each.state is State.FAILS}
+        failed = {each.property for each in found if each.verdict is Verdict.FAILS}
         assert failed == {case} | others
 
 
@@ -202,9 +202,9 @@ def test_the_numbers_of_a_failure_are_round_and_those_that_matter():
 def test_a_property_that_a_class_names_is_broken_and_not_failed():
     named = law(BROKEN["symmetry"], breaks={"symmetry": "a plate and a grain"})
     found = {each.property: each for each in law_findings(subject_of(named))}
-    assert found["symmetry"].state is State.BREAKS
+    assert found["symmetry"].verdict is Verdict.BREAKS
     assert found["symmetry"].text == "a plate and a grain"
-    assert not [each for each in found.values() if each.state is State.FAILS]
+    assert not [each for each in found.values() if each.verdict is Verdict.FAILS]
 
 
 class Narrow(LognormalDistribution):

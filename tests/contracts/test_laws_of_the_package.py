@@ -3,9 +3,9 @@
 import pytest
 from law_subjects import KEYS, subject_of
 
-from agglom_mpi.contracts.findings import State
-from agglom_mpi.contracts.laws import law_findings, properties_of
+from agglom_mpi.contracts.property_findings import Verdict
 from agglom_mpi.contracts.starts import sizes_failures
+from agglom_mpi.contracts.tested_laws import law_findings, properties_of
 from agglom_mpi.physics.sizes import FileSizes, LognormalSizes, Sizes, UniformSizes
 
 LAWS = [law for kind in KEYS.values() for law in kind.components().values() if not law.is_absent]
@@ -24,8 +24,8 @@ SIZES = [
 def test_a_law_has_the_properties_of_its_kind_or_breaks_those_it_names(law):
     subject = subject_of(law)
     found = law_findings(subject)
-    assert {str(each) for each in found if each.state is State.FAILS} == set()
-    assert {each.property for each in found if each.state is State.BREAKS} == set(law.breaks)
+    assert {str(each) for each in found if each.verdict is Verdict.FAILS} == set()
+    assert {each.property for each in found if each.verdict is Verdict.BREAKS} == set(law.breaks)
     assert {each.property for each in found} == {each.name for each in properties_of(subject)}
 
 

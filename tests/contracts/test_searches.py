@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from goals import FUNCTION_MEAN, growth_target, maximum_growth, moment_targets
 
-from agglom_mpi.contracts.ensembles import (
+from agglom_mpi.contracts.objectives_and_rules import (
     OBJECTIVE_PROPERTIES,
     RULE_PROPERTIES,
     objective_failures,
     rule_failures,
 )
-from agglom_mpi.contracts.searches import PROPERTIES, search_failures
+from agglom_mpi.contracts.searches import SEARCH_PROPERTIES, search_failures
 from agglom_mpi.search.methods.baselines import RandomPoints, RandomSearch
 from agglom_mpi.search.methods.genetic import Genetic, GeneticSearch
 from agglom_mpi.search.methods.method import SearchMethod
@@ -113,7 +113,7 @@ BROKEN_METHODS = {
 def test_a_broken_search_method_fails_by_its_property(name):
     found = dict(search_failures(broken_method(**BROKEN_METHODS[name]), SPACE, 1))
     assert name in found
-    assert set(found) <= set(PROPERTIES)
+    assert set(found) <= set(SEARCH_PROPERTIES)
     assert all("\n" not in text for text in found.values())
 
 

@@ -14,13 +14,13 @@ from agglom_mpi.search.objectives.objective import Objective
 from agglom_mpi.search.stopping import EnsembleState, StoppingRule
 from agglom_mpi.statistics import PooledMoments, RunningMean
 
-GRAINS: Final = 1000
+MADE_UP_GRAINS: Final = 1000
 """Number of grains of the made-up samples."""
-SAMPLES: Final = 40
+MADE_UP_SAMPLES: Final = 40
 """Number of samples of a string."""
-STRINGS: Final = 12
+MADE_UP_STRINGS: Final = 12
 """Number of strings."""
-CLOSE: Final = 1e-9
+SUM_ROUNDING: Final = 1e-9
 """Relative rounding of sums over some ten samples, and a margin."""
 LOOSER: Final = 4.0
 """Factor by which a tolerance is made larger."""
@@ -29,14 +29,14 @@ OBJECTIVE_PROPERTIES: Final = ("finite", "mean", "error", "order", "single", "le
 RULE_PROPERTIES: Final = ("limits", "elementwise", "past", "repeatable", "tolerance")
 
 
-def made_up_rows(seed: int, count: int = SAMPLES) -> NDArray[np.void]:
+def made_up_rows(seed: int, count: int = MADE_UP_SAMPLES) -> NDArray[np.void]:
     """Return samples of one string, (n,), with moments of radii that really are such moments."""
     random = np.random.default_rng(seed)
     columns = [(name, OUTCOME[name]) for name in OUTCOME.names or ()]
     rows = np.zeros(count, [*columns, ("objective", np.float64)])
     rows["state"] = COMPLETED
     for row in rows:
-        left = int(random.integers(20, GRAINS))
+        left = int(random.integers(20, MADE_UP_GRAINS))
         radii = random.lognormal(0.5 + 0.1 * random.standard_normal(), 0.3, left)
         away = radii - radii.mean()
         row["mean_radius_ratio"], row["particles"] = radii.mean(), left
@@ -48,8 +48,8 @@ def made_up_rows(seed: int, count: int = SAMPLES) -> NDArray[np.void]:
 
 def objective_failures(objective: Objective, seed: int) -> Iterator[tuple[str, str]]:
     """Yield each property of an objective that does not hold, and what is wrong."""
-    objective = objective.of_grains(GRAINS)
-    for string in range(STRINGS):
+    objective = objective.of_grains(MADE_UP_GRAINS)
+    for string in range(MADE_UP_STRINGS):
         rows = made_up_rows(seed + string, 2 + string)
         yield from _wrong_estimates(objective, rows)
 
@@ -66,7 +66,7 @@ def _wrong_estimates(objective: Objective, rows: NDArray[np.void]) -> Iterator[t
         yield "least", f"the objective {at} is {value:.9g}, below its least, {objective.least:g}"
     values = np.asarray(objective.influence_values(samples))
     mean = abs(float(values.mean())) if objective.is_magnitude else float(values.mean())
-    size = CLOSE * max(abs(value), float(np.abs(values).max()))
+    size = SUM_ROUNDING * max(abs(value), float(np.abs(values).max()))
     if values.shape != (len(samples),) or abs(mean - value) > size:
         yield (
             "mean",
@@ -123,7 +123,7 @@ def rule_failures(rule: StoppingRule, seed: int) -> Iterator[tuple[str, str]]:
     whatever comes after them. It ends every ensemble within its limits.
     """
     objective = GrowthTarget(ratio=1.5)
-    strings = [summaries(made_up_rows(seed + string)) for string in range(STRINGS)]
+    strings = [summaries(made_up_rows(seed + string)) for string in range(MADE_UP_STRINGS)]
     paths = [states_of(samples, objective) for samples in strings]
     together = rule.satisfied_paths(many(paths))
     single = np.zeros_like(together)
@@ -135,7 +135,7 @@ def rule_failures(rule: StoppingRule, seed: int) -> Iterator[tuple[str, str]]:
         yield "elementwise", f"holds differs alone and among others after sample {row} of {string}"
     if not np.array_equal(rule.satisfied_paths(many(paths)), together):
         yield "repeatable", "holds decides otherwise when it is asked again"
-    half = SAMPLES // 2
+    half = MADE_UP_SAMPLES // 2
     begun = rule.satisfied_paths(many([path[:half] for path in paths]))
     if not np.array_equal(begun, together[:half]):
         yield "past", f"decisions up to sample {half} depend on samples after it"
@@ -148,7 +148,7 @@ def rule_failures(rule: StoppingRule, seed: int) -> Iterator[tuple[str, str]]:
 
 def _used(rule: StoppingRule, objective: Objective, samples: Sequence[SampleSummary]) -> int:
     """Return how many of the samples an ensemble uses."""
-    ensemble = Ensemble(rule, objective, GRAINS)
+    ensemble = Ensemble(rule, objective, MADE_UP_GRAINS)
     for sample in samples:
         if ensemble.finished:
             break

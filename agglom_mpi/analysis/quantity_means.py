@@ -15,7 +15,7 @@ from agglom_mpi.statistics import MeanEstimate, mean_of
 if TYPE_CHECKING:
     from agglom_mpi.storage.reader import CampaignData
 
-MEASURED: Final = "as searched", "re-estimate"
+MEASURED_ON: Final = "as searched", "re-estimate"
 """What the samples of two means are: those that decisions were made from, and fresh ones."""
 
 
@@ -92,7 +92,7 @@ def quantity_rows(data: "CampaignData", strings: Sequence[int]) -> list[list[str
     """
     found, rows = [quantity_means(data, string) for string in strings], []
     for name, unit in data.quantities.items():
-        for i, measured in enumerate(MEASURED):
+        for i, measured in enumerate(MEASURED_ON):
             means = [each[name][i] for each in found]
             if any(mean.samples for mean in means):
                 cells = [value_with_error(m.value, m.error) if m.samples else "" for m in means]

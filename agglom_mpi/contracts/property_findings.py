@@ -2,15 +2,12 @@
 
 from collections.abc import Mapping
 from enum import Enum
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 from agglom_mpi.contracts.points import spelled
 
-PAIRS: Final = 1000
-"""Number of random points at which a property that is cheap to test is tested."""
 
-
-class State(Enum):
+class Verdict(Enum):
     """Whether a property holds."""
 
     HOLDS = "holds"
@@ -19,7 +16,7 @@ class State(Enum):
     FAILS = "fails"
 
 
-class Finding(NamedTuple):
+class PropertyFinding(NamedTuple):
     """A property of a component that was tested.
 
     Attributes
@@ -28,7 +25,7 @@ class Finding(NamedTuple):
         File and class, `sticking.py:JKR`.
     property
         Name of the property.
-    state
+    verdict
         Whether it holds.
     text
         What is wrong, or why the class means to break it.
@@ -38,7 +35,7 @@ class Finding(NamedTuple):
 
     component: str
     property: str
-    state: State
+    verdict: Verdict
     text: str = ""
     numbers: Mapping[str, float] = {}
 
@@ -47,7 +44,7 @@ class Finding(NamedTuple):
         return f"{self.component}: {self.property}: {self.text}{at}"
 
 
-def label_of(component: type[Any]) -> str:
+def component_label(component: type[Any]) -> str:
     """Return what a component is called in a line: `FILE.py:Class`, or `heating own_energy`."""
     module, name = component.__module__.rpartition(".")[2], next(iter(component.names()), "")
     if not name:

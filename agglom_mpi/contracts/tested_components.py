@@ -5,18 +5,23 @@ from collections.abc import Iterable, Iterator
 
 from agglom_mpi.compilation.kernels import runs_compiled
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.contracts.ensembles import (
+from agglom_mpi.contracts.objectives_and_rules import (
     OBJECTIVE_PROPERTIES,
     RULE_PROPERTIES,
     objective_failures,
     rule_failures,
 )
-from agglom_mpi.contracts.findings import Finding, State, label_of
-from agglom_mpi.contracts.laws import SEED, law_findings, properties_of, unknown_breaks
 from agglom_mpi.contracts.points import draw_points
-from agglom_mpi.contracts.searches import PROPERTIES, search_failures
+from agglom_mpi.contracts.property_findings import PropertyFinding, Verdict, component_label
+from agglom_mpi.contracts.searches import SEARCH_PROPERTIES, search_failures
 from agglom_mpi.contracts.starts import SIZE_PROPERTIES, sizes_failures
 from agglom_mpi.contracts.subject import PAIR_DOMAIN, Subject
+from agglom_mpi.contracts.tested_laws import (
+    POINTS_SEED,
+    law_findings,
+    properties_of,
+    unknown_breaks,
+)
 from agglom_mpi.declaration.components import Component
 from agglom_mpi.declaration.laws import Law
 from agglom_mpi.errors import UserError
@@ -27,7 +32,7 @@ class BrokenComponentError(UserError, ValueError):
     """A component of one's own lacks properties of its kind, one line each."""
 
 
-def tested_components(campaign: Campaign, components: Iterable[Component]) -> list[Finding]:
+def tested_components(campaign: Campaign, components: Iterable[Component]) -> list[PropertyFinding]:
     """Test those of a campaign's components that are of one's own.
 
     Raises
@@ -38,33 +43,33 @@ def tested_components(campaign: Campaign, components: Iterable[Component]) -> li
         If a formula of one cannot be compiled.
     """
     findings = [each for own in components if own.own for each in _of(campaign, own)]
-    if failed := [str(each) for each in findings if each.state is State.FAILS]:
+    if failed := [str(each) for each in findings if each.verdict is Verdict.FAILS]:
         raise BrokenComponentError("\n".join(failed))
     return findings
 
 
-def _of(campaign: Campaign, component: Component) -> list[Finding]:
+def _of(campaign: Campaign, component: Component) -> list[PropertyFinding]:
     """Return the findings on one component of one's own."""
     if isinstance(component, Law):
         return _of_law(campaign, component)
     section, plan = campaign.at(campaign.parameters()).section, campaign.plan
     if component is section.sizes and section.sizes is not None:
-        return _listed(component, SIZE_PROPERTIES, sizes_failures(section.sizes, SEED))
+        return _listed(component, SIZE_PROPERTIES, sizes_failures(section.sizes, POINTS_SEED))
     if plan is not None and component is plan.search:
         failures = search_failures(plan.search, campaign.space(), campaign.seed)
-        return _listed(component, PROPERTIES, failures)
+        return _listed(component, SEARCH_PROPERTIES, failures)
     if plan is not None and component is plan.ensemble:
-        return _listed(component, RULE_PROPERTIES, rule_failures(plan.ensemble, SEED))
-    failures = objective_failures(campaign.objective, SEED)
+        return _listed(component, RULE_PROPERTIES, rule_failures(plan.ensemble, POINTS_SEED))
+    failures = objective_failures(campaign.objective, POINTS_SEED)
     return _listed(component, OBJECTIVE_PROPERTIES, failures)
 
 
 def _listed(
     component: Component, known: Iterable[str], failures: Iterator[tuple[str, str]]
-) -> list[Finding]:
+) -> list[PropertyFinding]:
     """Return a finding for each property, the first failure of each, in the order of testing."""
     kind, names = type(component), list(known)
-    label, texts = label_of(kind), dict[str, str]()
+    label, texts = component_label(kind), dict[str, str]()
     try:
         for name, text in failures:
             texts.setdefault(name, text)
@@ -74,15 +79,15 @@ def _listed(
     found = [*unknown_breaks(kind, set(known))]
     for name in names:
         if name not in texts:
-            found.append(Finding(label, name, State.HOLDS))
+            found.append(PropertyFinding(label, name, Verdict.HOLDS))
         elif name in kind.breaks:
-            found.append(Finding(label, name, State.BREAKS, kind.breaks[name]))
+            found.append(PropertyFinding(label, name, Verdict.BREAKS, kind.breaks[name]))
         else:
-            found.append(Finding(label, name, State.FAILS, texts[name]))
+            found.append(PropertyFinding(label, name, Verdict.FAILS, texts[name]))
     return found
 
 
-def _of_law(campaign: Campaign, law: Law) -> list[Finding]:
+def _of_law(campaign: Campaign, law: Law) -> list[PropertyFinding]:
     """Return the findings on a law of one's own: in the campaign's scene, over its box."""
     section = campaign.at(campaign.parameters()).section
     laws = {each.key: each.law for each in section.laws()}
@@ -102,18 +107,18 @@ def _of_law(campaign: Campaign, law: Law) -> list[Finding]:
     subject = Subject(law, laws, ranges, own)
     known = {each.name for each in properties_of(subject)}
     if runs_compiled():
-        point = next(draw_points({**subject.domain, **PAIR_DOMAIN}, (SEED,), 1))
+        point = next(draw_points({**subject.domain, **PAIR_DOMAIN}, (POINTS_SEED,), 1))
         numbers = subject.numbers(point)
         impact = subject.impact_laws(point)
         subject = Subject(law, laws, ranges, own, compiled_formulas(numbers, impact))
     return [*unknown_breaks(type(law), known), *law_findings(subject)]
 
 
-def lines_on(findings: Iterable[Finding]) -> list[str]:
+def lines_on(findings: Iterable[PropertyFinding]) -> list[str]:
     """Return a line on each component that was tested, with the names of what holds."""
     held: dict[str, list[str]] = {}
     for each in findings:
         names = held.setdefault(each.component, [])
-        if each.state is State.HOLDS:
+        if each.verdict is Verdict.HOLDS:
             names.append(each.property)
     return [f"{label} holds {', '.join(names)}" for label, names in held.items()]
