@@ -187,13 +187,11 @@ def objective_at(data: "CampaignData", string: int) -> "Objective":
 
 
 def _objective(data: "CampaignData") -> "Objective":
-    from agglom_mpi.config.user_function import function_of_means
-    from agglom_mpi.search.objectives.objective import Objective
+    from agglom_mpi.inference.tolerances import recorded_objective
 
     grains: float = int(data.identity["scene.particles"])
     if "scene.sizes.law" in data.identity:
         from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
         grains = recorded_campaign(data).scene.equivalent_grains
-    objective = Objective.of_entries(data.section("objective"), data.reading).of_grains(grains)
-    return objective.with_code(function_of_means(data.allowed, objective.code_of_means))
+    return recorded_objective(data).of_grains(grains)

@@ -4,7 +4,6 @@ from typing import TYPE_CHECKING
 
 from agglom_mpi.config.arguments import read_amount, read_fraction, shown
 from agglom_mpi.config.user_function import function_of_means
-from agglom_mpi.config.yaml_source import ArgumentError
 from agglom_mpi.search.objectives.objective import Objective
 
 if TYPE_CHECKING:
@@ -45,6 +44,8 @@ def read_tolerance(objective: Objective, tolerance: float | str) -> float:
 
 def tolerance_of(data: "CampaignData", tolerance: float | str) -> float:
     """Return the tolerance of a file's objective; raise an ArgumentError if it is impossible."""
+    from agglom_mpi.config.yaml_source import ArgumentError  # loads the reader of YAML
+
     objective = recorded_objective(data)
     try:
         return read_tolerance(objective, tolerance)
