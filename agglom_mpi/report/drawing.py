@@ -133,6 +133,19 @@ def log_ticks(axis: Any) -> None:
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.4g}"))
 
 
+def few_ticks(first: float, last: float, logarithmic: bool) -> "npt.NDArray[np.float64]":
+    """Return at most five places from first to last that have room for labels, ascending, (t,)."""
+    import numpy as np
+    from matplotlib.ticker import LogLocator, MaxNLocator
+
+    decades = math.log10(last / first) if logarithmic else 0.0
+    subs = (1.0, 3.0) if decades < 2.0 else (1.0,)
+    locator = LogLocator(subs=subs) if decades >= 1.0 else MaxNLocator(4)
+    ticks = np.asarray(locator.tick_values(first, last))
+    ticks = ticks[(ticks >= first * (1 - 1e-9)) & (ticks <= last * (1 + 1e-9))]
+    return np.asarray(ticks[:: math.ceil(len(ticks) / 5)] if len(ticks) else ticks)
+
+
 def log_scale_from_zero(ax: Any, lowest: float) -> None:
     """Make the vertical axis logarithmic down to the decade of `lowest`, and linear below, to 0.
 

@@ -1,6 +1,5 @@
 """The feasible set: pairs of variables, marginals, what decides, and how reliable it is."""
 
-import math
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
@@ -14,6 +13,7 @@ from agglom_mpi.report.drawing import (
     COLOURS,
     Drawing,
     axis_label,
+    few_ticks,
     histogram_range,
     legend_below,
     note,
@@ -260,18 +260,6 @@ def _scale_axis(axis: Any, shown: PlottedSet, each: "SetVariable", label: bool) 
     axis.set_tick_params(labelsize=7)
     if label:
         axis.set_label_text(axis_label(each.name, unit), fontsize=8)
-
-
-def few_ticks(first: float, last: float, logarithmic: bool) -> Floats:
-    """Return at most five places from first to last that have room for labels, ascending, (t,)."""
-    from matplotlib.ticker import LogLocator, MaxNLocator
-
-    decades = math.log10(last / first) if logarithmic else 0.0
-    subs = (1.0, 3.0) if decades < 2.0 else (1.0,)
-    locator = LogLocator(subs=subs) if decades >= 1.0 else MaxNLocator(4)
-    ticks = np.asarray(locator.tick_values(first, last))
-    ticks = ticks[(ticks >= first * (1 - 1e-9)) & (ticks <= last * (1 + 1e-9))]
-    return np.asarray(ticks[:: math.ceil(len(ticks) / 5)] if len(ticks) else ticks)
 
 
 def draw_group(ax: Any, shown: PlottedSet) -> Any:
