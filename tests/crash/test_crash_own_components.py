@@ -17,22 +17,30 @@ from campaign_runs import (
 )
 from crash_processes import ranks_below
 from own_components import NUMBERS_OF_COPIES, write_copies
+from own_deciders import write_deciders
 from processes import output_of, wait_until_gone
 
 PARALLEL = pytest.param("parallel", marks=pytest.mark.parallel_hdf5)
 
 
+def copies(folder):
+    """Write a campaign whose components are copies of the package's."""
+    write_copies(folder, "own", **NUMBERS_OF_COPIES)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("database", ["gathered", PARALLEL])
-@pytest.mark.parametrize("after", [1, 6])
-def test_a_killed_run_goes_on_as_one_that_was_not(tmp_path, database, after):
+@pytest.mark.parametrize(
+    ("write", "after"), [(copies, 1), (copies, 6), (write_deciders, 1), (write_deciders, 15)]
+)
+def test_a_killed_run_goes_on_as_one_that_was_not(tmp_path, write, after, database):
     need_mpirun()
     if database == "parallel":
         need_parallel_hdf5()
     (tmp_path / "alone").mkdir()
-    write_copies(tmp_path / "alone", "own", **NUMBERS_OF_COPIES)
+    write(tmp_path / "alone")
     finish(tmp_path / "alone", "own.yaml", "--allow-code")
-    write_copies(tmp_path, "own", **NUMBERS_OF_COPIES)
+    write(tmp_path)
     arguments = ("own.yaml", "--allow-code", "--database", database)
     gate = Gate(tmp_path / "gate", after)
     with running(tmp_path, *arguments, ranks=3, inject=gate.folder) as process:
