@@ -1,1 +1,1 @@
-"""What a finished campaign file says; nothing is drawn."""
+"""Results of a campaign file in numbers and tables; nothing is drawn."""

@@ -87,7 +87,7 @@ def sample_values(law: Objective, rows: NDArray[np.void]) -> SampleValues:
 
 
 SIGNIFICANCE: Final = 0.05
-"""Familywise error rate: chance that any of several equal means is said to differ."""
+"""Familywise error rate: probability that any of several equal means is reported to differ."""
 
 
 def significant_differences(

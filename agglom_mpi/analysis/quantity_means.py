@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from agglom_mpi.storage.reader import CampaignData
 
 MEASURED_ON: Final = "as searched", "re-estimate"
-"""What the samples of two means are: those that decisions were made from, and fresh ones."""
+"""Labels of the two means: over the samples that decisions rest on, and over fresh ones."""
 
 
 def quantity_means(data: "CampaignData", string: int) -> dict[str, tuple[MeanEstimate, ...]]:

@@ -292,7 +292,7 @@ REMEDIES: Final = {
     "generations": "repeat the decisions of generations",
     "frames": "take again frames in rows",
 }
-"""What a resume does about lost rows, by table; those of other tables stay lost."""
+"""Remedy of a resume for lost rows, by table; rows of other tables stay lost."""
 
 
 def check_file(path: str, allow_code: bool = False) -> tuple[str, int]:

@@ -15,7 +15,7 @@ AGREEMENT: Final = {
     True: "identical to the recorded sample",
     False: "differs from the recorded sample",
 }
-"""What is said of a resimulated sample, by `is_same`."""
+"""Verdict on a resimulated sample, by `is_same`."""
 
 
 def recorded_parameters(data: "CampaignData", string: int | None) -> npt.NDArray[np.float64]:

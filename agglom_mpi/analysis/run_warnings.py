@@ -1,4 +1,4 @@
-"""What a finished run should be looked at for again, one line each."""
+"""Warnings on a finished run, one line each."""
 
 from collections.abc import Iterator
 from math import inf

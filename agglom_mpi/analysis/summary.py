@@ -209,7 +209,7 @@ SEARCH_ESTIMATES: Final = (
     "objectives as searched are of each string's own samples; the progress of a run shows the "
     "search's estimates, which rest on more"
 )
-"""Said of a search that ranks strings by more than their own samples."""
+"""Note on a search that ranks strings by more than their own samples."""
 
 
 def _footer(

@@ -1,4 +1,4 @@
-"""What laws of a single grain promise: cooling between impacts, and fragmentation."""
+"""Properties of laws of a single grain: cooling between impacts, and fragmentation."""
 
 import math
 from typing import Any, Final
@@ -33,8 +33,8 @@ SHATTERING: Final[Domain] = {
     "grains": Interval(1.0, 1e3, whole=True, special=(1.0, 2.0)),
     "work_of_frame": Interval(1e-12, 1e3, "J", special=(0.0,), signed=True),
 }
-"""Energies that an impact releases, and an aggregate; `work_of_frame` is what its own change of
-energy differs by in another frame."""
+"""Energies that an impact releases, and an aggregate; `work_of_frame` is the difference of its own
+change of energy in another frame."""
 
 
 def surface_and_capacity(point: Point) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""What laws of an impact promise: restitution, duration, friction, heating, reaction."""
+"""Properties of laws of an impact: restitution, duration, friction, heating, reaction."""
 
 import math
 from typing import Any, Final

@@ -26,9 +26,10 @@ class LawProperty(NamedTuple):
     ----------
     name
     violation
-        Returns what is wrong at a point, None if nothing is. Its docstring states the property.
+        Returns the fault at a point in words, None if there is none. Its docstring states the
+        property.
     domain
-        Intervals of what the property needs beside the law's numbers and the variables.
+        Intervals of the numbers that the property needs beside those of the law and the variables.
     points
         Number of random points.
     """
@@ -54,7 +55,7 @@ COMPILED: Final = "compiled"
 
 
 def general_properties(formula: LawFormula) -> list[LawProperty]:
-    """Return the properties that every formula promises, the one without which no other counts."""
+    """Return the properties that every formula promises; `finite`, which all need, is the first."""
 
     def bound(
         violation: Callable[[LawFormula, Subject, Point], Violation],

@@ -1,4 +1,4 @@
-"""What laws of a material promise: hardness, and the root of the impact equation that follows."""
+"""Properties of laws of a material: hardness, and the root of the impact equation."""
 
 import math
 from typing import Any, Final
@@ -21,12 +21,12 @@ LEAST_CHANGE: Final = 1e-5
 """Least change of ln H that is compared with its derivative: rounding is 1e-16 of ln H itself."""
 
 SCANNED: Final = 240
-"""Number of deficits at which it is looked for a root that was missed."""
+"""Number of deficits in the scan for a missed root."""
 LOWEST_LOG_DEFICIT: Final = -24.0
 """ln d of the smallest of these deficits."""
 
 MOST_LOG: Final = 300.0
-"""Largest logarithm of a ratio by which the hardness is changed."""
+"""Maximum change of ln H0."""
 
 ROOTS: Final = 600
 """Number of pairs for which the impact equation is scanned."""
@@ -134,7 +134,7 @@ def root_is_the_smallest(subject: Subject, point: Point) -> Violation:
 
 
 def _with_pressure_ratio(laws: ImpactLaws, pair: Any, ratio: float) -> ImpactLaws:
-    """Return laws with the hardness H0 by which the pressure ratio of a pair is the given one."""
+    """Return laws with H0 chosen so that a pair has the given pressure ratio."""
     excess = log_pressure_ratio(laws, pair, log_pressure_scale(laws, pair), 1.0) - math.log(ratio)
     if "hardness" not in laws.hardness._fields or not abs(excess) < MOST_LOG:
         return laws

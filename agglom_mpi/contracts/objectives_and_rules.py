@@ -1,4 +1,4 @@
-"""What objectives and stopping rules promise, on made-up samples of a string."""
+"""Properties of objectives and stopping rules, on made-up samples of a string."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -23,7 +23,7 @@ MADE_UP_STRINGS: Final = 12
 SUM_ROUNDING: Final = 1e-9
 """Relative rounding of sums over some ten samples, and a margin."""
 LOOSER: Final = 4.0
-"""Factor by which a tolerance is made larger."""
+"""Factor between a tolerance and the larger one that it is compared with."""
 
 OBJECTIVE_PROPERTIES: Final = ("finite", "mean", "error", "order", "single", "least", "signed")
 RULE_PROPERTIES: Final = ("limits", "elementwise", "past", "repeatable", "tolerance")
@@ -55,7 +55,7 @@ def objective_failures(objective: Objective, seed: int) -> Iterator[tuple[str, s
 
 
 def _wrong_estimates(objective: Objective, rows: NDArray[np.void]) -> Iterator[tuple[str, str]]:
-    """Yield what is wrong with the objective of some samples."""
+    """Yield the properties that the objective of some samples lacks, and what is wrong."""
     samples = summaries(rows)
     at = f"of {len(samples)} made-up samples"
     value, error = objective.of_ensemble(samples)

@@ -32,7 +32,7 @@ def exponents(unit: str) -> tuple[float, ...]:
 
 
 def factor(unit: str, logarithms: NDArray[np.float64]) -> float:
-    """Return by what a number in a unit is multiplied in other units; see `other_units`."""
+    """Return the factor of a number in a unit when it is in other units; see `other_units`."""
     return float(10.0 ** -(np.array(exponents(unit)) @ logarithms))
 
 

@@ -1,8 +1,8 @@
 """Points: the named numbers at which a property of a law is tested, drawn over decades.
 
 A point has everything that decides a result: the numbers of the law, the variables of the string,
-and the arguments of its formulas. So a failure is told by its point, and can be made simpler: each
-number that does not matter is left out, and the others are rounded as far as the failure persists.
+and the arguments of its formulas. A failure is reported with its point, made simpler: numbers that
+do not matter are left out, and the others are rounded as far as the failure persists.
 """
 
 import math
@@ -15,17 +15,17 @@ Point: TypeAlias = dict[str, float]
 """Numbers in SI units, by name."""
 
 Violation: TypeAlias = str | None
-"""What is wrong at a point, in words; None if nothing is."""
+"""The fault at a point in words; None if there is none."""
 
 SPECIAL: Final = 0.2
-"""Share of the points in which a number has one of its special values."""
+"""Fraction of the points in which a number has one of its special values."""
 
 TRIALS: Final = 3
-"""Number of values by which it is tried whether a number of a point matters."""
+"""Number of other values that are tried of a number to find whether it matters."""
 
 
 class Interval(NamedTuple):
-    """Where a number is drawn from.
+    """Range of a number, and how it is drawn.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class Interval(NamedTuple):
     logarithmic
         Whether it is uniform in the logarithm; `low` is positive then.
     special
-        Values that are drawn in a share `SPECIAL` of the points.
+        Values drawn at a fraction `SPECIAL` of the points.
     signed
         Whether either sign is drawn.
     whole
@@ -86,18 +86,18 @@ def draw_points(domain: Domain, seed: tuple[int, ...], count: int) -> Iterator[P
 def simplest(
     point: Point, domain: Domain, violation: Callable[[Point], Violation]
 ) -> tuple[str, Point]:
-    """Return what is wrong at a point that is as simple as it can be made, and that point.
+    """Return the fault at a point that is as simple as it can be made, and that point.
 
     Numbers that do not matter are left out of it.
 
     Parameters
     ----------
     point
-        Where something is wrong.
+        A point with a fault.
     domain
-        That the point was drawn from.
+        Domain of the point.
     violation
-        Returns what is wrong at a point.
+        Returns the fault at a point.
     """
     shown = dict(point)
     for name, interval in domain.items():

@@ -1,4 +1,4 @@
-"""What `agglom check` prints of a campaign's components: what they break, and what was tested."""
+"""Lines of `agglom check` on a campaign's components: properties broken, properties tested."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""What the tests of a component have found, one line each."""
+"""Findings on the properties of a component, one line each."""
 
 from collections.abc import Mapping
 from enum import Enum
@@ -12,7 +12,7 @@ class Verdict(Enum):
 
     HOLDS = "holds"
     BREAKS = "breaks"
-    """It does not, and the class says so."""
+    """It does not, and the class names it in `breaks`."""
     FAILS = "fails"
 
 
@@ -28,7 +28,7 @@ class PropertyFinding(NamedTuple):
     verdict
         Whether it holds.
     text
-        What is wrong, or why the class means to break it.
+        The fault in words, or the reason why the class means to break it.
     numbers
         The numbers at which it fails.
     """
@@ -45,7 +45,7 @@ class PropertyFinding(NamedTuple):
 
 
 def component_label(component: type[Any]) -> str:
-    """Return what a component is called in a line: `FILE.py:Class`, or `heating own_energy`."""
+    """Return the name of a component in a line: `FILE.py:Class`, or `heating own_energy`."""
     module, name = component.__module__.rpartition(".")[2], next(iter(component.names()), "")
     if not name:
         return f"{module}.{component.__qualname__}"

@@ -1,4 +1,4 @@
-"""What a search method promises, driven for three generations with a made-up objective."""
+"""Properties of a search method, driven for three generations with a made-up objective."""
 
 from collections.abc import Iterator
 from typing import Final, NamedTuple
@@ -13,7 +13,7 @@ from agglom_mpi.search.space import SearchSpace
 Floats = NDArray[np.float64]
 
 DRIVEN_GENERATIONS: Final = 3
-"""Number of generations that are told; one more is proposed."""
+"""Number of generations whose results a search gets; one more is proposed."""
 OPTIMUM: Final = 0.3
 """Every coordinate, in the unit cube, of the string with the lowest made-up objective."""
 ALLOWED_MEAN: Final = 0.7
@@ -27,14 +27,14 @@ SEARCH_PROPERTIES: Final = (
 
 
 class Drive(NamedTuple):
-    """What is told to a search, and how often it is asked.
+    """Inputs of a search, its results, and how often it is asked.
 
     Attributes
     ----------
     inputs
         Box, seed and given strings.
     nudge
-        Relative change of the strings that it is told to have been evaluated.
+        Relative change between the strings proposed and those reported as evaluated.
     asked
         Number of times that it is asked for each generation.
     failing
@@ -55,7 +55,7 @@ def made_up(space: SearchSpace, strings: Floats) -> Floats:
 
 
 def evaluated(drive: Drive, proposals: Proposals, first: int) -> Evaluations:
-    """Return what a search is told of its proposals, whose first string has a number."""
+    """Return the results of proposals whose first string has the number `first`."""
     space, strings = drive.inputs.space, proposals.parameters
     if drive.nudge:
         strings = space.clip(strings * (1.0 - drive.nudge))
@@ -70,15 +70,15 @@ def evaluated(drive: Drive, proposals: Proposals, first: int) -> Evaluations:
 def driven_generations(
     method: SearchMethod, drive: Drive
 ) -> Iterator[tuple[RunningSearch, Proposals, Evaluations]]:
-    """Yield the search after each generation, with what it has proposed and was told."""
+    """Yield the search after each generation, with its proposals and their results."""
     search, first = method.build(drive.inputs), 0
     for _ in range(DRIVEN_GENERATIONS):
         for _ in range(drive.asked):
             proposals = search.ask()
-        told = evaluated(drive, proposals, first)
-        search.tell(told)
-        first += len(told.ids)
-        yield search, proposals, told
+        results = evaluated(drive, proposals, first)
+        search.tell(results)
+        first += len(results.ids)
+        yield search, proposals, results
 
 
 def search_failures(
@@ -115,7 +115,7 @@ def constrained(space: SearchSpace) -> SearchSpace:
 
 
 def _out_of_box(space: SearchSpace, proposals: Proposals) -> str:
-    """Return which proposal is out of the box or not allowed, in words; empty if none is."""
+    """Return the first proposal out of the box or not allowed, in words; empty if none is."""
     strings = proposals.parameters
     unused = np.isnan(space.lower)
     inside = (strings >= space.lower) & (strings <= space.upper) | unused
@@ -168,18 +168,18 @@ def _not_repeated(method: SearchMethod, inputs: SearchInputs) -> Iterator[tuple[
 def _not_restored(method: SearchMethod, drive: Drive) -> Iterator[tuple[str, str]]:
     """Yield the first generation that is another one when a campaign is continued from its file.
 
-    The search is then told what is recorded, and is asked in between for its best strings, and for
+    The search gets the recorded results, and is asked in between for its best strings, and for
     those of coming generations.
     """
-    recorded = [(proposals, told) for _, proposals, told in driven_generations(method, drive)]
+    recorded = [(proposals, results) for _, proposals, results in driven_generations(method, drive)]
     search = method.build(drive.inputs)
-    for number, (proposals, told) in enumerate(recorded):
+    for number, (proposals, results) in enumerate(recorded):
         for coming in (number, number + 1):
             search.known_proposals(coming)
         if not _same(search.ask().parameters, proposals.parameters):
             yield "record", f"generation {number} is another one continued from its record"
             return
-        search.tell(told)
+        search.tell(results)
         search.best(1)
         search.mean_of_top(1)
 
@@ -188,17 +188,19 @@ def _wrong_ahead(method: SearchMethod, inputs: SearchInputs) -> Iterator[tuple[s
     """Yield strings that were known ahead, and are others when their generation comes."""
     promised: dict[int, tuple[int, Floats]] = {}
     first = 0
-    for number, (search, proposals, told) in enumerate(driven_generations(method, Drive(inputs))):
+    for number, (search, proposals, results) in enumerate(
+        driven_generations(method, Drive(inputs))
+    ):
         if number in promised:
             start, strings = promised[number]
             begin = start - first
-            found = proposals.parameters[begin:] if 0 <= begin <= len(told.ids) else np.empty(0)
+            found = proposals.parameters[begin:] if 0 <= begin <= len(results.ids) else np.empty(0)
             if not _same(found, strings):
                 yield (
                     "ahead",
                     f"{len(strings)} strings of generation {number} were other ones ahead",
                 )
-        first += len(told.ids)
+        first += len(results.ids)
         for coming in range(number + 1, number + 3):
             known = search.known_proposals(coming)
             if known is not None:
@@ -206,10 +208,12 @@ def _wrong_ahead(method: SearchMethod, inputs: SearchInputs) -> Iterator[tuple[s
 
 
 def _wrong_ranking(method: SearchMethod, inputs: SearchInputs) -> Iterator[tuple[str, str]]:
-    """Yield rankings that are out of order, or of strings that there are none of."""
+    """Yield rankings that are out of order, or have unknown strings."""
     total = 0
-    for number, (search, proposals, told) in enumerate(driven_generations(method, Drive(inputs))):
-        total += len(told.ids)
+    for number, (search, proposals, results) in enumerate(
+        driven_generations(method, Drive(inputs))
+    ):
+        total += len(results.ids)
         ranked = search.best(total)
         values = [each.objective for each in ranked]
         numbers = [each.string for each in ranked]
@@ -221,6 +225,6 @@ def _wrong_ranking(method: SearchMethod, inputs: SearchInputs) -> Iterator[tuple
         if not np.isfinite(search.mean_of_top(1)):
             yield "ranking", f"the mean of the best after generation {number} is not finite"
         if not method.ranks_itself and (proposals.origin != AGAIN).all() and values:
-            best = made_up(inputs.space, told.parameters).min()
+            best = made_up(inputs.space, results.parameters).min()
             if values[0] > best:
-                yield "ranking", f"string {told.objectives.argmin()} is better than the best one"
+                yield "ranking", f"string {results.objectives.argmin()} is better than the best one"

@@ -1,4 +1,4 @@
-"""What laws of the start promise: velocities and sizes of the grains, by many random ones."""
+"""Properties of laws of the start: velocities and sizes of the grains, by many random ones."""
 
 import math
 from collections.abc import Iterator
@@ -22,9 +22,9 @@ DRAWN_SIZES: Final = 20_000
 DRAWN_VELOCITIES: Final = 4_000
 """Number of grains whose velocities are drawn, one by one."""
 DEVIATION: Final = 4.0
-"""Standard errors that a mean over these grains may differ by: 1 of 16 000 does by chance."""
+"""Maximum difference of a mean over these grains, in standard errors; 1 of 16 000 exceeds it."""
 POINTS_OF_MANY_GRAINS: Final = 3
-"""Number of points at which so many grains are drawn."""
+"""Number of points at which `DRAWN_VELOCITIES` grains are drawn."""
 COMPARED_GRAINS: Final = 300
 """Number of grains whose pairs are all compared."""
 
@@ -81,7 +81,7 @@ def velocities_are_within_bounds(subject: Subject, point: Point) -> Violation:
 
 
 def flow_does_not_scale(subject: Subject, point: Point) -> Violation:
-    """Check that `mean_flow` is what twice the relative speed does not double."""
+    """Check that `mean_flow` is the part of the velocities that the speed does not scale."""
     once = drawn_velocities(subject, point, 100)
     faster = {**point, "relative_speed": 2.0 * point["relative_speed"]}
     flow = (2.0 * once - drawn_velocities(subject, faster, 100)).mean(axis=1)

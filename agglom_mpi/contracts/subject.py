@@ -41,7 +41,7 @@ MAY_BE_ZERO: Final = ("friction", "activation_energy", "reaction_heat")
 """Variables that may be 0."""
 
 DECADES: Final = 1e3
-"""How far a number of a law without limits is drawn from 1, or from its limit."""
+"""Maximum factor between a number of a law without limits and 1, or its limit."""
 
 VARIABLE_UNITS: Final = {name: unit for name, unit, *_ in PAPER_VARIABLES}
 """SI units of the variables, by name."""

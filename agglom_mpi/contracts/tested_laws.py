@@ -52,7 +52,7 @@ LAW_KINDS: Final[Mapping[type[Law], LawKind]] = {
     Solver: LawKind((), ()),
     Velocities: VELOCITIES_KIND,
 }
-"""What each kind of law promises."""
+"""Formulas and properties of each kind of law."""
 
 IN_EQUATION: Final = (Restitution, Duration, Hardness, Friction, Heating, Reaction, Solver)
 """Kinds of laws that the impact equation is made of."""
@@ -71,15 +71,15 @@ POINTS_SEED: Final = 20_260_101
 
 
 def law_kind_of(law: Law) -> LawKind | None:
-    """Return what the kind of a law promises; None of a kind that is not tested."""
+    """Return formulas and properties of the kind of a law; None if the kind is not tested."""
     return next((LAW_KINDS[each] for each in type(law).__mro__ if each in LAW_KINDS), None)
 
 
 def properties_of(subject: Subject) -> list[LawProperty]:
     """Return all properties that a law promises, those of every formula first.
 
-    Those are left out that other laws of the scene break, and that its formulas get from them: the
-    restitution by the pressure depends on the frame where the heat does.
+    A property that another law of the scene breaks is left out where the formulas call that law:
+    the restitution by the pressure depends on the frame where the heat does.
     """
     kind, law = law_kind_of(subject.tested), subject.tested
     if kind is None:
@@ -108,7 +108,7 @@ def law_findings(subject: Subject) -> list[PropertyFinding]:
 
 
 def _compiled_properties(subject: Subject) -> Iterator[LawProperty]:
-    """Yield that each compiled formula gives what it gives in plain Python."""
+    """Yield the property that a formula gives the same compiled and in plain Python, of each."""
     kind, plain = law_kind_of(subject.tested), subject.in_plain_python()
     for formula in () if kind is None else kind.formulas:
         if subject.is_compiled(formula.name):
@@ -139,7 +139,7 @@ def _guarded(
     """Return a test that takes an exception of the law for a violation.
 
     Some properties are tested in plain Python alone, where a division by 0 raises; of a law that
-    is compiled it does not, and `finite` tests what it gives.
+    is compiled it does not, and `finite` tests its result.
     """
 
     def guarded(point: Point) -> Violation:
@@ -156,7 +156,7 @@ def _guarded(
 
 
 def unknown_breaks(law: type[Any], known: set[str]) -> Iterator[PropertyFinding]:
-    """Yield what a class says that it breaks, and that is no property of its kind."""
+    """Yield the names in `breaks` of a class that are no properties of its kind."""
     for name in law.breaks:
         if name not in known:
             allowed = ", ".join(sorted(known))

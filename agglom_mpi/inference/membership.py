@@ -18,7 +18,7 @@ from agglom_mpi.search.criteria import Criterion
 BOX_POINTS: Final = 1 << 13
 """Number of even points of the box."""
 SEARCH_STARTS: Final = 8
-"""Number of strings from which the best emulated mean is searched."""
+"""Number of strings at which the search for the best emulated mean starts."""
 BEST_CANDIDATES: Final = 256
 """Number of strings of the campaign and of the box that are candidates, too."""
 MAX_DISTANCE: Final = 1e30

@@ -33,7 +33,7 @@ MIN_EDGE_DENSITY: Final = 0.2
 DENSITY_BINS: Final = 20
 """Number of bins of a range whose densities are compared."""
 QUARTER_PREFERENCE: Final = 0.02
-"""Distance by which a third must be nearer to an exponent than a quarter is."""
+"""Minimum advantage in distance of a third over a quarter as an exponent."""
 
 
 class SetVariable(NamedTuple):

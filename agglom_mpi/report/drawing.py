@@ -15,14 +15,14 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
 COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-"""Okabe and Ito's palette, told apart by colour-blind readers too."""
+"""Okabe and Ito's palette, which colour-blind readers distinguish too."""
 
 SIZE: Final = (6.0, 3.8)
 """Width and height of a figure with one panel, inches; at 110 dots per inch it fits a page."""
 
 DOTS_PER_INCH: Final = 110
 MANY_DECADES: Final = 200.0
-"""Upper over lower end of a logarithmic axis from which powers of ten suffice as labels."""
+"""Minimum ratio of the ends of a logarithmic axis for powers of ten alone as labels."""
 SUPERSCRIPTS: Final = {"^2": "²", "^3": "³"}
 
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import h5py
 
 SUFFIX: Final = ".vtkhdf"
-"""Suffix by which ParaView knows such a file."""
+"""Suffix of the files that ParaView opens."""
 
 POINT_DATA: Final = {
     "radius": ("radii", "m"),
@@ -153,7 +153,7 @@ def write_samples(
 
 
 def _resimulated(file: CampaignData, selected: SelectedSample, frames: int) -> tuple[Frames, str]:
-    """Return frames of a resimulated sample, and a text that says where they are from."""
+    """Return frames of a resimulated sample, and a text on their origin."""
     campaign, row = recorded_campaign(file), recorded_sample(file, selected.string, selected.sample)
     number = campaign.first_sample(selected.string) + selected.sample
     parameters = recorded_parameters(file, selected.string)

@@ -217,7 +217,7 @@ def _recorded_row(request: SimulationRequest, file: "CampaignData") -> np.void |
 
 
 def _as_text(estimate: StringEstimate, extra: dict[str, Any]) -> str:
-    """Return an estimate and what is said beside it as lines for the terminal."""
+    """Return an estimate and the remarks on it as lines for the terminal."""
     lines = [str(estimate), *extra.get("reasons", [])]
     lines += [extra[name] for name in ("note", "replay") if name in extra]
     return "\n".join([*lines, *extra.get("files", [])])

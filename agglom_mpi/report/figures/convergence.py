@@ -22,13 +22,13 @@ Floats = NDArray[np.float64]
 NORMAL_QUANTILE: Final = 1.96
 """Half of a 95 % interval in standard errors, where many samples are behind it."""
 LOGARITHMIC_RATIO: Final = 15.0
-"""Ratio of the largest to the smallest value from which the axis is logarithmic."""
+"""Ratio of the largest to the smallest value above which the axis is logarithmic."""
 BELOW_LOWEST: Final = 0.3
 """Lower end of a logarithmic axis over the lowest objective."""
 MAX_MARKED: Final = 30
-"""Generations from which single ones are not marked in the convergence."""
+"""Minimum number of generations for a convergence without marks at single ones."""
 MAX_MARKED_ERRORS: Final = 40
-"""Generations from which single ones are not marked in the cost."""
+"""Minimum number of generations for a cost without marks at single ones."""
 
 
 class FreshEstimate(NamedTuple):

@@ -24,7 +24,7 @@ STRINGS: Final = 3
 WIDE_INTERVALS: Final = 9
 """First samples whose intervals need not fit into the axes."""
 LOGARITHMIC_COUNT: Final = 60
-"""Samples from which their axis is logarithmic."""
+"""Number of samples above which their axis is logarithmic."""
 BINS: Final = 30
 MARKERS: Final = "osD^vP"
 

@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 MAX_MARKED: Final = 40
-"""Frames up to which each is marked: between them nothing is known."""
+"""Maximum number of frames that are marked one by one: between them nothing is known."""
 LOGARITHMIC_RATIO: Final = 15.0
-"""Ratio of the largest to the smallest granular temperature from which its axis is logarithmic."""
+"""Ratio of the largest to the smallest granular temperature above which its axis is logarithmic."""
 PANEL_HEIGHT: Final = 1.5
 """Height of a panel, inches."""
 

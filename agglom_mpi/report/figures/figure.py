@@ -1,4 +1,4 @@
-"""What a figure of a campaign file consists of, for the page and for the `plot_*` methods."""
+"""A figure of a campaign file, for the page and for the `plot_*` methods."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ def objective_label(data: CampaignData) -> str:
 
 
 class FigureOptions(NamedTuple):
-    """What a figure is drawn of; most figures depend on neither.
+    """Choices of a figure; most figures depend on neither.
 
     Attributes
     ----------

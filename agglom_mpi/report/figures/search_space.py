@@ -36,7 +36,7 @@ DERIVED: Final = "a derived quantity"
 PANEL_SIZE: Final = (2.7, 2.0)
 """Width and height of a panel of the search paths, inches."""
 MAX_MARKED: Final = 30
-"""Generations from which single ones are not marked."""
+"""Minimum number of generations for a line without marks at single ones."""
 BEST: Final = 6
 """Strings in colour in the figure of the best strings."""
 OTHERS: Final = 40

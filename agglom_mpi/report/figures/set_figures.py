@@ -54,7 +54,7 @@ class PlottedSet(NamedTuple):
     variables
         Searched variables, the decided ones first.
     units
-        Coordinates of the points by which the campaign searches, in units of the box, (n, d).
+        Coordinates of the points on the scales of the search, in units of the box, (n, d).
     probability
         Shape (n,).
     """
