@@ -25,7 +25,7 @@ def blame_damage(*paths: str | os.PathLike[str]) -> Iterator[None]:
         if isinstance(error, OSError):
             raise
         # Imported here: it loads what decides a search.
-        from agglom_mpi.analysis.replay import check_file
+        from agglom_mpi.analysis.file_check import check_file
 
         for path in map(Path, paths):
             if check_file(str(path))[1] != FINISHED:

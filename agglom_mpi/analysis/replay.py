@@ -1,30 +1,25 @@
-"""Replay of the decisions of a campaign from its stored samples, and `agglom check FILE.h5`."""
+"""Replay of the decisions of a campaign from its stored samples."""
 
 from collections.abc import Iterable, Iterator
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.analysis.completeness import check_finished
-from agglom_mpi.analysis.failed_samples import state_lines
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.inversion import inversion_of
 from agglom_mpi.config.loading import campaign_of_record
 from agglom_mpi.config.yaml_source import CampaignError
-from agglom_mpi.errors import FAILURE, FINISHED, CodeNotAllowedError, MissingLibraryError
-from agglom_mpi.formatting import pluralise
+from agglom_mpi.errors import CodeNotAllowedError, MissingLibraryError
 from agglom_mpi.outcome import FAILED
 from agglom_mpi.search.decisions import Decision, GenerationSummary, StringEvaluated
 from agglom_mpi.search.ensemble import EnsembleResult
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.proposals import MODEL, Proposals
-from agglom_mpi.storage.access import DamagedCampaign
-from agglom_mpi.storage.consistency import check_counts, check_digests, check_numbers
 from agglom_mpi.storage.reader import given_strings
-from agglom_mpi.storage.schema import STUDY, parameters_of
+from agglom_mpi.storage.schema import parameters_of
 from agglom_mpi.storage.table import consecutive_samples
-from agglom_mpi.storage.verify import VerificationReport, row_list, verify_rows
+from agglom_mpi.storage.verify import VerificationReport, row_list
 from agglom_mpi.variables import VariableTable
 
 
@@ -283,102 +278,3 @@ def _close(stored: object, decided: object) -> bool:
     """Return whether numbers agree but for the last digits, which depend on the processor."""
     left, right = np.asarray(stored, float), np.asarray(decided, float)
     return bool(np.allclose(left, right, rtol=1e-9, atol=1e-12, equal_nan=True))
-
-
-REMEDIES: Final = {
-    "strings": "propose again strings",
-    "samples": "simulate again",
-    "results": "recompute the results of strings",
-    "generations": "repeat the decisions of generations",
-    "frames": "take again frames in rows",
-}
-"""Remedy of a resume for lost rows, by table; rows of other tables stay lost."""
-
-
-def check_file(path: str, allow_code: bool = False) -> tuple[str, int]:
-    """Verify a campaign file, without writing to it; return the text to print and the exit code.
-
-    `allow_code` as for `CampaignHeader`.
-
-    Raises
-    ------
-    NotACampaign, OSError
-        If it is none, or cannot be read.
-    """
-    try:
-        report = verify_rows(path, allow_code)
-    except DamagedCampaign as error:
-        said = "no resume can read it: restore a copy, or start afresh with --output"
-        return f"{error}\n  {said}", FAILURE
-    check_numbers(report)
-    check_finished(report, report.counts.get("frames", 0))
-    check_counts(report)
-    digests = check_digests(report)
-    left_out = _why_not_replayed(report)
-    replayed = left_out or replay(report) or OWN_DECISIONS
-    lines = [*_verified(report, digests, replayed)]
-    damage = [*report.losses, *report.faults]
-    if damage:
-        lines = [*damage, *_remedies(report), *lines]
-    text = "\n  ".join([f"{path}: {'damaged' if damage else 'sound'}", *lines])
-    return text, FAILURE if damage else FINISHED
-
-
-OWN_DECISIONS: Final = "decisions are made by code of one's own: --allow-code runs it"
-"""Why a search or a rule of one's own is not replayed."""
-
-
-def _why_not_replayed(report: VerificationReport) -> str:
-    """Return why the decisions of a file are not repeated; empty if they are."""
-    if report.data.attributes.get("purpose") == STUDY:
-        return f"the strings of an {STUDY} are not searched"
-    of_means = report.data.identity.get("objective.of_means")
-    if of_means is not None and report.data.allowed is None:
-        return f"decisions rest on {of_means}, which is run with --allow-code only"
-    return ""
-
-
-def _verified(report: VerificationReport, digests: int, replayed: Replayed | str) -> Iterator[str]:
-    names = ("strings", "results", "generations", "samples", "legs", "failures")
-    rows = {name: len(report.data.rows(name)) for name in names}
-    used = int(report.data.result_rows()["samples_used"].sum())
-    fresh = rows["samples"] - len(report.data.searched_samples)
-    kinds = f"{used} used, {fresh} fresh" if fresh else f"{used} used"
-    yield (
-        f"checksums: {pluralise(rows['strings'], 'string')}, "
-        f"{pluralise(rows['results'], 'result')}, "
-        f"{pluralise(rows['generations'], 'generation')}, {pluralise(rows['samples'], 'sample')} "
-        f"({kinds}), {pluralise(rows['legs'], 'leg')} and {pluralise(rows['failures'], 'failure')} "
-        "are valid"
-    )
-    units = {"final_particles": "final state", "frames": "frame"}
-    counts = [pluralise(count, units[name]) for name, count in report.counts.items()]
-    if counts:
-        yield f"particles: {' and '.join(counts)} are valid"
-    yield f"digests: {digests} of {pluralise(rows['generations'], 'generation')} verified"
-    if isinstance(replayed, str):
-        yield f"replay: left out; {replayed}"
-    else:
-        yield (
-            f"replay: the samples lead again to {replayed.strings} of "
-            f"{pluralise(rows['strings'], 'string')}, {replayed.results} of "
-            f"{pluralise(rows['results'], 'result')} and {replayed.generations} of "
-            f"{pluralise(rows['generations'], 'population')}"
-        )
-    yield from state_lines(report.data)
-
-
-def _remedies(report: VerificationReport) -> Iterator[str]:
-    """Yield lines on what a resume would compute again, and what it would not."""
-    lost, unused = dict(report.lost), report.unused_samples
-    lost["samples"] = lost["samples"] - unused
-    again = [f"{what} {row_list(lost[name])}" for name, what in REMEDIES.items() if lost[name]]
-    if again:
-        yield f"a resume would {', '.join(again)}"
-    if unused:
-        yield f"no result rests on {row_list(unused)}: only computed again if it comes to be needed"
-    if report.faults:
-        yield (
-            "a resume trusts every row with a right checksum and repairs nothing else: restore "
-            "a copy, or start afresh with --output"
-        )

@@ -36,7 +36,7 @@ def check(file: str, allow_code: bool, strict: bool, as_json: bool) -> int:
     invalid, no campaign file, or a newer format version.
     """
     if is_hdf5(file):
-        from agglom_mpi.analysis.replay import check_file
+        from agglom_mpi.analysis.file_check import check_file
 
         text, code = check_file(file, allow_code)
         sound = {"file": file, "sound": code == 0, "lines": text.splitlines()}

@@ -10,7 +10,7 @@ import pytest
 from campaign_runs import QUICKSTART, environment, finish, need_mpirun
 from processes import HANG
 
-from agglom_mpi.analysis.replay import check_file
+from agglom_mpi.analysis.file_check import check_file
 from agglom_mpi.outcome import COLUMNS
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.table import Table

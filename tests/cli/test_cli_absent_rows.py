@@ -8,7 +8,7 @@ import pytest
 from campaign_runs import assert_same, decisions, finish, write_campaign
 
 from agglom_mpi.analysis.completeness import lacks_rows
-from agglom_mpi.analysis.replay import check_file
+from agglom_mpi.analysis.file_check import check_file
 from agglom_mpi.analysis.summary import collect_summary
 from agglom_mpi.storage.compact import write_compact
 from agglom_mpi.storage.finished_counts import FinishedCounts, finished_reason

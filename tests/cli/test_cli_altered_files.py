@@ -52,7 +52,7 @@ def refused(request, mistaken, tmp_path, monkeypatch):
         return said
 
     def checked(path):
-        from agglom_mpi.analysis.replay import check_file
+        from agglom_mpi.analysis.file_check import check_file
 
         text, code = check_file(str(path))
         assert code == 1

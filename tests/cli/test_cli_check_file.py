@@ -8,7 +8,7 @@ import pytest
 from campaign_runs import assert_same, decisions, finish, invert
 from storage_rows import table_room
 
-from agglom_mpi.analysis.replay import check_file
+from agglom_mpi.analysis.file_check import check_file
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.storage.compact import write_compact
 from agglom_mpi.storage.create import enlarge_campaign_file

@@ -9,7 +9,7 @@ import pytest
 from campaign_runs import environment, state
 from processes import output_of, program
 
-from agglom_mpi.analysis.replay import check_file
+from agglom_mpi.analysis.file_check import check_file
 from agglom_mpi.storage.reader import read_campaign
 
 BIN = Path(sys.executable).parent

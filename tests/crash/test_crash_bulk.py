@@ -25,7 +25,7 @@ from particle_runs import (
 )
 from processes import output_of, wait_until_gone
 
-from agglom_mpi.analysis.replay import check_file
+from agglom_mpi.analysis.file_check import check_file
 from agglom_mpi.storage.reader import read_campaign
 
 KILLS = 2

@@ -22,7 +22,7 @@ from campaign_runs import (
 from held_runs import allow, allow_all, held
 from processes import output_of
 
-from agglom_mpi.analysis.replay import check_file
+from agglom_mpi.analysis.file_check import check_file
 from agglom_mpi.runtime import sample_runner as simulator
 from agglom_mpi.search.proposals import ORIGINS
 from agglom_mpi.storage.reader import read_campaign

@@ -26,7 +26,7 @@ from processes import (
     wait_for,
 )
 
-from agglom_mpi.analysis.replay import check_file
+from agglom_mpi.analysis.file_check import check_file
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli.invert import invert_command
 from agglom_mpi.storage.reader import read_campaign

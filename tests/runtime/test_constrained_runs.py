@@ -4,7 +4,7 @@ import pytest
 from campaign_runs import assert_same, assert_sound, decisions, finish, state
 from set_runs import three_variable_text
 
-from agglom_mpi.analysis.replay import check_file
+from agglom_mpi.analysis.file_check import check_file
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.inference.feasible_set import FeasibleSet

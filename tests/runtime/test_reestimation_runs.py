@@ -25,7 +25,7 @@ from reestimation_runs import (
     fresh_rows,
 )
 
-from agglom_mpi.analysis.replay import check_file
+from agglom_mpi.analysis.file_check import check_file
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli import main
 from agglom_mpi.storage.reader import read_campaign

@@ -8,7 +8,7 @@ from click.testing import CliRunner
 from user_function_runs import write_own
 
 from agglom_mpi.analysis.failed_samples import NO_RESULT, cause_of, message_of, no_result
-from agglom_mpi.analysis.replay import check_file
+from agglom_mpi.analysis.file_check import check_file
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli import main
 from agglom_mpi.storage.reader import read_campaign

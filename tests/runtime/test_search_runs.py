@@ -18,7 +18,7 @@ from campaign_runs import (
 )
 from search_runs import SEARCHES, write_search
 
-from agglom_mpi.analysis.replay import check_file
+from agglom_mpi.analysis.file_check import check_file
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.errors import MissingLibraryError

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from storage_rows import LOWER, MAX_SAMPLES, STRINGS, make, put_strings, sample_rows, table_room
 
-from agglom_mpi.analysis.replay import check_file
+from agglom_mpi.analysis.file_check import check_file
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.config.describe import FINAL_BYTES, FRAME_BYTES
 from agglom_mpi.outcome import FinalParticles
