@@ -72,7 +72,7 @@ def warm_start(
         begun = given_strings(read_campaign(output).string_rows())
         if len(begun) == earlier.strings:
             return WarmStart(parameters_of(begun))
-    line = parse(campaign.text, campaign.name).line(("search", "start"))
+    source, place = parse(campaign.text, campaign.name), ("search", "start")
     path = Path(campaign.name).parent / earlier.file
     try:
         ranked = _ranked_strings(campaign, path, allow_code)
@@ -84,10 +84,9 @@ def warm_start(
         message = said if isinstance(error, NotACampaign) else f"{path}: {said}"
         if not path.exists() and Path(earlier.file).exists():
             message += "; the name is relative to the folder of the campaign file"
-        raise CampaignError(Problem(campaign.name, line, "search.start", message)) from None
+        raise CampaignError(source.problem(place, message)) from None
     message = f"leaves out strings of {path}: {left_out}"
-    warning = Problem(campaign.name, line, "search.start", message)
-    return WarmStart(strings, (warning,) if left_out else ())
+    return WarmStart(strings, (source.problem(place, message),) if left_out else ())
 
 
 def _ranked_strings(

@@ -35,12 +35,7 @@ def check_ends(campaign: "CampaignSections") -> None:
         return
     if problems:
         source = parse(campaign.text, campaign.name)
-        raise CampaignError(
-            *(
-                Problem(campaign.name, source.line(path), ".".join(map(str, path)), message)
-                for path, message in problems.items()
-            )
-        )
+        raise CampaignError(*(source.problem(*found) for found in problems.items()))
 
 
 def refused_corners(campaign: "CampaignSections") -> list[Problem]:
@@ -57,8 +52,7 @@ def refused_corners(campaign: "CampaignSections") -> list[Problem]:
                 f"{name} {string[campaign.variables.table.index(name)]:g}" for name in names
             )
             text = f"reaches {reached}, where {message}; samples fail there; constraints exclude it"
-            path = ("variables", names[0])
-            found.append(Problem(campaign.name, source.line(path), ".".join(path), text))
+            found.append(source.problem(("variables", names[0]), text))
     return found
 
 

@@ -121,15 +121,16 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
 
     def _check_given_strings(self) -> None:
         """Raise a CampaignError if given strings do not satisfy the constraints."""
-        problems = []
-        for i, string in enumerate(self.given_strings()):
-            columns = self.variables.table.columns_by_name(string[None])
-            for broken in self.relations.broken(self.scenes, columns):
-                line = parse(self.text, self.name).line(("search", "start", i))
-                message = f"does not satisfy the constraint '{broken}'"
-                problems.append(Problem(self.name, line, f"search.start.{i}", message))
+        problems = [
+            (("search", "start", i), f"does not satisfy the constraint '{broken}'")
+            for i, string in enumerate(self.given_strings())
+            for broken in self.relations.broken(
+                self.scenes, self.variables.table.columns_by_name(string[None])
+            )
+        ]
         if problems:
-            raise CampaignError(*problems)
+            source = parse(self.text, self.name)
+            raise CampaignError(*(source.problem(*found) for found in problems))
 
     def allowed(self, parameters: Parameters) -> npt.NDArray[np.bool_]:
         """Return which of n strings satisfy the constraints, shape (n,); the box does not matter.
@@ -166,12 +167,12 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
         share = allowed_share(self)
         if share.value >= SMALL_SHARE:
             return []
-        line = parse(self.text, self.name).line(("constraints",))
+        source, path = parse(self.text, self.name), ("constraints",)
         if share.value < LEAST_SHARE:
             message = f"allow {share} of the box; must allow at least {LEAST_SHARE:.2%} of it"
-            raise CampaignError(Problem(self.name, line, "constraints", message))
+            raise CampaignError(source.problem(path, message))
         message = f"allow {share} of the box; a narrower box is searched better"
-        return [str(Problem(self.name, line, "constraints", message))]
+        return [str(source.problem(path, message))]
 
     def check_libraries(self) -> None:
         """Raise a MissingSearchLibraryError unless the search's library is installed."""
@@ -181,9 +182,8 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
         try:
             require_library(search.library, "search", f"{search.name} searches")
         except MissingLibraryError as error:
-            line = parse(self.text, self.name).line(("search", "method"))
             message = f"is {search.name!r}; {error}"
-            problem = Problem(self.name, line, "search.method", message)
+            problem = parse(self.text, self.name).problem(("search", "method"), message)
             raise MissingSearchLibraryError(problem) from None
 
     def warnings(self, parameters: Mapping[str, float | str] | None = None) -> list[Problem]:

@@ -121,11 +121,10 @@ class CampaignSections:
 
     def search_error(self) -> CampaignError:
         """Return a CampaignError about a search without ranges, or without its sections."""
-        line = parse(self.text, self.name).line(("variables",))
         message = "has no range; a search needs at least one variable as [lower, upper]"
         if self.plan is None:
             message += ", and the sections objective, ensemble and stopping"
-        return CampaignError(Problem(self.name, line, "variables", message))
+        return CampaignError(parse(self.text, self.name).problem(("variables",), message))
 
     @property
     def file_name(self) -> str:
@@ -192,8 +191,7 @@ class CampaignSections:
 
     def function_error(self, message: str, key: str = "call") -> CampaignError:
         """Return a CampaignError about a function of the objective, with its line."""
-        line = parse(self.text, self.name).line(("objective", key))
-        return CampaignError(Problem(self.name, line, f"objective.{key}", message))
+        return CampaignError(parse(self.text, self.name).problem(("objective", key), message))
 
     def check_scales(self, string: npt.NDArray[np.float64]) -> None:
         """Raise a CampaignError if a parameter string gives a grain mass or end time out of range.
@@ -216,7 +214,6 @@ class CampaignSections:
                 measure(section, values)
             except ValueError as error:
                 place = ("variables" if key in self.variables.table else "scene", key)
-                line = parse(self.text, self.name).line(place)
-                problems.append(Problem(self.name, line, ".".join(place), str(error)))
+                problems.append(parse(self.text, self.name).problem(place, str(error)))
         if problems:
             raise CampaignError(*problems)

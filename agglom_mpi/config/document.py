@@ -257,12 +257,7 @@ def _with_sizes(source: Source, read_sizes: SizeReader, reading: Reading) -> Sou
             sizes = {**sizes, **dict(zip(READ_KEYS, found, strict=True))}
             data = {**data, "scene": {**scene, "sizes": sizes}}
     if problems:
-        raise CampaignError(
-            *(
-                Problem(source.name, source.line(where), ".".join(map(str, where)), message)
-                for where, message in problems
-            )
-        )
+        raise CampaignError(*(source.problem(where, message) for where, message in problems))
     return replace(source, data=data)
 
 
@@ -279,12 +274,7 @@ def _check_fractions(source: Source, table: VariableTable) -> None:
         if isinstance(string, dict) and VOLUME_FRACTION.name in string
     ]
     if places:
-        raise CampaignError(
-            *(
-                Problem(source.name, source.line(place), ".".join(map(str, place)), message)
-                for place in places
-            )
-        )
+        raise CampaignError(*(source.problem(place, message) for place in places))
 
 
 NEEDED_TO_SEARCH: Final = ("objective", "ensemble", "stopping")

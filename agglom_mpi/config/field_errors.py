@@ -10,7 +10,7 @@ from pydantic import (
     ValidationError,
 )
 
-from agglom_mpi.config.yaml_source import CampaignError, Problem, Source
+from agglom_mpi.config.yaml_source import CampaignError, Source
 from agglom_mpi.declaration.choices import Choice
 from agglom_mpi.declaration.components import Component, number_of
 from agglom_mpi.declaration.declared import Declared, FieldError, FieldPath
@@ -60,9 +60,7 @@ def to_campaign_error(
         for path, message in _messages(dict(details), source, models):
             if details["type"] == "missing" and needs and path in needs:
                 message = f"{message}; {needs[path]}"
-            problems.append(
-                Problem(source.name, source.line(path), ".".join(map(str, path)), message)
-            )
+            problems.append(source.problem(path, message))
     return CampaignError(*problems)
 
 

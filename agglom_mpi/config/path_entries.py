@@ -107,7 +107,7 @@ def _known_paths(
     """Return the paths among keys, what is wrong with others, and the keys that are reported."""
     found, problems, refused = [], [], set()
     for key in keys:
-        line, field = source.line((SECTION, key)), f"{SECTION}.{key}"
+        place = (SECTION, key)
         if not _has_law(key, scene, reading):  # which the scene's own errors say
             refused.add(key)
             continue
@@ -117,10 +117,10 @@ def _known_paths(
             if (where := given_at(scene, path)) is not None:
                 at = source.line(("scene", *where))
                 message = f"is also given by the scene, line {at}; a number stands in one place"
-                problems.append(Problem(source.name, line, field, message))
+                problems.append(source.problem(place, message))
         except ValueError as error:
             if key.split(".")[0] in SceneSection.model_fields or "." in key:
-                problems.append(Problem(source.name, line, field, str(error)))
+                problems.append(source.problem(place, str(error)))
                 refused.add(key)
     return found, problems, refused
 

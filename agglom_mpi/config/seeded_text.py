@@ -6,7 +6,7 @@ from typing import Final
 from ruamel.yaml import YAML
 from ruamel.yaml.nodes import MappingNode
 
-from agglom_mpi.config.yaml_source import CampaignError, Problem, parse
+from agglom_mpi.config.yaml_source import CampaignError, parse
 
 KEY: Final = "seed"
 
@@ -39,7 +39,7 @@ def with_seed(text: str, name: str, seed: int) -> str:
         if {key: repr(value) for key, value in found.items()} == wanted:
             return candidate
     message = f"cannot be replaced by {seed} here; write it as a line of its own like 'seed: 1'"
-    raise CampaignError(Problem(name, source.line((KEY,)), KEY, message))
+    raise CampaignError(source.problem((KEY,), message))
 
 
 def _candidates(text: str, seed: int) -> Iterator[str]:

@@ -96,6 +96,10 @@ class Source:
             path = path[:-1]
         return self.lines[path]
 
+    def problem(self, path: FieldPath, message: str) -> Problem:
+        """Return what is wrong with an entry, with its line; `message` follows the field."""
+        return Problem(self.name, self.line(path), ".".join(map(str, path)), message)
+
     def value(self, path: FieldPath) -> Any:
         """Return the value of an entry as it was written."""
         value: Any = self.data

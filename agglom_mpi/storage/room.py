@@ -121,15 +121,14 @@ def check_room(campaign: "Campaign", sizes: TableSizes, present: int = 0) -> Non
     if needed <= max(MAX_FILE_BYTES, present):
         return
     # Imported here: a file is read without what reads a campaign's text.
-    from agglom_mpi.config.yaml_source import CampaignError, Problem, parse
+    from agglom_mpi.config.yaml_source import CampaignError, parse
 
     path, remedy = _remedy(campaign, sizes)
-    line = parse(campaign.text, campaign.name).line(path)
     message = (
         f"needs a campaign file with room for {size_text(needed)}; must be at most "
         f"{size_text(MAX_FILE_BYTES)}: {remedy}"
     )
-    raise CampaignError(Problem(campaign.name, line, ".".join(path), message))
+    raise CampaignError(parse(campaign.text, campaign.name).problem(path, message))
 
 
 def _remedy(campaign: "Campaign", sizes: TableSizes) -> tuple[tuple[str, ...], str]:
