@@ -187,9 +187,20 @@ def _kinds() -> dict[Any, str]:
     }
 
 
+def is_si(unit: str) -> bool:
+    """Return whether a unit is one of the SI, without prefix, factor or offset.
+
+    Raises
+    ------
+    ValueError
+        If pint knows no such unit.
+    """
+    return unit in KINDS or (in_base_units("1", unit) == 1.0 and not has_offset(unit))
+
+
 def check_si(unit: str) -> None:
     """Raise a ValueError unless a unit is one of the SI, without prefix or factor."""
-    if unit not in KINDS and (in_base_units("1", unit), in_base_units("0", unit)) != (1.0, 0.0):
+    if not is_si(unit):
         raise ValueError(f"'{unit}' is no unit of the SI without factor, such as 'm/s' or 'J/m^2'")
 
 

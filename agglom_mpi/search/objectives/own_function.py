@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.declaration.declared import LATER, FieldError, FieldPath, Meaning, Reads
-from agglom_mpi.declaration.units import KINDS, has_offset, in_base_units, quoted
+from agglom_mpi.declaration.units import is_si, quoted
 from agglom_mpi.errors import CodeNotAllowedError
 from agglom_mpi.outcome import SampleSummary, summaries
 from agglom_mpi.search.criteria import Band, Criterion
@@ -81,15 +81,14 @@ def _no_unit(entries: Mapping[Any, Any], name: str) -> str:
     must = "must be an SI unit without a factor, such as kg, m/s or 1"
     if not isinstance(unit, str):
         return f"is {quoted(unit)}; {must}"
-    if unit in KINDS:
-        return ""
     if not unit.strip():
         return f"is empty; {must}"
     try:
-        is_si = in_base_units("1", unit) == 1.0 and not has_offset(unit)
+        if is_si(unit):
+            return ""
     except ValueError as error:
         return f"is {quoted(unit)}: {error}; {must}"
-    return "" if is_si else f"is {quoted(unit)}; {must}: the function returns numbers in it"
+    return f"is {quoted(unit)}; {must}: the function returns numbers in it"
 
 
 class MeanOfFunction(Objective):
