@@ -104,6 +104,10 @@ class VariableTable:
         """Names of the variables beside those of the papers."""
         return self.names[len(PAPER_VARIABLES) :]
 
+    def has_numbers_of(self, section: str) -> bool:
+        """Return whether a number of a section of the scene, such as `sizes`, is a variable."""
+        return any(name.split(".")[0] == section for name in self.further_names)
+
     def __contains__(self, name: object) -> bool:
         return name in self._places
 

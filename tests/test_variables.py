@@ -21,6 +21,15 @@ def test_the_ten_come_first_and_others_by_name():
     assert table.index("sizes.spread") == 11
 
 
+def test_a_table_knows_of_which_sections_it_has_numbers():
+    table = VariableTable([SPREAD, TIME])
+    assert [name for name in ("sizes", "end_time", "size") if table.has_numbers_of(name)] == [
+        "sizes",
+        "end_time",
+    ]
+    assert not TEN.has_numbers_of("hardness")  # a variable of the papers, none of the scene
+
+
 def test_two_variables_of_one_name_are_no_table():
     with pytest.raises(ValueError, match="name"):
         VariableTable([SPREAD, SPREAD])

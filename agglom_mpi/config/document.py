@@ -110,8 +110,8 @@ class SceneDocument(Section):
     @field_validator("objective")
     @classmethod
     def _target_is_reachable(cls, objective: Objective, info: ValidationInfo) -> Objective:
-        wanted, table = objective.wanted_growth, reading_of(info).variables
-        differ = any(name.startswith("sizes.") for name in table.further_names)
+        wanted = objective.wanted_growth
+        differ = reading_of(info).variables.has_numbers_of("sizes")
         if "scene" in info.data and wanted is not None and not differ:
             (field, ratio), particles = wanted, info.data["scene"].particles
             largest = info.data["scene"].equivalent_grains ** (1.0 / 3.0)

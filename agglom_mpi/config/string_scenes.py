@@ -73,12 +73,12 @@ class StringScenes:
     @property
     def lengths_differ(self) -> bool:
         """Whether lengths of the section, or the law of sizes, depend on the string."""
-        return any(path.section in (*SIZES, "sizes") for path in self.paths)
+        return any(map(self.table.has_numbers_of, (*SIZES, "sizes")))
 
     @property
     def sizes_differ(self) -> bool:
         """Whether the law of sizes depends on the string."""
-        return any(path.section == "sizes" for path in self.paths)
+        return self.table.has_numbers_of("sizes")
 
     def at(self, string: npt.ArrayLike) -> StringScene:
         """Return the scene of a string, shape (k,); that of the last one is kept.
