@@ -11,7 +11,7 @@ from pydantic import (
 )
 
 from agglom_mpi.config.yaml_source import CampaignError, Source
-from agglom_mpi.declaration.choices import Choice
+from agglom_mpi.declaration.choices import choice_of
 from agglom_mpi.declaration.components import Component, number_of
 from agglom_mpi.declaration.declared import Declared, FieldError, FieldPath
 from agglom_mpi.declaration.reading import PLAIN, Reading, names_own
@@ -166,15 +166,15 @@ class _Models(NamedTuple):
 
     def _inside(self, field: Any, loc: FieldPath) -> Models:
         """Return the models that the value of a field may have."""
-        for each in field.metadata:
-            if isinstance(each, Choice):
-                with suppress(ValueError):
-                    entry = self.source.value(_path_in_file(loc, self.source))
-                    own = each.own_class(entry, self.reading)
-                    if own is not None:
-                        return [own]
-                return list(each.components)
-        return _models_within(field.annotation)
+        choice = choice_of(field)
+        if choice is None:
+            return _models_within(field.annotation)
+        with suppress(ValueError):
+            entry = self.source.value(_path_in_file(loc, self.source))
+            own = choice.own_class(entry, self.reading)
+            if own is not None:
+                return [own]
+        return list(choice.components)
 
 
 def _models_within(annotation: Any) -> Models:

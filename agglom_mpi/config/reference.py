@@ -6,7 +6,7 @@ from typing import Any, Final, Literal, get_args, get_origin
 
 from agglom_mpi.config.document import CampaignDocument
 from agglom_mpi.config.scene import SceneSection
-from agglom_mpi.declaration.choices import Choice
+from agglom_mpi.declaration.choices import choice_of
 from agglom_mpi.declaration.components import Component, In, Whole, number_of
 from agglom_mpi.declaration.declared import DeclaredField
 from agglom_mpi.declaration.laws import Law
@@ -21,9 +21,8 @@ def component_kinds() -> dict[str, type[Component]]:
     kinds: dict[str, type[Component]] = {}
     for prefix, section in SECTIONS:
         for key, field in section.model_fields.items():
-            for mark in field.metadata:
-                if isinstance(mark, Choice):
-                    kinds[f"{prefix}.{key}" if prefix else key] = mark.kind
+            if choice := choice_of(field):
+                kinds[f"{prefix}.{key}" if prefix else key] = choice.kind
     return kinds | {"stopping": EndingCriterion}
 
 

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
 from agglom_mpi.config.alternatives import SIZES, GrainSize, HalfWidth, none_of, one_of
-from agglom_mpi.declaration.choices import Choice
+from agglom_mpi.declaration.choices import Choice, choice_of
 from agglom_mpi.declaration.components import In, UnknownComponentError, class_named, names_of
 from agglom_mpi.declaration.declared import LATER, FieldPath, raise_field_errors
 from agglom_mpi.declaration.field_types import WholeNumber
@@ -319,7 +319,7 @@ class SceneSection(Section):
 MAY_BE_OWN: Final = tuple(
     key
     for key, field in SceneSection.model_fields.items()
-    for each in field.metadata
-    if isinstance(each, Choice) and each.kind.may_be_own
+    for choice in [choice_of(field)]
+    if choice is not None and choice.kind.may_be_own
 )
 """Fields of the laws that a scene may have from a module of one's own."""

@@ -8,7 +8,7 @@ from contextlib import suppress
 from typing import Any, Final, NamedTuple, get_args, get_origin
 
 from agglom_mpi.config.scene import SceneSection
-from agglom_mpi.declaration.choices import Choice
+from agglom_mpi.declaration.choices import choice_of
 from agglom_mpi.declaration.components import Component, In, UnknownComponentError, Whole, number_of
 from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.declaration.reading import PLAIN, Reading
@@ -103,7 +103,8 @@ def law_of_entry(
     UnknownComponentError, ValueError
         If the scene names none that is known.
     """
-    field, choice = SceneSection.model_fields[key], _choice_of(key)
+    field = SceneSection.model_fields[key]
+    choice = choice_of(field)
     if choice is None:
         kind = field.annotation
         return kind if isinstance(kind, type) and issubclass(kind, Component) else None
@@ -111,11 +112,6 @@ def law_of_entry(
         return choice.class_of(scene[key], reading)
     default = None if field.is_required() else field.default
     return None if default is None else type(default)
-
-
-def _choice_of(key: str) -> Choice | None:
-    field = SceneSection.model_fields[key]
-    return next((each for each in field.metadata if isinstance(each, Choice)), None)
 
 
 def find_path(name: str, scene: Mapping[str, Any], reading: Reading = PLAIN) -> ScenePath:
@@ -182,7 +178,8 @@ def with_number(
     key, rest = path.section, path.keys[1:]
     if not rest:
         return {**scene, key: value}
-    law, choice = law_of_entry(scene, key, reading), _choice_of(key)
+    law = law_of_entry(scene, key, reading)
+    choice = choice_of(SceneSection.model_fields[key])
     assert law is not None
     name = {choice.kind.named_by: next(iter(law.names()))} if choice and law.names() else {}
     entry = scene.get(key, name)

@@ -99,6 +99,11 @@ class Choice(NamedTuple):
         return self.kind.as_mapping("none" if self.or_none and entry is None else entry)
 
 
+def choice_of(field: Any) -> Choice | None:
+    """Return the choice that a field of a section or a component is; None if it is none."""
+    return next((each for each in field.metadata if isinstance(each, Choice)), None)
+
+
 def _made_own(own: type[Component], entry: Any, reading: Reading) -> Component:
     """Return a component of one's own of an entry of a file."""
     name = next(iter(own.names()), own.__name__)

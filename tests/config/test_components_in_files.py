@@ -14,7 +14,7 @@ from agglom_mpi.analysis.ranking import ranks_itself
 from agglom_mpi.compilation.kernels import _KERNEL_SOURCES
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.config.yaml_source import CampaignError
-from agglom_mpi.declaration.choices import Choice
+from agglom_mpi.declaration.choices import choice_of
 from agglom_mpi.declaration.components import UnknownComponentError
 from agglom_mpi.declaration.reading import PLAIN
 from agglom_mpi.physics.sizes import reads_file
@@ -29,7 +29,7 @@ PACKAGE = Path(agglom_mpi.__file__).parent
 @pytest.mark.parametrize("key", ["friction", "heating", "reaction", "fragmentation"])
 def test_a_law_with_a_default_need_not_be_named(key):
     field = SceneSection.model_fields[key]
-    [choice] = [each for each in field.metadata if isinstance(each, Choice)]
+    choice = choice_of(field)
     read = TypeAdapter(Annotated[choice.kind, choice])
     assert read.validate_python({}).name == field.default.name
     with pytest.raises(ValidationError):

@@ -15,7 +15,7 @@ from agglom_mpi.config.scene_paths import (
     paths_of,
     with_number,
 )
-from agglom_mpi.declaration.choices import Choice
+from agglom_mpi.declaration.choices import choice_of
 from agglom_mpi.declaration.components import Component, In, number_of
 
 SCENE = {
@@ -32,9 +32,8 @@ def laws() -> list[tuple[str, str]]:
     """Return each field of a scene that holds a law, with the name of each law."""
     found = []
     for key, field in SceneSection.model_fields.items():
-        for each in field.metadata:
-            if isinstance(each, Choice):
-                found += [(key, name) for name in each.kind.components()]
+        if choice := choice_of(field):
+            found += [(key, name) for name in choice.kind.components()]
     return [*found, ("contact_area", "")]
 
 
