@@ -10,7 +10,7 @@ from typing import Any, Final, NamedTuple, get_args, get_origin
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.declaration.choices import choice_of
 from agglom_mpi.declaration.components import Component, In, UnknownComponentError, Whole, number_of
-from agglom_mpi.declaration.declared import FieldPath
+from agglom_mpi.declaration.declared import DeclaredField, FieldPath
 from agglom_mpi.declaration.reading import PLAIN, Reading
 from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.variables import MAX_VARIABLE_NAME, Limits, Variable
@@ -76,7 +76,7 @@ def _paths_in(scene: Mapping[str, Any], key: str, reading: Reading) -> Iterator[
         number = number_of(field)
         if isinstance(number, In) and name not in law.not_in_files:
             named = f"{name} of {': '.join([key, *law.names()])}"
-            places = len(get_args(field.annotation)) if _is_list(field) else 0
+            places = _places(field)
             for place in range(places):
                 yield _path((key, name, place), number, f"{named}, number {place}")
             if not places:
@@ -89,8 +89,10 @@ def _path(keys: FieldPath, number: In, meaning: str) -> ScenePath:
     return ScenePath(keys, Variable(name, number.unit, name, meaning, limits))
 
 
-def _is_list(field: Any) -> bool:
-    return get_origin(field.annotation) is tuple
+def _places(field: DeclaredField) -> int:
+    """Return the number of places of a field that is a list of numbers; 0 of a single number."""
+    is_list = get_origin(field.annotation) is tuple
+    return len(get_args(field.annotation)) if is_list else 0
 
 
 def law_of_entry(
@@ -154,7 +156,7 @@ def _why_not(
     if isinstance(number_of(field), Whole):
         return f"is a whole number, which cannot be searched; {allowed}"
     if isinstance(number_of(field), In):
-        places = len(get_args(field.annotation)) if _is_list(field) else 0
+        places = _places(field)
         wanted = f"is a list of {places} numbers; name one of them" if places else "is one number"
         return f"{wanted}; {allowed}"
     return f"is a choice or a text, which cannot be searched; {allowed}"
