@@ -13,7 +13,7 @@ from agglom_mpi.declaration.components import Component, In, UnknownComponentErr
 from agglom_mpi.declaration.declared import DeclaredField, FieldPath
 from agglom_mpi.declaration.reading import PLAIN, Reading
 from agglom_mpi.declaration.spelling import suggestion
-from agglom_mpi.variables import MAX_VARIABLE_NAME, Limits, Variable
+from agglom_mpi.variables import MAX_VARIABLE_NAME, Variable
 
 NUMERICAL: Final = ("solver", "engine")
 """Sections of a scene whose numbers say how exactly it is computed, not what happens in it."""
@@ -85,8 +85,7 @@ def _paths_in(scene: Mapping[str, Any], key: str, reading: Reading) -> Iterator[
 
 def _path(keys: FieldPath, number: In, meaning: str) -> ScenePath:
     name = ".".join(map(str, keys))
-    limits = Limits(number.above, number.at_least, number.at_most, number.below)
-    return ScenePath(keys, Variable(name, number.unit, name, meaning, limits))
+    return ScenePath(keys, Variable(name, number.unit, name, meaning, number.limits))
 
 
 def _places(field: DeclaredField) -> int:

@@ -31,6 +31,7 @@ from agglom_mpi.declaration.own_modules import OwnModule, own_module
 from agglom_mpi.declaration.reading import PLAIN, Reading, names_own
 from agglom_mpi.declaration.units import quoted, to_si
 from agglom_mpi.errors import UserError
+from agglom_mpi.variables import Limits
 
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler
@@ -65,6 +66,11 @@ class In(NamedTuple):
     at_most: float | None = None
     below: float | None = None
     meaning: str = ""
+
+    @property
+    def limits(self) -> Limits:
+        """The limits alone, in the unit."""
+        return Limits(self.above, self.at_least, self.at_most, self.below)
 
     def __get_pydantic_core_schema__(
         self, source: Any, handler: "GetCoreSchemaHandler"
@@ -110,6 +116,11 @@ class Whole(NamedTuple):
     def unit(self) -> str:
         """That of a pure number."""
         return "1"
+
+    @property
+    def limits(self) -> Limits:
+        """The limits alone."""
+        return Limits(at_least=self.at_least, at_most=self.at_most)
 
     def __get_pydantic_core_schema__(
         self, source: Any, handler: "GetCoreSchemaHandler"

@@ -11,7 +11,6 @@ from typing import Any, Final, get_args, get_origin
 from agglom_mpi.declaration.declared import MISSING, DeclaredField
 from agglom_mpi.declaration.needed import is_needed
 from agglom_mpi.declaration.units import check_si, quoted
-from agglom_mpi.variables import Limits
 
 DIGEST: Final = "source_sha256"
 """What an identity has of a component of one's own beside its fields."""
@@ -63,13 +62,11 @@ def check_number(
         raise TypeError(
             f"field {name} has the default {quoted(field.default)}; must be {len(parts)} numbers"
         )
-    own: dict[str, Any] = number._asdict()
-    limits = Limits(*(own.get(each) for each in Limits._fields))
     for value in values:
         if isinstance(value, bool) or not isinstance(value, (int, kind)):
             wanted = "a number" if kind is float else "a whole number"
             raise TypeError(f"field {name} has the default {quoted(value)}; must be {wanted}")
-        if broken := limits.broken_by(value):
+        if broken := number.limits.broken_by(value):
             raise ValueError(f"field {name} has the default {quoted(value)}; must be {broken}")
 
 
