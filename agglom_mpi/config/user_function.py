@@ -6,10 +6,8 @@ file knows only the digest, and cannot call the function.
 """
 
 import hashlib
-import linecache
 import math
 import reprlib
-import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -21,7 +19,7 @@ import numpy as np
 
 from agglom_mpi.config.bounded_reading import clipped, read_bounded
 from agglom_mpi.declaration.spelling import MAX_MAGNITUDE
-from agglom_mpi.declaration.users_code import EndedError, users_code
+from agglom_mpi.declaration.users_code import EndedError, execute, users_code
 from agglom_mpi.errors import named_error
 
 NUMBERS: Final = (float, int, np.floating, np.integer)
@@ -136,19 +134,12 @@ def _load_module(function: UserFunction) -> ModuleType:
     """
     assert function.source is not None
     module = ModuleType(f"agglom_objective_{function.sha256[:16]}")
-    lines = function.source.decode(errors="replace").splitlines(keepends=True)
-    # Tracebacks take their lines from here.
-    linecache.cache[function.file] = len(function.source), None, lines, function.file
-    sys.modules[module.__name__] = module  # dataclasses look their module up there
     try:
-        with users_code(function.file):
-            exec(
-                compile(function.source, function.file, "exec", dont_inherit=True), module.__dict__
-            )
+        execute(function.file, function.source, module)
+    except EndedError as error:
+        raise ValueError(str(error)) from error
     except Exception as error:
-        ended = isinstance(error, EndedError)
-        reason = str(error) if ended else f"{function.file} raises {named_error(error)}"
-        raise ValueError(reason) from error
+        raise ValueError(f"{function.file} raises {named_error(error)}") from error
     return module
 
 

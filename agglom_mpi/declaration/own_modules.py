@@ -7,7 +7,6 @@ module. Its name has the digest of the bytes, so that two versions do not distur
 """
 
 import hashlib
-import linecache
 import sys
 from functools import cache
 from types import ModuleType
@@ -15,7 +14,7 @@ from typing import Any, NamedTuple
 
 from agglom_mpi.compilation.stages import OWN_PREFIX
 from agglom_mpi.declaration.spelling import suggestion
-from agglom_mpi.declaration.users_code import EndedError, users_code
+from agglom_mpi.declaration.users_code import EndedError, execute
 from agglom_mpi.errors import named_error
 
 
@@ -64,16 +63,11 @@ def executed(own: OwnModule) -> ExecutedModule:
     """
     module = ExecutedModule(own.name)
     module.own = own
-    lines = own.source.decode(errors="replace").splitlines(keepends=True)
-    linecache.cache[own.file] = len(own.source), None, lines, own.file  # for tracebacks
-    sys.modules[own.name] = module  # classes look their module up there
     try:
-        with users_code(own.file):
-            exec(compile(own.source, own.file, "exec", dont_inherit=True), module.__dict__)
+        execute(own.file, own.source, module)
+    except EndedError as error:
+        raise ValueError(str(error)) from error
     except Exception as error:
-        del sys.modules[own.name]
-        if isinstance(error, EndedError):
-            raise ValueError(str(error)) from error
         place = line_in(own.file, error)
         raise ValueError(f"{place} raises {named_error(error)}") from error
     return module

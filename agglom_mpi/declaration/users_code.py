@@ -1,11 +1,14 @@
 """Code of the user's, run so that nothing but exceptions come out of it."""
 
+import linecache
 import os
 import posix
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache, wraps
+from types import ModuleType
 from typing import Any, Final
 
 from agglom_mpi.errors import FAILURE
@@ -44,6 +47,33 @@ def users_code(name: str) -> Iterator[None]:
         _INSIDE.owner = outer
         if os.getpid() != owner:
             _ENDINGS["_exit"](FAILURE)
+
+
+def execute(file: str, source: bytes, module: ModuleType) -> None:
+    """Execute the source of a user's module of Python.
+
+    Parameters
+    ----------
+    file, source
+        Name of the file, for tracebacks, and its bytes.
+    module
+        Empty module, which receives what the source defines. While it can be used it is in
+        `sys.modules`, where classes look their module up.
+
+    Raises
+    ------
+    Exception
+        Whatever the source raises; see `users_code`.
+    """
+    lines = source.decode(errors="replace").splitlines(keepends=True)
+    linecache.cache[file] = len(source), None, lines, file  # for tracebacks
+    sys.modules[module.__name__] = module
+    try:
+        with users_code(file):
+            exec(compile(source, file, "exec", dont_inherit=True), module.__dict__)
+    except Exception:
+        sys.modules.pop(module.__name__, None)
+        raise
 
 
 _ENDINGS: Final = {name: getattr(posix, name) for name in ("_exit", "execv", "execve")}
