@@ -48,9 +48,7 @@ def refused_corners(campaign: "CampaignSections") -> list[Problem]:
         except CodeNotAllowedError:  # of a recorded law of one's own
             continue
         if string is not None:
-            reached = " and ".join(
-                f"{name} {string[campaign.variables.table.index(name)]:g}" for name in names
-            )
+            reached = " and ".join(f"{name} {_value(campaign, name, string)}" for name in names)
             text = f"reaches {reached}, where {message}; samples fail there; constraints exclude it"
             found.append(source.problem(("variables", names[0]), text))
     return found
@@ -91,9 +89,14 @@ def _taking_part(campaign: "CampaignSections", string: npt.NDArray[np.float64]) 
 def _reaches(
     campaign: "CampaignSections", name: str, string: npt.NDArray[np.float64], message: str
 ) -> str:
-    variable = campaign.variables.table[name]
-    unit = "" if variable.unit == "1" else f" {variable.unit}"
-    return f"reaches {string[campaign.variables.table.index(name)]:g}{unit}, where {message}"
+    return f"reaches {_value(campaign, name, string)}, where {message}"
+
+
+def _value(campaign: "CampaignSections", name: str, string: npt.NDArray[np.float64]) -> str:
+    """Return the value of a variable in a string, (k,), with its unit."""
+    table = campaign.variables.table
+    unit = "" if table[name].unit == "1" else f" {table[name].unit}"
+    return f"{string[table.index(name)]:g}{unit}"
 
 
 def _out_of_reach(campaign: "CampaignSections") -> Iterator[tuple[FieldPath, str]]:
