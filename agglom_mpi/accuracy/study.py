@@ -24,7 +24,7 @@ from agglom_mpi.simulation.engines import Engine
 from agglom_mpi.statistics import MeanEstimate, mean_of
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.room import TableSizes
-from agglom_mpi.storage.schema import STUDY, quantities_text
+from agglom_mpi.storage.schema import STUDY
 from agglom_mpi.variables import TEN
 
 Rows = NDArray[np.void]
@@ -189,7 +189,7 @@ class Study(Experiment):
         """Sizes of the tables: one generation of all set-ups."""
         count = len(self._by_string)
         samples = max(setup.samples for setup in self._by_string)
-        quantities = quantities_text(self.campaign.objective.quantity_units)
+        quantities = self.campaign.objective.quantity_units
         return TableSizes(count, samples, 1, count, quantities=quantities)
 
     @property

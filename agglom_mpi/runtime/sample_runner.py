@@ -24,7 +24,7 @@ from agglom_mpi.simulation.sample import simulate_scene
 from agglom_mpi.simulation.scene import Scene
 from agglom_mpi.stopwatch import Stopwatch, TimeSpent
 from agglom_mpi.storage.particle_tables import final_row, frame_rows
-from agglom_mpi.storage.schema import TOOK_TOO_LONG, quantities_of, samples_schema
+from agglom_mpi.storage.schema import TOOK_TOO_LONG, samples_schema
 from agglom_mpi.storage.table import concatenated
 
 _NO_TIME: Final = TimeSpent(0.0, 0.0)
@@ -58,7 +58,7 @@ class SampleRunner:
         self.rank = rank
         self.stores_particles = experiment.table_sizes.final_particles
         self.grains = experiment.table_sizes.grains
-        self.quantities = quantities_of(experiment.table_sizes._asdict())
+        self.quantities = dict(experiment.table_sizes.quantities)
         self.result_dtype = samples_schema(self.quantities).dtype
         self._scene: tuple[tuple[int, bytes], Scene] | None = None
 

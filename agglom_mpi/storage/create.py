@@ -24,6 +24,7 @@ from agglom_mpi.storage.schema import (
     VARIABLE_TABLE,
     TableSchema,
     fresh_from,
+    quantity_attributes,
     table_schemas,
     variables_schema,
 )
@@ -114,9 +115,8 @@ def create_campaign_file(
         "frames": sizes.frames,
         **variable_attributes(sizes.variables),
         **campaign.own,
+        **quantity_attributes(sizes.quantities),
     }
-    if sizes.quantities:
-        attributes["quantities"] = sizes.quantities
     with atomic_file(path) as temporary, new_file(temporary) as (file, _):
         _lay_out(file, attributes, sizes.generations)
         box = _variable_rows(sizes.variables, campaign.lower, campaign.upper)

@@ -12,7 +12,7 @@ from agglom_mpi.storage.schema import (
     FAILURE_CAPACITY,
     LEG_CAPACITY,
     TableSchema,
-    quantities_text,
+    quantity_attributes,
     table_schemas,
 )
 from agglom_mpi.storage.stored_variables import variable_attributes, variables_of
@@ -42,8 +42,8 @@ class TableSizes(NamedTuple):
     """Frames of all samples together."""
     variables: VariableTable = TEN
     """Variables of the strings."""
-    quantities: str = ""
-    """Units of the quantities of a sample, as the attribute of a file has them."""
+    quantities: Mapping[str, str] = {}
+    """SI units of the quantities of a sample, by name."""
 
 
 def table_sizes(campaign: "Campaign") -> TableSizes:
@@ -60,7 +60,7 @@ def table_sizes(campaign: "Campaign") -> TableSizes:
         output.final_particles,
         strings * samples * frames.count if frames else 0,
         campaign.variables.table,
-        quantities_text(campaign.objective.quantity_units),
+        campaign.objective.quantity_units,
     )
 
 
@@ -85,7 +85,7 @@ def capacities(attributes: Mapping[str, Any], generations: int) -> dict[str, int
 def table_bytes(sizes: TableSizes) -> dict[str, int]:
     """Return the size of each table of a file, done bytes included, by name."""
     attributes = sizes._asdict() | {"max_samples": sizes.max_samples + sizes.fresh}
-    attributes |= variable_attributes(sizes.variables)
+    attributes |= variable_attributes(sizes.variables) | quantity_attributes(sizes.quantities)
     rows = capacities(attributes, sizes.generations)
     return {table.name: rows[table.name] * _row_bytes(table) for table in table_schemas(attributes)}
 

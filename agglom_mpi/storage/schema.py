@@ -199,11 +199,18 @@ QUANTITY_MEANING: Final = "quantity of the sample by the objective's function; 0
 
 
 def samples_schema(quantities: Mapping[str, str]) -> TableSchema:
-    """Return the schema of `/samples` with columns of quantities, whose units are given by name."""
+    """Return the schema of `/samples` with columns of quantities, by the order of their names.
+
+    Parameters
+    ----------
+    quantities
+        Their SI units by name.
+    """
     if not quantities:
         return SAMPLES
     columns = [
-        Column(name, "f8", unit, QUANTITY_MEANING, since=4) for name, unit in quantities.items()
+        Column(name, "f8", unit, QUANTITY_MEANING, since=4)
+        for name, unit in sorted(quantities.items())
     ]
     at = [field.name for field in SAMPLES.fields].index("objective") + 1
     return SAMPLES._replace(fields=(*SAMPLES.fields[:at], *columns, *SAMPLES.fields[at:]))
@@ -224,9 +231,9 @@ def quantities_of(attributes: Mapping[str, Any]) -> dict[str, str]:
     return units
 
 
-def quantities_text(quantities: Mapping[str, str]) -> str:
-    """Return the attribute `quantities` of a file; empty where there are none."""
-    return json.dumps(dict(sorted(quantities.items()))) if quantities else ""
+def quantity_attributes(quantities: Mapping[str, str]) -> dict[str, str]:
+    """Return the attribute with the SI units of the quantities of a file's samples, by name."""
+    return {"quantities": json.dumps(dict(quantities), sort_keys=True)} if quantities else {}
 
 
 FAILURES: Final = TableSchema(
