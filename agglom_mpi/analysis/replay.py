@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.inversion import inversion_of
 from agglom_mpi.config.loading import campaign_of_record
+from agglom_mpi.config.searchable import check_search_library
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.errors import CodeNotAllowedError, MissingLibraryError
 from agglom_mpi.outcome import FAILED
@@ -68,7 +69,7 @@ def replay(report: VerificationReport) -> Replayed | None:
         campaign = campaign_of_record(text, str(data.path), identity, own, allowed)
         _check_campaign(campaign, report)
         campaign = campaign.with_generations(_generations(report))
-        campaign.check_libraries()
+        check_search_library(campaign)
         log, inversion = _rerun_decisions(campaign, report)
     except MissingLibraryError:
         raise

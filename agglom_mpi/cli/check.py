@@ -43,6 +43,7 @@ def check(file: str, allow_code: bool, strict: bool, as_json: bool) -> int:
         say(json.dumps(sound, indent=2) if as_json else text)
         return code
     from agglom_mpi.config.loading import check_campaign
+    from agglom_mpi.config.searchable import check_searchable
     from agglom_mpi.config.yaml_source import warn
     from agglom_mpi.contracts.promises import promises_of
     from agglom_mpi.storage.room import check_room, file_bytes, size_text, table_sizes
@@ -52,7 +53,7 @@ def check(file: str, allow_code: bool, strict: bool, as_json: bool) -> int:
         loaded.check_scales(loaded.parameters())
         size = None
     else:
-        loaded.check_searchable()
+        check_searchable(loaded)
         sizes = table_sizes(loaded)
         check_room(loaded, sizes)
         size = file_bytes(sizes)

@@ -8,27 +8,24 @@ import numpy as np
 import numpy.typing as npt
 
 from agglom_mpi.config import describe, identity
-from agglom_mpi.config.allowed_share import LEAST_SHARE, SMALL_SHARE, allowed_share
 from agglom_mpi.config.arguments import read_count
 from agglom_mpi.config.bounds import bounds_of
 from agglom_mpi.config.box_ends import check_ends, refused_corners
 from agglom_mpi.config.campaign_sections import CampaignSections
 from agglom_mpi.config.document import read_document
-from agglom_mpi.config.own_variables import Parameters, read_strings, string_of
+from agglom_mpi.config.own_variables import Parameters, read_string, read_strings, string_of
 from agglom_mpi.config.relations import Relations
 from agglom_mpi.config.scene import parse_engine
+from agglom_mpi.config.searchable import check_start
 from agglom_mpi.config.seeded_text import with_seed
 from agglom_mpi.config.size_file import SizeReader, unread
 from agglom_mpi.config.user_function import UserFunction
 from agglom_mpi.config.yaml_source import (
     ArgumentError,
     CampaignError,
-    MissingSearchLibraryError,
     Problem,
-    parse,
 )
 from agglom_mpi.declaration.reading import PLAIN, Reading
-from agglom_mpi.errors import MissingLibraryError, require_library
 from agglom_mpi.formatting import printable
 from agglom_mpi.physics import scales
 from agglom_mpi.public_face import PublicFace
@@ -44,8 +41,8 @@ CAMPAIGN_INTERNALS: Final = (
     *("at", "most_grains", "objective_at", "scenes", "used_values"),
     *("search", "ensemble", "stopping", "common_configurations", "max_framed", "max_strings"),
     *("first_sample", "given_strings", "space", "allowed_strings", "fraction"),
-    *("derived_values", "function_error", "check_constraints", "check_libraries", "check_scales"),
-    *("search_error", "required_plan", "check_searchable", "engine", "file_name", "from_text"),
+    *("derived_values", "function_error", "check_scales"),
+    *("search_error", "required_plan", "engine", "file_name", "from_text"),
     *("try_function", "with_generations", "with_seed"),
 )
 """Names of a campaign for the package's own modules: sections, and what builds or checks a run."""
@@ -109,7 +106,7 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
         )
         check_ends(campaign)
         if campaign.plan is not None:
-            campaign._check_given_strings()
+            check_start(campaign, campaign.given_strings())
         return campaign
 
     def given_strings(self) -> npt.NDArray[np.float64]:
@@ -118,19 +115,6 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
         return np.array([self.parameters(values) for values in listed]).reshape(
             -1, self.variables.table.count
         )
-
-    def _check_given_strings(self) -> None:
-        """Raise a CampaignError if given strings do not satisfy the constraints."""
-        problems = [
-            (("search", "start", i), f"does not satisfy the constraint '{broken}'")
-            for i, string in enumerate(self.given_strings())
-            for broken in self.relations.broken(
-                self.scenes, self.variables.table.columns_by_name(string[None])
-            )
-        ]
-        if problems:
-            source = parse(self.text, self.name)
-            raise CampaignError(*(source.problem(*found) for found in problems))
 
     def allowed(self, parameters: Parameters) -> npt.NDArray[np.bool_]:
         """Return which of n strings satisfy the constraints, shape (n,); the box does not matter.
@@ -147,44 +131,6 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
             If a name is unknown or a value impossible.
         """
         return self.allowed_strings(read_strings(self, parameters))
-
-    def check_searchable(self) -> None:
-        """Raise a CampaignError unless a variable is a range, and constraints leave something."""
-        if self.plan is None or not self.variables.searched:
-            raise self.search_error()
-        self.check_constraints()
-
-    def check_constraints(self) -> list[str]:
-        """Return warnings about constraints that allow little of the box.
-
-        Raises
-        ------
-        CampaignError
-            If they allow so little that nothing can be searched.
-        """
-        if not self.relations.constraints:
-            return []
-        share = allowed_share(self)
-        if share.value >= SMALL_SHARE:
-            return []
-        source, path = parse(self.text, self.name), ("constraints",)
-        if share.value < LEAST_SHARE:
-            message = f"allow {share} of the box; must allow at least {LEAST_SHARE:.2%} of it"
-            raise CampaignError(source.problem(path, message))
-        message = f"allow {share} of the box; a narrower box is searched better"
-        return [str(source.problem(path, message))]
-
-    def check_libraries(self) -> None:
-        """Raise a MissingSearchLibraryError unless the search's library is installed."""
-        search = self.search
-        if search.library is None:
-            return
-        try:
-            require_library(search.library, "search", f"{search.name} searches")
-        except MissingLibraryError as error:
-            message = f"is {search.name!r}; {error}"
-            problem = parse(self.text, self.name).problem(("search", "method"), message)
-            raise MissingSearchLibraryError(problem) from None
 
     def warnings(self, parameters: Mapping[str, float | str] | None = None) -> list[Problem]:
         """Return what is unlikely in the campaign, or in one string of it; `str` of each is a line.
@@ -295,7 +241,7 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
         """
         from agglom_mpi.config.simulate import simulate
 
-        string, sample = self._string(parameters), self._count("sample", sample)
+        string, sample = read_string(self, parameters), self._count("sample", sample)
         self.check_scales(string)
         times = None if frames is None else self._frame_times(frames, string)
         return simulate(self, string, sample, self.engine(engine), times)
@@ -338,7 +284,7 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
         from agglom_mpi.config.estimate import estimate_of
 
         samples = self._count("samples", samples, least=1)
-        string, outcomes, failures = self._string(parameters), [], []
+        string, outcomes, failures = read_string(self, parameters), [], []
         for sample in range(samples):
             try:
                 outcomes.append(self.simulate(string, sample, engine))
@@ -347,21 +293,6 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
         if not outcomes:
             raise failures[0]
         return estimate_of(self, string, outcomes, len(failures))
-
-    def _string(
-        self, parameters: Mapping[str, float | str] | npt.ArrayLike
-    ) -> npt.NDArray[np.float64]:
-        if isinstance(parameters, Mapping):
-            return self.parameters(parameters)
-        strings, by_name = read_strings(self, parameters), hasattr(parameters, "items")
-        if by_name and len(strings) != 1:
-            message = f"are {len(strings)} strings; must be one, like a row by .iloc[0]"
-            raise ArgumentError.of(self.name, "parameters", message)
-        if not by_name and np.ndim(parameters) != 1:
-            count = self.variables.table.count
-            message = f"have the shape {np.shape(parameters)}; must be {count} numbers"
-            raise ArgumentError.of(self.name, "parameters", message)
-        return strings[0]
 
     def _count(self, field: str, value: Any, least: int = 0) -> int:
         try:

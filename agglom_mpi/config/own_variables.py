@@ -316,3 +316,32 @@ def string_of(
     if problems:
         raise CampaignError(*problems)
     return string
+
+
+def read_string(
+    campaign: "CampaignSections", parameters: Mapping[str, float | str] | ArrayLike
+) -> Floats:
+    """Return one parameter string, (k,), in SI units; see `Campaign.simulate`.
+
+    Parameters
+    ----------
+    campaign
+    parameters
+        As for `string_of`, or all variables in SI units, shape (k,).
+
+    Raises
+    ------
+    CampaignError
+        If a name is unknown or a value impossible, or these are several strings.
+    """
+    if isinstance(parameters, Mapping):
+        return string_of(campaign, parameters)
+    strings, by_name = read_strings(campaign, parameters), hasattr(parameters, "items")
+    if by_name and len(strings) != 1:
+        message = f"are {len(strings)} strings; must be one, like a row by .iloc[0]"
+        raise ArgumentError.of(campaign.name, "parameters", message)
+    if not by_name and np.ndim(parameters) != 1:
+        count = campaign.variables.table.count
+        message = f"have the shape {np.shape(parameters)}; must be {count} numbers"
+        raise ArgumentError.of(campaign.name, "parameters", message)
+    return strings[0]

@@ -7,6 +7,7 @@ from agglom_mpi.analysis.run_warnings import run_warnings
 from agglom_mpi.analysis.summary import summary_table
 from agglom_mpi.analysis.warm_start import warm_start
 from agglom_mpi.config.loading import load_campaign
+from agglom_mpi.config.searchable import check_search_library, check_searchable
 from agglom_mpi.config.yaml_source import warn
 from agglom_mpi.display.run_display import Display
 from agglom_mpi.runtime.experiment import InversionExperiment
@@ -65,8 +66,8 @@ def read_request(
         campaign = campaign.with_seed(options.seed)
     if options.generations is not None:
         campaign = campaign.with_generations(options.generations)
-    campaign.check_searchable()
-    campaign.check_libraries()
+    check_searchable(campaign)
+    check_search_library(campaign)
     warn(campaign.warnings(), options.strict, show)
     path = output_path(campaign, options.output, options.seed)
     start = warm_start(campaign, path, options.allow_code)

@@ -9,6 +9,7 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.expressions import evaluate
 from agglom_mpi.config.quantities import CONSTANTS, QUANTITIES
 from agglom_mpi.config.relation_reader import COLUMNS, MAX_ENTRIES
+from agglom_mpi.config.searchable import check_constraints, check_searchable
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.physics import scales
 from agglom_mpi.storage.schema import RESULTS, SAMPLES, generations_schema, strings_schema
@@ -153,14 +154,14 @@ def test_given_strings_satisfy_the_constraints():
 def test_constraints_that_allow_nothing_are_refused_and_those_that_allow_little_warn():
     nothing = with_relations("constraints: [relative_speed > 31 m/s]")
     with pytest.raises(CampaignError) as caught:
-        nothing.check_searchable()
+        check_searchable(nothing)
     said = "constraints: allow no string of 262,144 of the box; must allow at least 0.01% of it"
     assert said in str(caught.value)
     little = with_relations("constraints: [relative_speed > 29.98 m/s]")
-    [warning] = little.check_constraints()
+    [warning] = check_constraints(little)
     assert warning.startswith("campaign.yaml:26: constraints: allow 0.0")
     assert warning.endswith("of the box; a narrower box is searched better")
-    assert with_relations("constraints: [relative_speed > 29 m/s]").check_constraints() == []
+    assert check_constraints(with_relations("constraints: [relative_speed > 29 m/s]")) == []
 
 
 def test_the_share_that_is_said_is_the_share():

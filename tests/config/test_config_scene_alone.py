@@ -4,6 +4,7 @@ import pytest
 from campaign_text import TEXT, campaign, edited
 
 from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.searchable import check_searchable
 from agglom_mpi.config.yaml_source import CampaignError
 
 FIXED = (
@@ -34,7 +35,7 @@ def test_a_scene_alone_cannot_be_searched() -> None:
     alone = campaign(*ALONE)
     wanted = ("[lower, upper]", "objective", "ensemble", "stopping")
     for search in (
-        alone.check_searchable,
+        lambda: check_searchable(alone),
         lambda: alone.with_generations(3),
         lambda: alone.max_strings,
         lambda: alone.search,

@@ -11,6 +11,7 @@ from campaign_text import campaign, constant, edited
 
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import campaign_of_record, load_campaign
+from agglom_mpi.config.searchable import check_searchable
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.variables import TEN
 
@@ -184,14 +185,14 @@ def test_nonsense_engines_are_refused(text: str) -> None:
 
 
 def test_a_campaign_without_a_range_cannot_be_searched() -> None:
-    campaign().check_searchable()
+    check_searchable(campaign())
     fixed = campaign(
         ("  relative_speed", "  relative_speed: 1"),
         ("  size_ratio", "  size_ratio: 0.5"),
         ("  hardness: [", "  hardness: 1e7"),
     )
     with pytest.raises(CampaignError, match=r"campaign\.yaml:16: variables: has no range"):
-        fixed.check_searchable()
+        check_searchable(fixed)
 
 
 def test_more_generations_make_a_longer_campaign() -> None:
@@ -206,7 +207,7 @@ def test_more_generations_make_a_longer_campaign() -> None:
 @pytest.mark.parametrize("job", sorted(JOBS.glob("*.yaml")), ids=lambda job: job.stem)
 def test_every_job_loads_and_can_be_searched(job: Path) -> None:
     loaded = load_campaign(job)
-    loaded.check_searchable()
+    check_searchable(loaded)
     assert Campaign.from_text(loaded.text).sha256() == loaded.sha256()
 
 

@@ -6,6 +6,7 @@ from set_runs import three_variable_text
 
 from agglom_mpi.analysis.file_check import check_file
 from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.searchable import check_searchable
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.inference.feasible_set import FeasibleSet
 from agglom_mpi.search import space
@@ -45,7 +46,7 @@ def test_what_hardly_any_draw_satisfies_is_searched(tmp_path, monkeypatch, aim):
 def test_what_check_accepts_is_searched(tmp_path, aim):
     """A 4000th of the box, as many draws as ever."""
     campaign = Campaign.from_text(text(aim, 0.1074))
-    campaign.check_searchable()
+    check_searchable(campaign)
     assert_runs(tmp_path, aim, 0.1074)
     finish(tmp_path, "thin.yaml", "-q", "-o", "legs.h5", "--generations", "3")
     finish(tmp_path, "thin.yaml", "-q", "-o", "legs.h5")
