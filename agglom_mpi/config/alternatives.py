@@ -1,4 +1,4 @@
-"""Keys that stand in place of one another, of which a section has exactly one."""
+"""Keys that stand in place of one another; a section has exactly one of them."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -10,11 +10,11 @@ from agglom_mpi.declaration.declared import LATER
 from agglom_mpi.declaration.units import to_si
 
 SIZES: Final = ("half_width", "grain_diameter", "grain_radius")
-"""Keys of a scene of which one says how large it is."""
+"""Keys of a scene for its size; one of them is given."""
 
 
 FRACTIONS: Final = ("size_ratio", "volume_fraction")
-"""Keys of the variables of which one says how much of the box the grains fill."""
+"""Keys of the variables for the filling of the box; one of them is given."""
 
 
 class _Beside(NamedTuple):

@@ -28,7 +28,7 @@ from agglom_mpi.variables import (
 )
 
 LOGARITHMIC: Final = ("log", "log10", "logarithmic")
-"""What a mapping may say of a scale, where a range should be a list."""
+"""Names of the logarithmic scale in a mapping, which stands where a range should be a list."""
 
 
 class Range(NamedTuple):

@@ -86,8 +86,8 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
     ) -> "Campaign":
         """Return the campaign of a YAML text; `name` stands for the file in errors.
 
-        `read_sizes` returns what is in a file of sizes that its scene may name; `reading` says
-        whether the text is in a file of a run, which stays readable, and where own components are.
+        `read_sizes` returns the content of a file of sizes that its scene may name. `reading` finds
+        components of one's own, and reads a text that a run recorded as it was read then.
         """
         document, entries = read_document(text, name, read_sizes, reading)
         campaign = cls(
@@ -123,7 +123,8 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
         ----------
         parameters
             Values by name, numbers in SI units or texts with units, each (n,) or one for all; what
-            is not given is fixed, or the middle of its range. Or all ten in SI units, (n, k).
+            is not given is fixed, or the middle of its range. Or all variables of the campaign in
+            SI units, shape (k,) or (n, k).
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""What follows from a campaign's scene and variables, as `agglom check` prints it."""
+"""Consequences of a campaign's scene and variables, as `agglom check` prints them."""
 
 import math
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 STRINGS: Final = 512
-"""Random strings of the box of which ranges are shown, besides all of its corners."""
+"""Number of random strings, beside all corners of the box, that ranges are estimated from."""
 PREFIXED: Final = frozenset({"m", "s", "Pa", "W/m^3", "J", "J/m^2", "W", "N", "1/s"})
 """Units that take a decimal prefix."""
 
@@ -74,7 +74,7 @@ NOTES: Final = {
     "impact pressure/hardness": "of grains that meet at relative_speed; they bond from {final:g}",
     "surface/impact energy": "of a grain, over that of two that meet at relative_speed",
 }
-"""What is said of some of them."""
+"""Explanations of consequences, by label."""
 NOTES_OF_SIZES: Final = {
     "grain diameter": "mean",
     "grain mass": "of the mean radius",
@@ -87,8 +87,8 @@ NOTES_OF_SIZES: Final = {
 def consequences(campaign: "CampaignSections") -> list[str]:
     """Return lines on what follows, a range over the box where it depends on what is searched.
 
-    Only strings that satisfy the constraints count. Nothing is said of what is not a number in
-    float64, as for a scene that is refused.
+    Only strings that satisfy the constraints count. A value that is no number in float64 is left
+    out, as for a scene that is refused.
     """
     scene, strings = campaign.scene, _strings(campaign)
     rows = campaign.scenes.rows(campaign.variables.table.columns_by_name(strings))

@@ -14,17 +14,17 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 SMALL: Final = 0.05
-"""What is added to a variable whose range begins at 0, in units of its upper end, before its
-logarithm is taken in a group."""
+"""Offset of a variable whose range begins at 0, relative to its upper end, before a group takes
+its logarithm."""
 
 
 class Coordinates:
     """Maps strings to the coordinates in which they are emulated, each from 0 to 1 over the box.
 
     There is one for each searched variable and one for each dimensionless group. Those of groups
-    are logarithms, and so are those of variables of which a law takes a power or that are searched
-    by their logarithm, unless their range begins at 0. Others are linear, as friction, to which
-    strings are most sensitive where it is large.
+    are logarithms, and so are those of variables that a law raises to a power or that are searched
+    by their logarithm, unless their range begins at 0. Others are linear, such as friction:
+    strings are most sensitive to it where it is large.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ class Coordinates:
     groups
         The groups.
     powers
-        Names of variables of which a law takes a power.
+        Names of the variables that a law raises to a power.
     logarithmic
         Which variables are searched by their logarithm, shape (k,).
     table
@@ -84,7 +84,7 @@ class Coordinates:
     def spans(self) -> Floats:
         """Change of the logarithm of each searched variable along its coordinate, (d,).
 
-        That of a linear coordinate is told in the middle of its range.
+        For a linear coordinate it is the change in the middle of its range.
         """
         lower, upper = self._lower[self.searched], self._upper[self.searched]
         linear = 2.0 * (upper - lower) / (upper + lower)

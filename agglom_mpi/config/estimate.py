@@ -43,15 +43,15 @@ OVERLAPS: Final = (
     "overlaps: pairs of particles at the end in which an aggregate has grown into its neighbour; "
     "they collide as soon as they approach"
 )
-"""What the last line of a ledger means."""
+"""Explanation of the last line of a ledger."""
 
 
 @dataclass(frozen=True)
 class StringEstimate(metaclass=PublicFace):
-    """What `campaign.estimate` returns: means over the completed samples, with standard errors.
+    """Means over the completed samples of a string, with standard errors.
 
-    Each of the means is a `MeanEstimate` with `value`, `error` and `samples`; `print` shows all of
-    them as `agglom simulate` does.
+    `campaign.estimate` returns it. Each mean is a `MeanEstimate` with `value`, `error` and
+    `samples`; `print` shows all of them as `agglom simulate` does.
 
     Attributes
     ----------

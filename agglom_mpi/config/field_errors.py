@@ -40,7 +40,7 @@ EXPECTATIONS = {
     "multiple_of": "must be a multiple of {multiple_of}",
     "too_long": "must have {max_length} entries",
 }
-"""What is allowed, by type of pydantic's errors."""
+"""Statements of what is allowed, by type of pydantic's errors."""
 
 
 def to_campaign_error(

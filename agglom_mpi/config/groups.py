@@ -31,7 +31,7 @@ def groups_of(
 
 
 def powers_of(scene: "SceneSection", table: VariableTable = TEN) -> frozenset[str]:
-    """Return the variables of which a law of the scene takes a power."""
+    """Return the variables that a law of the scene raises to a power."""
     return frozenset(
         name for key, group in _named(scene) for name in _of_variables(key, group, scene, table)
     )

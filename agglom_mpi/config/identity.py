@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 SEPARATORS: Final = (",", ":")
 STUDY_SEPARATORS: Final = (", ", ": ")
-"""What separates the entries of an identity and names from values where it is hashed."""
+"""Separators of entries, and of names from values, where an identity is hashed."""
 
 
 def identity(campaign: "CampaignSections") -> dict[str, object]:

@@ -28,7 +28,7 @@ ONLY_ALLOWED: Final = (
     "Python code, which runs only with your permission: --allow-code, or "
     "load_campaign(..., allow_code=True)"
 )
-"""What is said of code that may not run."""
+"""Reason why code does not run, for messages."""
 
 
 def read_own_name(name: str) -> tuple[str, str]:

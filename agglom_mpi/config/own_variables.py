@@ -178,7 +178,7 @@ def without_results(campaign: "CampaignSections", parameters: Any) -> dict[str, 
 
 
 def read_searched(campaign: "CampaignSections", parameters: Parameters) -> Floats:
-    """Return strings, (n, k), of which every searched variable is given, and no other is changed.
+    """Return strings, (n, k), that give every searched variable and change no other.
 
     Parameters
     ----------
@@ -219,7 +219,7 @@ def _other_than_fixed(
 
 
 def _whole_strings(campaign: "CampaignSections", parameters: Any) -> Floats:
-    """Return strings of all k numbers, of which those that the scene uses must be finite."""
+    """Return strings of all k numbers; those that the scene uses must be finite."""
     table = campaign.variables.table
     try:
         strings = np.atleast_2d(np.asarray(parameters, np.float64))

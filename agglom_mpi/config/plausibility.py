@@ -1,4 +1,4 @@
-"""What is unlikely in a campaign before anything is computed: warnings, one line each.
+"""Warnings about what is unlikely in a campaign, found before anything is computed.
 
 All rules are functions of a scene and of the variables in SI units, so that they hold however the
 values were given.
@@ -49,7 +49,7 @@ USUAL: Final = {
     "temperature": Usual(1.0, 4500.0, "from 1 K to 4200 K, where the last solids melt"),
     "activation_energy": Usual(0.0, 1e6, "from 0 to 1 MJ/mol, the strongest bonds"),
 }
-"""What exists, by the name of a variable."""
+"""Ranges of existing materials and scenes, by the name of a variable."""
 
 GRAINS: Final = Usual(1e-8, 0.1, "from 10 nm to 10 cm across")
 """Diameters of grains, m."""
@@ -162,7 +162,7 @@ def _of_scene(
 
 
 def _unusual(table: VariableTable, lower: np.ndarray, upper: np.ndarray) -> Iterator[Finding]:
-    """Yield variables of which an end is outside of what exists."""
+    """Yield variables whose range has an end outside of `USUAL`."""
     for variable, low, high in zip(table.variables, lower.tolist(), upper.tolist(), strict=True):
         usual = USUAL.get(variable.name)
         if usual is None or np.isnan(low):

@@ -41,7 +41,7 @@ class Relations:
     derived
         Quantities in the order of the file.
     constraints
-        All of which a string that is proposed satisfies.
+        Comparisons; a proposed string satisfies all of them.
     """
 
     derived: tuple[Derived, ...] = ()

@@ -124,14 +124,14 @@ def random_numbers(
 
 
 class FunctionValue(NamedTuple):
-    """What a user's function makes of a sample.
+    """Value of a user's function for one sample.
 
     Attributes
     ----------
     objective
         The objective of the sample alone; nan if that is not defined.
     quantities
-        What the function returned by name, in SI units; empty if it returned one number.
+        Quantities that the function returned, by name in SI units; empty if it returned one number.
     """
 
     objective: float

@@ -31,7 +31,7 @@ _AMOUNT: Final = {
     *("count", "frequency", "fraction", "share", "volume", "mass", "weight", "percent", "density"),
     *("cumulative", "passing", "retained", "undersize", "oversize", "number", "anzahl", "anteil"),
 }
-"""Words in titles of columns that say how many grains have the size of their row."""
+"""Words in titles of columns with the amount of grains of each size."""
 
 
 class Diameters(NamedTuple):

@@ -79,7 +79,7 @@ def _placement(
 ) -> Iterator[Finding]:
     """Yield the law of sizes if it is so wide that the largest draws find no place.
 
-    `fractions` are volume fractions of drawn samples, (n,), and `fits` tells which find a place.
+    `fractions` are volume fractions of drawn samples, (n,); `fits` marks those that find a place.
     """
     completed = fractions[fits]
     if not len(completed):

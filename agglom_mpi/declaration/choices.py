@@ -41,7 +41,7 @@ class Choice(NamedTuple):
     def __get_pydantic_core_schema__(
         self, source: Any, handler: "GetCoreSchemaHandler"
     ) -> "CoreSchema":
-        """Return the schema of a union that is told apart by the name."""
+        """Return the schema of a union whose members are distinguished by name."""
         from pydantic import Field
         from pydantic_core import core_schema
 

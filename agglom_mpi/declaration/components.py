@@ -114,7 +114,7 @@ class Whole(NamedTuple):
 
     @property
     def unit(self) -> str:
-        """That of a pure number."""
+        """Unit of a pure number."""
         return "1"
 
     @property
@@ -254,13 +254,13 @@ class Component(Declared):
 
     @classmethod
     def names(cls) -> tuple[str, ...]:
-        """Return the names by which a file can call this class; none of a base class."""
+        """Return the names that a file can have for this class; none for a base class."""
         return names_of(cls)
 
     def record(self) -> dict[str, Any]:
         """Return what a file records of a component of one's own, beside its answers.
 
-        Plain values for JSON, of which `restored` makes attributes again.
+        These are plain values for JSON; `restored` turns them into attributes again.
         """
         return {}
 
@@ -364,7 +364,7 @@ def _own_class(kind: type[C], name: str, reading: Reading) -> type[C]:
 
 
 def names_of(component: type[Declared]) -> tuple[str, ...]:
-    """Return the name by which a file can call a component; empty for a base class."""
+    """Return the name that a file can have for a component; empty for a base class."""
     if not issubclass(component, Component) or not component.in_files:
         return ()
     field = component.model_fields.get(component.named_by)

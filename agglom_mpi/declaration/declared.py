@@ -200,7 +200,7 @@ class Declared(metaclass=DeclaredType):
     def __get_pydantic_core_schema__(
         cls, source: Any, handler: "GetCoreSchemaHandler"
     ) -> "CoreSchema":
-        """Return the schema by which pydantic makes an instance, or takes one as it is."""
+        """Return the schema with which pydantic makes an instance, or takes one as it is."""
         from pydantic_core import core_schema
 
         def read(value: Any, validate: Callable[[Any], Any]) -> Declared:

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from pydantic_core import CoreSchema
 
 MAX_EXACT: Final = 2**53
-"""Largest size of a whole number up to which float64 tells it from its neighbours."""
+"""Maximum size of a whole number that float64 distinguishes from its neighbours."""
 
 
 def _whole(value: Any) -> Any:

@@ -13,7 +13,7 @@ from agglom_mpi.declaration.needed import is_needed
 from agglom_mpi.declaration.units import check_si, quoted
 
 DIGEST: Final = "source_sha256"
-"""What an identity has of a component of one's own beside its fields."""
+"""Entry of the identity of a component of one's own, beside those of its fields."""
 
 
 def check_names(component: type[Any], base: type[Any]) -> None:

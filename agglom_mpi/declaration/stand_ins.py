@@ -36,7 +36,7 @@ _OF_DECLARATIONS: Final = {
     *("problems", "settings", "entries", "recorded", "record", "restored", "lacking"),
     "check_complete",
 }
-"""Attributes of classes that do not tell the rest of the package anything of a component."""
+"""Attributes that belong to the declaration of a class; the rest of the package asks for none."""
 
 
 # Recording

@@ -20,7 +20,7 @@ class EndedError(RuntimeError):
 
 @contextmanager
 def users_code(name: str) -> Iterator[None]:
-    """Let nothing but exceptions come out of code of the user's, which `name` says.
+    """Let nothing but exceptions come out of code of the user's; `name` is for messages.
 
     What would end the rank, and with it perhaps the run with exit code 0, raises an EndedError. A
     process that the code has forked ends here if it gets here, as it is no rank.

@@ -109,7 +109,8 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
         ----------
         parameters
             Values by name, as for `campaign.simulate`: SI numbers or texts with units, in a mapping
-            or a DataFrame, each (n,) or one for all; or all ten in SI units, (k,) or (n, k).
+            or a DataFrame, each (n,) or one for all. Or all variables of the campaign in SI units,
+            shape (k,) or (n, k).
             Variables that the campaign fixed may be left out, those that it searched may not.
 
         Raises

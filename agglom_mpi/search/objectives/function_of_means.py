@@ -31,10 +31,10 @@ STEP_IN_ERRORS: Final = 1e-4
 MIN_RELATIVE_STEP: Final = 1e-6
 """Minimum step relative to the mean itself: rounding then changes a slope by about 1e-10."""
 COMPARED_CALLS: Final = 16
-"""Single calls that what a function returns of arrays is compared with."""
+"""Number of single calls that the result of a call with arrays is compared with."""
 KINK_SHARE: Final = 0.75
-"""Of one-sided differences with opposite signs, that over half a step relative to that over the
-step, above which the function has a kink; it is 0.5 where the function is smooth."""
+"""Minimum ratio of one-sided differences over half a step and over the step at a kink, where
+their signs are opposite; the ratio is 0.5 where the function is smooth."""
 KINK_STEPS: Final = 4.0
 """Steps away from a kink at which its slopes are taken."""
 
@@ -120,7 +120,7 @@ class ObjectiveOfMeans:
         return slopes
 
     def _kinks(self, means: Floats, steps: Floats, sides: Floats) -> NDArray[np.bool_]:
-        """Return by which means the function has a kink, shape (k,)."""
+        """Return at which means the function has a kink, shape (k,)."""
         turns = sides[0] * sides[1] < 0.0
         if not turns.any():
             return turns
@@ -192,7 +192,7 @@ class MeansAccumulator:
 
     @property
     def standard_error(self) -> float:
-        """By the delta method, from the covariance of the samples; 0 where the objective is inf."""
+        """Standard error by the delta method; 0 where the objective is inf."""
         if self._means.count < 2:
             return math.nan
         return 0.0 if math.isinf(self.value) else self._means.standard_error(self._slopes())

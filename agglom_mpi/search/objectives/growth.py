@@ -78,7 +78,7 @@ class MaximumGrowth(RadiusObjective):
 
     @property
     def wanted_growth(self) -> tuple[FieldPath, float]:
-        """That of a single aggregate, which no field of its own states."""
+        """Growth of a single aggregate of all grains; no field states it."""
         return (), self._grains ** (1.0 / 3.0)
 
     def criterion(self, tolerance: float) -> Criterion:

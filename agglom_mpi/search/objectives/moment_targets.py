@@ -250,7 +250,7 @@ class MomentAccumulator:
 
     @property
     def standard_error(self) -> float:
-        """By the delta method, from the covariance of the samples' sums of powers.
+        """Standard error by the delta method, from the covariance of the samples' sums of powers.
 
         As for the mean alone, the error near a target is that of the signed deviation. It is 0
         where the objective is inf, as all samples have radii without spread.

@@ -64,7 +64,7 @@ class ObjectiveAccumulator(Protocol):
 
     @property
     def standard_error(self) -> float:
-        """Of the value, by the delta method; nan below two samples."""
+        """Standard error of the value, by the delta method; nan below two samples."""
 
 
 class Objective(Component):
