@@ -375,12 +375,14 @@ def test_small_steps_find_the_same_collisions_of_large_spheres(seed):
 
     found = small_steps(positions, velocities, radii, 0.6, end_time, step)
     reach = 2.0 * step * np.abs(velocities).max()
-    expected = expected_collisions(exact, positions, reach)
-    assert expected.collisions  # as many as displaced starts agree on
-    found = found[: len(expected.collisions)]
-    assert [pair for _, *pair in found] == [list(pair) for _, *pair in expected.collisions]
-    late = [f[0] - e[0] for f, e in zip(found, expected.collisions, strict=True)]
-    assert np.all(np.abs(late) <= step + expected.changes)
+    expected = expected_collisions(exact, positions, reach)  # that displaced starts agree on
+    times = np.array([time for time, *_ in expected.collisions])
+    # What follows within a step, as where three spheres collapse, is late by more than one.
+    count = np.flatnonzero(np.append(np.diff(times) < step, True))[0] + 1
+    pairs = [list(pair) for _, *pair in expected.collisions]
+    assert [pair for _, *pair in found[:count]] == pairs[:count]
+    late = np.array([time for time, *_ in found[:count]]) - times[:count]
+    assert np.all(np.abs(late) <= step + expected.changes[:count])
 
 
 def test_oversize_spheres_find_their_neighbours_however_often_they_crossed_the_box():
