@@ -104,6 +104,11 @@ def format_duration(seconds: float) -> str:
     return f"{seconds / 86400.0:,.1f} days"
 
 
+def in_unit(text: object, unit: str) -> str:
+    """Return a number or a name with the unit behind it: `3 m/s`; alone where the unit is 1."""
+    return str(text) if unit == "1" else f"{text} {unit}"
+
+
 def value_with_prefix(value: float, unit: str) -> str:
     """Return a quantity to three digits with the decimal prefix that suits it: `12.3 µs`."""
     if value == 0.0 or not math.isfinite(value):

@@ -8,6 +8,7 @@ from agglom_mpi.formatting import (
     format_mean,
     format_percent,
     format_seconds,
+    in_unit,
     number_or_none,
     value_with_error,
 )
@@ -34,6 +35,14 @@ from agglom_mpi.statistics import mean_of
 )
 def test_a_value_has_two_digits_of_its_error(value, error, text):
     assert value_with_error(value, error) == text
+
+
+def test_a_pure_number_has_no_unit():
+    assert [in_unit(0, "m/s"), in_unit("1.5", "1"), in_unit("depth", "m")] == [
+        "0 m/s",
+        "1.5",
+        "depth m",
+    ]
 
 
 @pytest.mark.parametrize(

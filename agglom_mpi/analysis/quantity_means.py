@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.analysis.estimates import objective_of
-from agglom_mpi.formatting import value_with_error
+from agglom_mpi.formatting import in_unit, value_with_error
 from agglom_mpi.outcome import COMPLETED, quantity_columns
 from agglom_mpi.search.proposals import AGAIN
 from agglom_mpi.statistics import MeanEstimate, mean_of
@@ -96,8 +96,7 @@ def quantity_rows(data: "CampaignData", strings: Sequence[int]) -> list[list[str
             means = [each[name][i] for each in found]
             if any(mean.samples for mean in means):
                 cells = [value_with_error(m.value, m.error) if m.samples else "" for m in means]
-                label = name if unit == "1" else f"{name} {unit}"
-                rows.append([f"{label}, {measured}", *cells])
+                rows.append([f"{in_unit(name, unit)}, {measured}", *cells])
     return rows
 
 

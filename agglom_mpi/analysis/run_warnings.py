@@ -12,7 +12,7 @@ from agglom_mpi.analysis.estimates import objective_of, rounding_of
 from agglom_mpi.analysis.ranking import RankedStrings, rank_strings
 from agglom_mpi.analysis.result_warnings import few_left
 from agglom_mpi.analysis.tables import searched_variables
-from agglom_mpi.formatting import pluralise, value_with_error
+from agglom_mpi.formatting import in_unit, pluralise, value_with_error
 from agglom_mpi.outcome import COMPLETED, FailureReason
 from agglom_mpi.physics.restitution import Solver
 
@@ -77,11 +77,11 @@ def _edges(file: "CampaignData", best: int) -> Iterator[str]:
         value = float(values_of(file, [best], variable.name)[0])
         low, high, at = np.log([lower, upper, value]) if logarithmic else (lower, upper, value)
         share = (at - low) / (high - low)
-        unit = "" if variable.unit == "1" else f" {variable.unit}"
+        text = in_unit(f"{value:.4g}", variable.unit)
         for end, near in (("lower", share < EDGE), ("upper", share > 1.0 - EDGE)):
             if near:
                 yield (
-                    f"variables.{variable.name}: is {value:.4g}{unit} in the best string, at the "
+                    f"variables.{variable.name}: is {text} in the best string, at the "
                     f"{end} end of its range, {lower:g} to {upper:g}; better ones may lie beyond"
                 )
 

@@ -24,7 +24,7 @@ from agglom_mpi.analysis.quantity_means import left_out, quantity_rows
 from agglom_mpi.analysis.ranking import listed_strings, rank_strings, ranks_itself
 from agglom_mpi.analysis.selection_bias import SelectionBias, describe_bias, selection_bias
 from agglom_mpi.display.fitted_table import FittedTable
-from agglom_mpi.formatting import format_duration, number_or_none, pluralise
+from agglom_mpi.formatting import format_duration, in_unit, number_or_none, pluralise
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.variables import PAPER_VARIABLES
 
@@ -158,9 +158,9 @@ def _table(
     units = {variable.name: variable.unit for variable in PAPER_VARIABLES} | summary.further
     for name, unit in units.items():
         if best and name in best[0]:
-            _add_row(table, name if unit == "1" else f"{name} {unit}", best, name, ".4g")
+            _add_row(table, in_unit(name, unit), best, name, ".4g")
     for name, unit in summary.derived.items():
-        _add_row(table, name if unit == "1" else f"{name} {unit}", best, name, ".4g")
+        _add_row(table, in_unit(name, unit), best, name, ".4g")
     for row in OBJECTIVE_ROWS:
         _add_row(table, row.on_terminal, best, row.key, row.style)
     _add_moments(table, best, "as searched")

@@ -10,6 +10,7 @@ import click
 
 from agglom_mpi.cli.common import ALLOW_CODE, JSON, STRICT, examples, exit_with, say
 from agglom_mpi.file_kinds import is_hdf5
+from agglom_mpi.formatting import in_unit
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
@@ -85,7 +86,7 @@ def _function_lines(tried: "Outcome", units: Mapping[str, str]) -> Iterator[str]
     """Yield lines on what the objective's function makes of a sample."""
     yield f"Function\n  a sample in the middle of the box is worth {tried.objective:.6g}"
     for name, value in tried.quantities.items():
-        yield f"    {name} {value:.6g}" + ("" if units[name] == "1" else f" {units[name]}")
+        yield in_unit(f"    {name} {value:.6g}", units[name])
 
 
 def _of_start(campaign: "Campaign", allow_code: bool) -> tuple["Problem", ...]:

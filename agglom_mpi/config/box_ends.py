@@ -11,6 +11,7 @@ from agglom_mpi.config.yaml_source import CampaignError, Problem, parse
 from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.declaration.given_values import JAMMING_FRACTION
 from agglom_mpi.errors import CodeNotAllowedError
+from agglom_mpi.formatting import in_unit
 from agglom_mpi.variables import volume_fraction
 
 if TYPE_CHECKING:
@@ -95,8 +96,7 @@ def _reaches(
 def _value(campaign: "CampaignSections", name: str, string: npt.NDArray[np.float64]) -> str:
     """Return the value of a variable in a string, (k,), with its unit."""
     table = campaign.variables.table
-    unit = "" if table[name].unit == "1" else f" {table[name].unit}"
-    return f"{string[table.index(name)]:g}{unit}"
+    return in_unit(f"{string[table.index(name)]:g}", table[name].unit)
 
 
 def _out_of_reach(campaign: "CampaignSections") -> Iterator[tuple[FieldPath, str]]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.config.quantities import BY_NAME, Quantity, Value, one_by_one
-from agglom_mpi.formatting import value_with_prefix
+from agglom_mpi.formatting import in_unit, value_with_prefix
 from agglom_mpi.physics import scales
 from agglom_mpi.random_streams import CONSEQUENCES, search_stream
 
@@ -133,4 +133,4 @@ def _line(label: str, unit: str, values: Any, note: str) -> str:
 def _text(value: float, unit: str) -> str:
     if unit in PREFIXED:
         return value_with_prefix(value, unit)
-    return f"{value:.3g}" if unit == "1" else f"{value:.3g} {unit}"
+    return in_unit(f"{value:.3g}", unit)

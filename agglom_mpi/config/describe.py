@@ -12,7 +12,7 @@ from agglom_mpi.config.identity import digest, identity
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.declaration.laws import Law
 from agglom_mpi.errors import CodeNotAllowedError
-from agglom_mpi.formatting import pluralise, value_with_prefix
+from agglom_mpi.formatting import in_unit, pluralise, value_with_prefix
 from agglom_mpi.variables import VOLUME_FRACTION, volume_fraction
 
 if TYPE_CHECKING:
@@ -52,9 +52,8 @@ def _settings(key: str, law: Law, paths: Collection[str]) -> str:
         if any(f"{path}.".startswith(f"{key}.{each.name}.") for path in paths):
             pairs.append(f"{each.name} as in variables")
             continue
-        unit = "" if each.unit == "1" else f" {each.unit}"
         by_default = "" if each.is_given else " (default)"
-        pairs.append(f"{each.name} {_plain(each.value)}{unit}{by_default}")
+        pairs.append(f"{each.name} {in_unit(_plain(each.value), each.unit)}{by_default}")
     return f"; {', '.join(pairs)}" if pairs else ""
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from agglom_mpi.config.derived import columns_of
-from agglom_mpi.formatting import pluralise, value_with_error
+from agglom_mpi.formatting import in_unit, pluralise, value_with_error
 from agglom_mpi.outcome import LEDGER
 from agglom_mpi.physics.scales import half_width
 from agglom_mpi.public_face import PublicFace
@@ -176,7 +176,7 @@ class StringEstimate(metaclass=PublicFace):
 
 
 def _line(name: str, value: float, unit: str) -> str:
-    return f"  {name:<22}{value:.6g}" + ("" if unit == "1" else f" {unit}")
+    return in_unit(f"  {name:<22}{value:.6g}", unit)
 
 
 def _with_unit(name: str, unit: str) -> str:

@@ -16,6 +16,7 @@ from agglom_mpi.config.quantities import BY_NAME
 from agglom_mpi.config.relation_reader import COLUMNS
 from agglom_mpi.config.yaml_source import ArgumentError, CampaignError, Problem
 from agglom_mpi.declaration.given_values import component_of, read_variable
+from agglom_mpi.formatting import in_unit
 from agglom_mpi.variables import (
     VOLUME_FRACTION,
     VariableTable,
@@ -213,8 +214,7 @@ def _other_than_fixed(
     if name == "size_ratio" and campaign.variables.by_volume_fraction:
         name = VOLUME_FRACTION.name
         given, fixed = campaign.fraction(given), campaign.fraction(fixed)
-    value = f"{fixed:.7g}" if unit == "1" else f"{fixed:.7g} {unit}"
-    message = f"is {given:.7g}; the campaign fixed it at {value}"
+    message = f"is {given:.7g}; the campaign fixed it at {in_unit(f'{fixed:.7g}', unit)}"
     return ArgumentError.of(campaign.name, name, message)
 
 

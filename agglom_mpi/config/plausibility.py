@@ -19,7 +19,7 @@ from agglom_mpi.config.size_warnings import Finding, unlikely_draws
 from agglom_mpi.config.yaml_source import Problem, parse
 from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.declaration.units import quoted
-from agglom_mpi.formatting import format_duration, pluralise, value_with_prefix
+from agglom_mpi.formatting import format_duration, in_unit, pluralise, value_with_prefix
 from agglom_mpi.physics import scales
 from agglom_mpi.physics.constants import LIGHT_SPEED
 from agglom_mpi.variables import TEN, VariableTable
@@ -170,9 +170,9 @@ def _unusual(table: VariableTable, lower: np.ndarray, upper: np.ndarray) -> Iter
         too_small = low < usual.lower and not (variable.name == "relative_speed" and low == 0.0)
         if too_small or high > usual.upper:
             value = low if too_small else high
-            unit = "" if variable.unit == "1" else f" {variable.unit}"
+            text = in_unit(f"{value:g}", variable.unit)
             reaches = "is" if low == high else "reaches"
-            yield ("variables", variable.name), f"{reaches} {value:g}{unit}; usual is {usual.words}"
+            yield ("variables", variable.name), f"{reaches} {text}; usual is {usual.words}"
 
 
 def _softening(scene: "SceneSection", soft: Value, hard: Value) -> Iterator[Finding]:

@@ -13,6 +13,7 @@ from agglom_mpi.declaration.field_types import NotEmpty
 from agglom_mpi.declaration.reading import Reading, ReadsInContext
 from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.declaration.units import quoted, to_si
+from agglom_mpi.formatting import in_unit
 from agglom_mpi.variables import (
     TEN,
     VOLUME_FRACTION,
@@ -36,17 +37,17 @@ ZERO_ALLOWED: Final = frozenset(
 def read_value(variable: Variable, value: Any) -> float:
     """Return one value of a variable in SI units; raise a ValueError if it is impossible."""
     number = to_si(value, variable.unit)
-    unit = "" if variable.unit == "1" else f" {variable.unit}"
+    zero = in_unit(0, variable.unit)
     if variable.limits is not None:
         if limit := variable.limits.broken_by(number):
-            raise ValueError(f"is {quoted(value)}; must be {limit}{unit}")
+            raise ValueError(f"is {quoted(value)}; must be {in_unit(limit, variable.unit)}")
         return number
     if variable.name == "temperature" and number <= 0.0:
         raise ValueError(f"is {quoted(value)}; must be above absolute zero, 0 K")
     if number < 0.0 and variable.name in ZERO_ALLOWED:
-        raise ValueError(f"is {quoted(value)}; must be 0{unit} or more")
+        raise ValueError(f"is {quoted(value)}; must be {zero} or more")
     if number <= 0.0 and variable.name not in ZERO_ALLOWED:
-        raise ValueError(f"is {quoted(value)}; must be greater than 0{unit}")
+        raise ValueError(f"is {quoted(value)}; must be greater than {zero}")
     if variable is VOLUME_FRACTION and number > JAMMING_FRACTION:
         limit = f"random placement jams near {JAMMING_FRACTION}, so at most that"
         raise ValueError(f"is {quoted(value)}; {limit}")

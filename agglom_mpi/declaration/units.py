@@ -15,6 +15,7 @@ from agglom_mpi.declaration.spelling import (
     remedy,
     with_plain_minus,
 )
+from agglom_mpi.formatting import in_unit
 
 if TYPE_CHECKING:
     from pint import UnitRegistry
@@ -69,7 +70,7 @@ def to_si(value: Any, unit: str) -> float:
     if not isfinite(number):
         raise ValueError(f"is {quoted(value)}; must be a finite number")
     if number != 0.0 and not MIN_MAGNITUDE <= abs(number) <= MAX_MAGNITUDE:
-        limits = f"{MIN_MAGNITUDE:g} and {MAX_MAGNITUDE:g}" + ("" if unit == "1" else f" {unit}")
+        limits = in_unit(f"{MIN_MAGNITUDE:g} and {MAX_MAGNITUDE:g}", unit)
         raise ValueError(f"is {quoted(value)}; must be 0 or in size between {limits}")
     return number
 

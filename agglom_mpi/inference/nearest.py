@@ -4,7 +4,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.formatting import value_with_error
+from agglom_mpi.formatting import in_unit, value_with_error
 from agglom_mpi.inference.membership import EmulatedBox
 
 MAX_FAILING: Final = 0.5
@@ -61,7 +61,7 @@ class NearestString(NamedTuple):
 
     def __str__(self) -> str:
         values = (
-            f"{name} {value:.4g}" + ("" if self.units[name] == "1" else f" {self.units[name]}")
+            in_unit(f"{name} {value:.4g}", self.units[name])
             for name, value in self.parameters.items()
         )
         return f"{self.reached} at {', '.join(values)}"

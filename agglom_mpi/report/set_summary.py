@@ -8,7 +8,7 @@ from rich.console import Group, RenderableType
 
 from agglom_mpi.config.allowed_share import allowed_share
 from agglom_mpi.display.fitted_table import FittedTable, LabelledTexts
-from agglom_mpi.formatting import format_digits, value_with_error
+from agglom_mpi.formatting import format_digits, in_unit, value_with_error
 from agglom_mpi.inference.feasible_set import FeasibleSet
 from agglom_mpi.inference.membership import BOX_POINTS
 from agglom_mpi.inference.nearest import quantity_name
@@ -145,16 +145,12 @@ def _probability(value: float) -> str:
     )
 
 
-def _label(name: str, unit: str) -> str:
-    return name if unit == "1" else f"{name} {unit}"
-
-
 def _nearest_table(of: FeasibleSet) -> FittedTable:
     """Return a table of the nearest string and the searched ranges."""
     table = FittedTable("variable", "searched", "nearest at", "", left=(0, 3))
     for each in of.emulated.box.own:
         table.add_row(
-            _label(each.name, each.unit),
+            in_unit(each.name, each.unit),
             f"{each.lower:.4g} to {each.upper:.4g}",
             f"{of.nearest.parameters[each.name]:.4g}",
             f"{end} end" if (end := of.nearest.ends.get(each.name)) else "",
@@ -167,7 +163,7 @@ def _variable_table(of: FeasibleSet) -> FittedTable:
     table = FittedTable("variable", *headings, "", left=(0, 7))
     for each in of.variables:
         table.add_row(
-            _label(each.name, each.unit),
+            in_unit(each.name, each.unit),
             f"{each.lower:.4g} to {each.upper:.4g}",
             f"{each.least:.3g} to {each.most:.3g}",
             *(f"{value:.3g}" for value in (each.low, each.median, each.high)),
@@ -253,7 +249,7 @@ def posterior_text(posterior: "Posterior") -> RenderableType:
     table = FittedTable("variable", "2.5 %", "25 %", "50 %", "75 %", "97.5 %")
     for each in posterior.of.box.own:
         quantiles = (f"{value:.4g}" for value in posterior.quantiles(each.name))
-        table.add_row(_label(each.name, each.unit), *quantiles)
+        table.add_row(in_unit(each.name, each.unit), *quantiles)
     lines.append(table)
     if len(posterior.of.box.names) > 1:
         lines.append(_correlation_table(posterior))
