@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import chi2, norm
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import ConstantKernel, Matern
 
@@ -258,31 +259,40 @@ def covariance_matrix(logs, points):
     return smooth + np.exp(logs[-1]) * np.eye(len(points))
 
 
-def estimation_errors(logs, points):
-    """Standard errors of the logarithms and what the prior of lengths moves them by at most."""
+def noise_error(logs, points):
+    """Standard error of the logarithm of the noise."""
     matrix = covariance_matrix(logs, points)
     slopes = differences(lambda x: covariance_matrix(x, points), logs, 1e-5)
     relative = [np.linalg.solve(matrix, slope) for slope in slopes]
     # Fisher information of a normal distribution [RW 5.9 squared and averaged].
     information = np.array([[0.5 * np.trace(a @ b) for a in relative] for b in relative])
-    spread = np.linalg.inv(information)
-    moved = abs(spread[:, 1:-1]) @ abs(search_prior(2).negative_log(logs[1:-1])[1])
-    return np.sqrt(np.diag(spread)), moved
+    return np.sqrt(np.linalg.inv(information)[-1, -1])
+
+
+def log_likelihood(logs, points, values):
+    matrix = covariance_matrix(logs, points)
+    return -0.5 * (values @ np.linalg.solve(matrix, values) + np.linalg.slogdet(matrix)[1])
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_fit_finds_the_lengths_and_the_noise_that_there_are(seed):
+    """By the ratio of the likelihoods; logarithms of lengths are far from normally distributed."""
     rng = np.random.default_rng(seed)
     logs, points = np.log([1.0, 0.3, 0.8, 0.05]), rng.random((200, 2))
     values = np.linalg.cholesky(covariance_matrix(logs, points)) @ rng.normal(size=200)
     found = fit_covariance(points, values, np.ones(200, int))
-    errors, bias = estimation_errors(logs, points)
     # Variances are relative to those of the values, lengths are not.
-    away = abs(np.log(found.lengths) - logs[1:-1])
-    assert np.all(away < 4.0 * errors[1:-1] + bias[1:-1])
-    noise = np.log(found.noise * values.var()) - logs[-1]
-    assert abs(noise) < 4.0 * errors[-1] + bias[-1]
-    assert errors[-1] < 0.2  # or this would not say much
+    scale, centred = values.var(), values - values.mean()
+    fitted = np.log([found.variance * scale, *found.lengths, found.noise * scale])
+    better = log_likelihood(fitted, points, centred) - log_likelihood(logs, points, centred)
+    unlikely = chi2.isf(2.0 * norm.sf(4.0), len(logs))  # as 4 standard errors
+    prior = search_prior(2)
+    by_prior = prior.negative_log(logs[1:-1])[0] - prior.negative_log(fitted[1:-1])[0]
+    assert better + by_prior > 0.0  # the fit is at least as good as what there is
+    assert 2.0 * better < unlikely
+    error = noise_error(logs, points)
+    assert abs(fitted[-1] - logs[-1]) < 4.0 * error
+    assert error < 0.2  # or this would not say much
 
 
 @pytest.mark.parametrize("seed", range(3))
