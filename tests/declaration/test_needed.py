@@ -14,9 +14,9 @@ from agglom_mpi.search.stopping import AdaptiveRule
 
 
 def kinds(kind):
-    """Yield all classes of components of the package."""
+    """Yield all classes of components of the package, but for what stands in for one's own."""
     for below in kind.__subclasses__():
-        if below.__module__.startswith("agglom_mpi."):
+        if below.__module__.startswith("agglom_mpi.") and below.own is None:
             yield below
             yield from kinds(below)
 
