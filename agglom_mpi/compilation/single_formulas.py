@@ -22,7 +22,7 @@ _PLACES: Final = re.compile(
 _STEP: Final = re.compile(r"\s*(\w+: )?Failed in \w+ mode pipeline \(step: .*\)")
 _UNKNOWN_CALL: Final = re.compile(r"No implementation of function Function\(<.*?(\w+)( at .*)?>\)")
 _OWN_TYPE: Final = re.compile(rf"{OWN_PREFIX}\w+?_[0-9a-f]{{16}}_")
-"""What the types of a law's numbers have before the name of its class."""
+"""Prefix of the name of a class in the types of its numbers."""
 _ALLOCATES: Final = "NRT required but not enabled"
 
 _OPTIONS: Final[dict[str, Any]] = {"error_model": "numpy", "_nrt": False}

@@ -41,7 +41,7 @@ def check_ends(campaign: "CampaignSections") -> None:
 
 def refused_corners(campaign: "CampaignSections") -> list[Problem]:
     """Return a warning of each law that refuses some ends of its numbers together."""
-    source, found = parse(campaign.text, campaign.name), []
+    found: list[tuple[FieldPath, str]] = []
     for names, strings in _corners(campaign):
         refusals = ((string, _refusal(campaign, string)) for string in strings)
         try:
@@ -51,8 +51,11 @@ def refused_corners(campaign: "CampaignSections") -> list[Problem]:
         if string is not None:
             reached = " and ".join(f"{name} {_value(campaign, name, string)}" for name in names)
             text = f"reaches {reached}, where {message}; samples fail there; constraints exclude it"
-            found.append(source.problem(("variables", names[0]), text))
-    return found
+            found.append((("variables", names[0]), text))
+    if not found:
+        return []
+    source = parse(campaign.text, campaign.name)
+    return [source.problem(*each) for each in found]
 
 
 def _refused(campaign: "CampaignSections") -> dict[FieldPath, str]:

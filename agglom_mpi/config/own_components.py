@@ -16,7 +16,9 @@ from agglom_mpi.declaration.reading import (
     OWN_MODULES,
     OWN_NAME,
     OWN_SHA256,
+    SOURCE_SHA256,
     OwnComponents,
+    sections_of_own,
 )
 from agglom_mpi.declaration.stand_ins import record_of, stand_in
 from agglom_mpi.declaration.units import quoted
@@ -112,7 +114,7 @@ def _digest(texts: Mapping[str, Any]) -> str:
 
 def record_faults(texts: Mapping[str, Any], identity: Mapping[str, Any]) -> Iterator[str]:
     """Yield what is wrong with what the attributes of a file record of code of one's own."""
-    named = [f"{key}.source_sha256" for key in _sections_of_own(identity)]
+    named = [f"{key}.{SOURCE_SHA256}" for key in sections_of_own(identity)]
     names = {OWN_MODULES, OWN_SHA256, *([OWN_COMPONENTS] if named else [])}
     if not named and not names.intersection(texts):
         return
@@ -121,19 +123,14 @@ def record_faults(texts: Mapping[str, Any], identity: Mapping[str, Any]) -> Iter
     elif texts[OWN_SHA256] != _digest(texts):
         yield f"attributes: {OWN_MODULES} and {OWN_COMPONENTS} have not the digest {OWN_SHA256}"
     else:
-        kept = {each.sha256 for each in _modules(texts)}
+        try:
+            kept = {each.sha256 for each in _modules(texts)}
+        except ValueError as error:
+            yield f"attributes: {error}"
+            return
         for key in named:
             if identity.get(key) not in kept:
                 yield f"attributes: {OWN_MODULES} has no source with the digest {key}"
-
-
-def _sections_of_own(identity: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the sections of an identity that have a component of one's own: `scene.friction`."""
-    for entry, name in identity.items():
-        section = entry.rpartition(".")[0]
-        is_own = isinstance(name, str) and OWN_NAME.fullmatch(name)
-        if is_own and f"{section}.source_sha256" in identity:
-            yield section
 
 
 def _own_of(campaign: "CampaignSections") -> Iterator[Component]:
@@ -200,7 +197,7 @@ class RecordedModules(OwnComponents):
 
     def __init__(self, texts: Mapping[str, Any], identity: Mapping[str, Any]) -> None:
         self._texts = texts
-        self._digests = {v for k, v in identity.items() if k.endswith(".source_sha256")}
+        self._digests = {v for k, v in identity.items() if k.endswith(f".{SOURCE_SHA256}")}
 
     def find(self, name: str, kind: type[Any]) -> type[Any]:
         """Return the class `FILE.py:Class`; see `OwnComponents.find`."""

@@ -18,6 +18,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from agglom_mpi.config.bounded_reading import clipped, read_bounded
+from agglom_mpi.declaration.reading import SOURCE_SHA256
 from agglom_mpi.declaration.spelling import MAX_MAGNITUDE
 from agglom_mpi.declaration.users_code import EndedError, execute, users_code
 from agglom_mpi.errors import named_error
@@ -97,7 +98,7 @@ def read_source(path: Path, named: str) -> bytes:
 
 def recorded_function(identity: Mapping[str, Any]) -> UserFunction | None:
     """Return the function named by a stored campaign's identity, without source, or None."""
-    call, digest = (identity.get(f"objective.{name}") for name in ("call", "source_sha256"))
+    call, digest = (identity.get(f"objective.{name}") for name in ("call", SOURCE_SHA256))
     return UserFunction(str(call), str(digest)) if call is not None and digest is not None else None
 
 

@@ -26,8 +26,8 @@ class LawProperty(NamedTuple):
     ----------
     name
     violation
-        Returns the fault at a point in words, None if there is none. Its docstring states the
-        property.
+        Returns a description of the fault at a point, None if there is none. Its docstring states
+        the property.
     domain
         Intervals of the numbers that the property needs beside those of the law and the variables.
     points

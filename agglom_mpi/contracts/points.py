@@ -15,7 +15,7 @@ Point: TypeAlias = dict[str, float]
 """Numbers in SI units, by name."""
 
 Violation: TypeAlias = str | None
-"""The fault at a point in words; None if there is none."""
+"""Description of the fault at a point; None if there is none."""
 
 SPECIAL: Final = 0.2
 """Fraction of the points in which a number has one of its special values."""

@@ -34,10 +34,8 @@ def promises_of(campaign: "Campaign", allow_code: bool) -> list[str]:
     ]
     if not (allow_code and any(each.own is not None for each in components)):
         return lines
-    from agglom_mpi.contracts.tested_components import (
-        lines_on,
-        tested_components,
-    )  # loads the compiler
+    # Imported here: it loads the compiler.
+    from agglom_mpi.contracts.tested_components import lines_on, tested_components
 
     return [*lines, *lines_on(tested_components(campaign, components))]
 

@@ -28,7 +28,7 @@ class PropertyFinding(NamedTuple):
     verdict
         Whether it holds.
     text
-        The fault in words, or the reason why the class means to break it.
+        Description of the fault, or the reason why the class means to break it.
     numbers
         The numbers at which it fails.
     """

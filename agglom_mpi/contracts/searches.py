@@ -115,7 +115,7 @@ def constrained(space: SearchSpace) -> SearchSpace:
 
 
 def _out_of_box(space: SearchSpace, proposals: Proposals) -> str:
-    """Return the first proposal out of the box or not allowed, in words; empty if none is."""
+    """Return a text on the first proposal out of the box or not allowed; empty if none is."""
     strings = proposals.parameters
     unused = np.isnan(space.lower)
     inside = (strings >= space.lower) & (strings <= space.upper) | unused

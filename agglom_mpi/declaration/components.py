@@ -28,7 +28,7 @@ from agglom_mpi.declaration.declared import Declared, DeclaredField, Reads
 from agglom_mpi.declaration.field_types import WholeNumber, named
 from agglom_mpi.declaration.needed import missing_methods, needed
 from agglom_mpi.declaration.own_modules import OwnModule, own_module
-from agglom_mpi.declaration.reading import PLAIN, Reading, names_own
+from agglom_mpi.declaration.reading import PLAIN, SOURCE_SHA256, Reading, names_own
 from agglom_mpi.declaration.units import quoted, to_si
 from agglom_mpi.errors import UserError
 from agglom_mpi.variables import Limits
@@ -238,7 +238,7 @@ class Component(Declared):
         """
         entries = super().entries()
         name = {key: entries[key] for key in (self.named_by,) if key in entries}
-        source = {} if self.own is None else {"source_sha256": self.own.sha256}
+        source = {} if self.own is None else {SOURCE_SHA256: self.own.sha256}
         return name | entries | source
 
     @classmethod

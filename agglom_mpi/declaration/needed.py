@@ -22,12 +22,12 @@ def missing_methods(component: Any) -> Iterator[tuple[str, str]]:
     known = set(component.model_fields)
     for kind in component.__mro__:
         for name, found in vars(kind).items():
-            function = found.fget if isinstance(found, property) else found
-            if name not in known and is_needed(function):
+            if name not in known and is_needed(found):
                 yield name, kind.__qualname__
         known.update(vars(kind))
 
 
-def is_needed(function: Any) -> bool:
-    """Return whether a method, or the function of a property, is marked by `needed` or abstract."""
+def is_needed(attribute: Any) -> bool:
+    """Return whether a method or property of a class is marked by `needed`, or is abstract."""
+    function = attribute.fget if isinstance(attribute, property) else attribute
     return any(getattr(function, mark, False) is True for mark in _MARKS)

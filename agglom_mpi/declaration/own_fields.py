@@ -6,14 +6,12 @@ with a class of one's own would show where a number is read, stored or compiled,
 
 from collections.abc import Iterator
 from types import NoneType
-from typing import Any, Final, get_args, get_origin
+from typing import Any, get_args, get_origin
 
 from agglom_mpi.declaration.declared import MISSING, DeclaredField
 from agglom_mpi.declaration.needed import is_needed
+from agglom_mpi.declaration.reading import SOURCE_SHA256
 from agglom_mpi.declaration.units import check_si, quoted
-
-DIGEST: Final = "source_sha256"
-"""Entry of the identity of a component of one's own, beside those of its fields."""
 
 
 def check_names(component: type[Any], base: type[Any]) -> None:
@@ -29,9 +27,7 @@ def check_names(component: type[Any], base: type[Any]) -> None:
     for name in component.model_fields:
         if name == component.named_by or name in base.model_fields:
             continue
-        hidden = getattr(base, name, None)
-        function = hidden.fget if isinstance(hidden, property) else hidden
-        if name == DIGEST or (hasattr(base, name) and not is_needed(function)):
+        if name == SOURCE_SHA256 or (hasattr(base, name) and not is_needed(getattr(base, name))):
             user = base.__name__ if hasattr(base, name) else "a campaign's identity"
             raise TypeError(f"field {name} has a name that {user} uses; it needs another")
 

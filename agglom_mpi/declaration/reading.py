@@ -5,7 +5,7 @@ class, such as `components.class_named`, asks it for the classes of one's own.
 """
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeGuard
 
 from agglom_mpi.declaration.units import quoted
@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 OWN_NAME: Final = re.compile(r"([^\W\d]\w*)\.py:([^\W\d]\w*)")
 """Regular expression of the name of a component of one's own, `FILE.py:Class`."""
 
+SOURCE_SHA256: Final = "source_sha256"
+"""Entry of an identity with the digest of code of one's own, beside those of its section."""
 
 OWN_MODULES: Final = "own_modules"
 OWN_COMPONENTS: Final = "own_components"
@@ -29,6 +31,15 @@ OWN_SHA256: Final = "own_sha256"
 def names_own(name: object) -> TypeGuard[str]:
     """Return whether a name is meant for a component of one's own: it holds the end of a file."""
     return isinstance(name, str) and ".py" in name
+
+
+def sections_of_own(identity: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the sections of an identity that have a component of one's own: `scene.friction`."""
+    for entry, name in identity.items():
+        section = entry.rpartition(".")[0]
+        is_own = isinstance(name, str) and OWN_NAME.fullmatch(name)
+        if is_own and f"{section}.{SOURCE_SHA256}" in identity:
+            yield section
 
 
 class OwnComponents:

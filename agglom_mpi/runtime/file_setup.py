@@ -6,6 +6,7 @@ from typing import Any
 
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.own_components import recorded_texts
+from agglom_mpi.declaration.reading import SOURCE_SHA256
 from agglom_mpi.errors import UserError
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.runtime.experiment import Experiment
@@ -159,7 +160,7 @@ def _edited(key: str, wanted: dict[str, Any]) -> str:
     """Return a remark on the module of one's own whose digest is different, if it is one."""
     section, _, name = key.rpartition(".")
     keys = (f"{section}.{named_by}" for named_by in ("law", "method", "rule", "call"))
-    names = [str(wanted[each]) for each in keys if name == "source_sha256" and each in wanted]
+    names = [str(wanted[each]) for each in keys if name == SOURCE_SHA256 and each in wanted]
     file = next((each.partition(":")[0] for each in names if ":" in each), "")
     return f": {file.removesuffix('.py')}.py was edited" if file else ""
 

@@ -31,8 +31,8 @@ from agglom_mpi.storage.table import (
 )
 from agglom_mpi.storage.writer import CampaignWriter, GenerationRow
 
-NOTICED: Final = 2.0
-"""Seconds without a line that make somebody wonder."""
+NOTICE_AFTER: Final = 2.0
+"""Seconds of deciding again after which a line says so."""
 
 
 class ProgressListener(Protocol):
@@ -295,6 +295,6 @@ def decided_again(
             case GenerationSummary():
                 if stop.reason:
                     return
-                if not is_shown and time.monotonic() - begun > NOTICED:
+                if not is_shown and time.monotonic() - begun > NOTICE_AFTER:
                     is_shown = True
                     show()

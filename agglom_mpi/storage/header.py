@@ -12,6 +12,7 @@ from agglom_mpi.declaration.reading import (
     OWN_MODULES,
     OWN_SHA256,
     Reading,
+    sections_of_own,
 )
 from agglom_mpi.errors import CodeNotAllowedError
 from agglom_mpi.formatting import printable
@@ -162,9 +163,8 @@ class CampaignHeader:
     @property
     def may_simulate(self) -> bool:
         """Whether no law of the scene is one's own, or its code may run."""
-        names = self.identity.keys()
-        own = any(name.startswith("scene.") and name.endswith(".source_sha256") for name in names)
-        return self.allow_code or not own
+        sections = sections_of_own(self.identity)
+        return self.allow_code or not any(each.startswith("scene.") for each in sections)
 
     def unless_code(self, what: str, compute: Callable[[], T], otherwise: T) -> T:
         """Return `compute()`; where that needs code that may not run, `what` is left out."""

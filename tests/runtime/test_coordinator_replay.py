@@ -28,7 +28,7 @@ def test_a_stop_ends_decisions_made_again_after_a_generation(tmp_path, monkeypat
     finish(tmp_path, "tiny.yaml", "-q")
     before = read_campaign(path).generation_rows()
     assert len(before) > 1
-    monkeypatch.setattr(recorder, "NOTICED", -1.0)
+    monkeypatch.setattr(recorder, "NOTICE_AFTER", -1.0)
     work, lines = InversionExperiment(load_campaign(tmp_path / "tiny.yaml")), []
     file = prepare(path, work, accept_code_change=False)
     display = Display(quiet=True)

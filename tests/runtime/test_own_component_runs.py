@@ -1,5 +1,6 @@
 """Runs with components of one's own: copies of the package's decide as these do, to the bit."""
 
+import hashlib
 import json
 
 import numpy as np
@@ -144,6 +145,20 @@ def test_a_damaged_record_of_components_is_one_message(moved, name, tmp_path):
     assert done.exit_code == 1
     assert "damaged" in done.output
     assert "Traceback" not in done.output
+
+
+@pytest.mark.parametrize("name", ["own_modules", "own_components"])
+def test_a_damaged_record_is_a_fault_whatever_its_digest_is(moved, name, tmp_path):
+    import h5py
+
+    with h5py.File(tmp_path / "own.h5", "r+") as file:
+        file.attrs[name] = "{"
+        both = file.attrs["own_modules"] + file.attrs["own_components"]
+        file.attrs["own_sha256"] = hashlib.sha256(both.encode()).hexdigest()
+    done = moved("check", "own.h5")
+    assert isinstance(done.exception, SystemExit | None)
+    assert done.exit_code == 1
+    assert "damaged" in done.output
 
 
 def test_a_module_with_another_digest_is_not_executed(moved, tmp_path):

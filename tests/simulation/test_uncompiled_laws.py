@@ -1,12 +1,12 @@
-"""What Numba cannot compile in a law of one's own is one line with the place in its file."""
+"""A law of one's own that Numba cannot compile is one line with the place in its file."""
 
 import math
 
 import pytest
+from box_runs import GAS
 from own_modules import line_of, module_of
 
 from agglom_mpi.compilation.kernels import runs_compiled
-from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.physics.contact import ContactArea
 from agglom_mpi.physics.pair import ContactPair
 from agglom_mpi.physics.restitution import (
@@ -90,24 +90,10 @@ def test_formulas_of_the_package_are_not_own():
     assert own_formulas(ConstantRestitution) == own_formulas(PressureRestitution) == {}
 
 
-SCENE = """
-seed: 1
-scene:
-  particles: 20
-  half_width: 1 cm
-  velocities: {law: spread, mean: [0, 0, 0], transverse: 1}
-  restitution: {law: constant, value: 0.5}
-  heating: none
-  end_time: 20 ms
-variables: {relative_speed: 5, size_ratio: 0.5, density: 2500}
-"""
-
-
 def test_a_scene_whose_law_does_not_compile_ends_with_that_line():
-    campaign = Campaign.from_text(SCENE)
     text = HEAD + "        x = pair.aproach\n" + END
     numbers = module_of(text).Own.Numbers()
-    scene = campaign.at(campaign.parameters()).build()
+    scene = GAS.at(GAS.parameters()).build()
     scene = scene._replace(laws=scene.laws._replace(restitution=numbers))
     with pytest.raises(UncompiledLawError) as caught:
         compile_kernels(scene)
