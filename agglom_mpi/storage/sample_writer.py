@@ -46,8 +46,8 @@ class WriteClock:
             self.seconds += time.perf_counter() - self._begun
 
 
-FLUSH_ROWS: Final = 1024
-"""Most rows that are buffered."""
+FLUSH_ROWS: Final = 16384
+"""Maximum number of rows that are buffered: many, so that samples of one string lie together."""
 FLUSH_BYTES: Final = 1 << 22
 """Most bytes that are buffered."""
 FLUSH_AGE: Final = 0.5
@@ -93,12 +93,13 @@ class RowBuffer:
 
     def add(self, records: np.ndarray, now: float) -> None:
         """Add a copy of rows, (n,); raises IndexError if the table has no place for them."""
-        for name, room in self._room.items():
-            for number in records[name].tolist():
-                if not 0 <= number < room:
-                    raise IndexError(f"{name} {number}: there is room for 0 to {room - 1}")
         if not len(records):
             return
+        for name, room in self._room.items():
+            numbers = records[name].tolist()
+            for number in min(numbers), max(numbers):
+                if not 0 <= number < room:
+                    raise IndexError(f"{name} {number}: there is room for 0 to {room - 1}")
         if not self._count:
             self._since = now
         self._waiting.append(records.astype(self._dtype, copy=False).tobytes())
@@ -198,7 +199,7 @@ class SampleWriter:
                 self._waiting_finals.clear()
             for first, rows in self._buffer.runs():
                 for begin, count in runs_of(~self._stored(first, len(rows))):
-                    self._table.write(first + begin, rows[begin : begin + count])
+                    self._table.write(first + begin, rows[begin : begin + count], checked=True)
         self.written += self._buffer.count
         self._buffer.clear()
 

@@ -15,17 +15,19 @@ from storage_rows import (
 )
 
 from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.storage import sample_writer
 from agglom_mpi.storage.access import open_file
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.rows import Rows
 from agglom_mpi.storage.run_log import LegEnd
-from agglom_mpi.storage.sample_writer import FLUSH_AGE, FLUSH_ROWS
+from agglom_mpi.storage.sample_writer import FLUSH_AGE
 from agglom_mpi.storage.schema import (
     FAILURE_CAPACITY,
     LEG_CAPACITY,
     TOOK_TOO_LONG,
     sample_dtype,
 )
+from agglom_mpi.storage.table import checksums
 from agglom_mpi.storage.writer import CampaignWriter
 from agglom_mpi.variables import TEN
 
@@ -81,7 +83,9 @@ def test_the_first_of_two_rows_for_one_sample_stays(path, writer):
     assert read_campaign(path).sample_rows(0)["rank"].tolist() == [77, 1]
 
 
-def test_samples_wait_for_company_but_not_for_long(path, writer):
+def test_samples_wait_for_company_but_not_for_long(path, writer, monkeypatch):
+    most = 10 * MAX_SAMPLES  # as many as this file has room for several times
+    monkeypatch.setattr(sample_writer, "FLUSH_ROWS", most)
     campaign, now = read_campaign(path), time.monotonic()
     writer.put_samples(sample_rows(0, 0, 3))
     assert len(campaign.sample_rows(0)) == 0
@@ -89,7 +93,7 @@ def test_samples_wait_for_company_but_not_for_long(path, writer):
     assert writer.flush_due(time.monotonic() + FLUSH_AGE)
     assert len(campaign.sample_rows(0)) == 3
     assert not writer.flush_due(time.monotonic() + FLUSH_AGE)
-    enough = FLUSH_ROWS // MAX_SAMPLES + 1
+    enough = most // MAX_SAMPLES
     for string in range(1, 1 + enough):
         assert len(campaign.sample_rows(1)) == 0
         writer.put_samples(sample_rows(string, 0, MAX_SAMPLES))
@@ -240,13 +244,35 @@ def test_a_failed_write_names_the_file_and_can_be_repeated(path, file_size_limit
 def test_a_repeated_write_succeeds(path, writer, monkeypatch):
     table = writer.samples._table
     put = table.write
-    monkeypatch.setattr(table, "write", lambda *_: (_ for _ in ()).throw(OSError(28, "full")))
+    monkeypatch.setattr(table, "write", lambda *_, **__: (_ for _ in ()).throw(OSError(28, "full")))
     writer.put_samples(sample_rows(1, 0, 10))
     with pytest.raises(OSError, match="full"):
         writer.flush()
     monkeypatch.setattr(table, "write", put)
     writer.sync()
     assert len(read_campaign(path).sample_rows(1)) == 10
+
+
+def test_a_checksum_from_where_a_sample_was_simulated_is_kept(path, writer):
+    rows = sample_rows(1, 0, 4)
+    rows["crc"] = checksums(rows)
+    rows["crc"][2] ^= 1  # damaged on its way
+    writer.put_samples(rows)
+    writer.flush()
+    assert read_campaign(path).sample_rows(1)["sample"].tolist() == [0, 1, 3]
+
+
+def test_rows_of_a_closed_file_are_not_written_into_another_one(path, tmp_path):
+    writer = CampaignWriter(path)
+    rows = writer.samples._table.rows
+    writer.close()
+    with (tmp_path / "other").open("wb") as other:  # it may get the descriptor
+        with pytest.raises(ValueError, match="closed"):
+            rows.write(0, sample_rows(0, 0, 1))
+        with pytest.raises(ValueError, match="closed"):
+            rows.read(0, 1)
+        assert not other.tell()
+    assert not (tmp_path / "other").read_bytes()
 
 
 def test_closing_writes_what_waits_and_twice_is_harmless(path):
