@@ -252,7 +252,10 @@ class ClusterSimulator:
             scheduler.update(part.string)
         self._simulated += len(done)
         self._work += spent
-        return self._serve(now, self._costs.message + self._costs.sample * len(done))
+        now = self._serve(now, self._costs.message + self._costs.sample * len(done))
+        cost = 2.0 * self._costs.message + self._costs.sample * len(done)
+        scheduler.batch_sizer.learn_cost(cost, 1, len(done))
+        return now
 
     def _samples(self, string: int, first: int, count: int) -> list[SampleInFlight]:
         """Return the next `count` samples of a string, with their outcomes recorded."""

@@ -1,6 +1,7 @@
 """Estimates for the scheduler: batch sizes, samples a string may need, priorities."""
 
 import heapq
+import math
 from bisect import bisect_right, insort
 from collections.abc import Sequence
 from typing import Final
@@ -8,7 +9,7 @@ from typing import Final
 from agglom_mpi.scheduling.interface import MOST_SAMPLES
 
 BATCH_SECONDS: Final = 0.02
-"""Work of one message in s: handling it takes rank 0 some 100 µs, less than 1 % of that."""
+"""Work of one message in s, unless rank 0 needs longer ones."""
 
 ROUND_TRIP_SECONDS: Final = 4e-3
 """Idle time between a worker's last result and its next task, in s; both ends poll."""
@@ -19,12 +20,19 @@ WOKEN_ROUND_TRIP_SECONDS: Final = 1e-3
 SECOND_BATCH_SHARE: Final = 0.004
 """A rank has a second batch in flight if a round trip takes more than this share of one batch."""
 
+BUSY_SHARE: Final = 0.5
+"""Maximum share of its time that rank 0 should spend on messages; batches grow until it does."""
+
+BURST: Final = 4.0
+"""Maximum ratio of the cost of a message to the mean, in learning it. What costs more, as proposing
+a generation does, would not become cheaper by fewer messages."""
+
 QUEUE_PROBABILITY: Final = 0.6
 """Samples less likely than this to be needed are never queued behind other work of a rank."""
 
 
 class BatchSizer:
-    """Number of samples in a message, and messages in flight, from recent sample times.
+    """Number of samples in a message, and messages in flight, from recent times and costs.
 
     Attributes
     ----------
@@ -32,10 +40,14 @@ class BatchSizer:
         Idle time between a worker's last result and its next task, in s.
     mean_seconds
         Mean time of a sample in s; 0 while unknown.
+    message_seconds
+        Mean processor time of rank 0 per batch, from assigning it to storing its results, in s; 0
+        while unknown.
     """
 
     def __init__(self) -> None:
         self.mean_seconds = 0.0
+        self.message_seconds = 0.0
         self.round_trip = ROUND_TRIP_SECONDS
 
     def learn(self, seconds: Sequence[float]) -> None:
@@ -45,11 +57,57 @@ class BatchSizer:
             weight = 1.0 - 0.95**count if self.mean_seconds else 1.0
             self.mean_seconds += weight * (sum(seconds) / count - self.mean_seconds)
 
-    def batch_size(self, limit: float) -> int:
-        """Return the number of samples in a message: `BATCH_SECONDS` of work, 1 … `limit`."""
+    def learn_cost(self, seconds: float, messages: int, samples: int) -> None:
+        """Update the cost of messages with what rank 0 has spent on some.
+
+        Parameters
+        ----------
+        seconds
+            Processor time of rank 0's main thread for them, from assigning the samples to storing
+            the results, in s.
+        messages
+            Number of messages with results; nothing is learnt from 0.
+        samples
+            Number of samples in them.
+        """
+        if not messages:
+            return
+        cost, mean = seconds / messages, self.message_seconds
+        if mean:
+            cost = min(cost, BURST * mean)
+        self.message_seconds += (1.0 - 0.95**messages if mean else 1.0) * (cost - mean)
+
+    def batch_size(self, limit: float, ranks: int = 1, waiting: float = math.inf) -> int:
+        """Return the number of samples in a message, 1 … `MOST_SAMPLES`.
+
+        They are `BATCH_SECONDS` of work and at most `limit` samples, but at least as many as leave
+        rank 0 half of its time.
+
+        Parameters
+        ----------
+        limit
+            Maximum number of samples where messages cost nothing.
+        ranks
+            Number of ranks.
+        waiting
+            Expected number of samples of a generation, at the end of which all ranks wait.
+        """
         if not self.mean_seconds:
             return 1
-        return int(max(1.0, min(MOST_SAMPLES, BATCH_SECONDS / self.mean_seconds, limit)))
+        size = max(min(BATCH_SECONDS / self.mean_seconds, limit), self.least(ranks, waiting))
+        return int(max(1.0, min(MOST_SAMPLES, size)))
+
+    def least(self, ranks: int, waiting: float) -> float:
+        """Return the fewest samples per message that leave rank 0 half of its time.
+
+        The arguments are those of `batch_size`.
+        """
+        if not self.mean_seconds:
+            return 1.0
+        # The longer a message, the longer all wait for the last one, and the less time rank 0
+        # takes for all of them. The sum of both is smallest where they are equal.
+        messages = self.message_seconds / self.mean_seconds
+        return min(ranks * messages / BUSY_SHARE, math.sqrt(waiting * messages))
 
     def batches_per_rank(self, size: int) -> int:
         """Return how many batches of `size` samples to keep in flight per rank (1 or 2)."""

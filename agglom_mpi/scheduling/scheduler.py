@@ -16,7 +16,8 @@ from agglom_mpi.scheduling.in_flight import InFlightTable, SampleRange
 from agglom_mpi.scheduling.interface import ProposeAhead, SampleDemand, StringProgress, new_tasks
 
 TAIL_SHARE: Final = 0.01
-"""Maximum of one batch of each rank together, as a share of all samples that known strings need."""
+"""Maximum of one batch of each rank together, as a share of all samples that known strings need;
+more if rank 0 would be saturated."""
 
 URGENCY: Final = 1.5
 """Maximum ratio of the priority of a sample that decisions wait for to that of an equally probable
@@ -300,9 +301,13 @@ class Scheduler:
         return SampleRange(string, first, count)
 
     def _range_limit(self, used: int) -> int:
-        """Return the most samples of an open string for one rank, so that all ranks can help."""
+        """Return the most samples of an open string for one rank, so that all ranks can help.
+
+        Where rank 0 would be saturated, fewer ranks help, with more samples each.
+        """
         need = max(self.sample_counts.mean, used + 1.0)
-        return max(1, int(need * len(self._open) / (2 * self._ranks)))
+        fair = need * len(self._open) / (2 * self._ranks)
+        return max(1, int(max(fair, self.batch_sizer.least(self._ranks, self._waiting))))
 
     def _min_probability(self, batches: int) -> float:
         """Return the least probability of samples for a rank with `batches` batches in flight."""
@@ -312,8 +317,13 @@ class Scheduler:
 
     def _batch_size(self) -> int:
         """Return the samples of a message: worth one, and no more than are surely needed."""
-        need = max(self.sample_counts.mean, self._most_used)
-        return self.batch_sizer.batch_size(TAIL_SHARE * len(self._next) * need / self._ranks)
+        waiting = self._waiting
+        return self.batch_sizer.batch_size(TAIL_SHARE * waiting / self._ranks, self._ranks, waiting)
+
+    @property
+    def _waiting(self) -> float:
+        """Number of samples that known strings are expected to need."""
+        return len(self._next) * max(self.sample_counts.mean, self._most_used)
 
     def _tasks(self, batch: list[SampleRange]) -> NDArray[np.void]:
         tasks = new_tasks([self._demand.parameters(part.string) for part in batch])
