@@ -8,7 +8,7 @@ these numbers between samples (the delta method), which is updated in constant t
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from typing import NamedTuple
 
@@ -36,6 +36,30 @@ class RunningMean:
         step = value - self.mean
         self.mean += step / self.count
         self._squares += step * (value - self.mean)
+
+    def path(self, values: Iterable[float]) -> tuple[list[float], list[float]]:
+        """Return means and sums of squares as they are now and after each further value.
+
+        Nothing is added. The operations are those of `add`, bit for bit.
+        """
+        count, mean, squares = self.count, self.mean, self._squares
+        means, sums = [mean], [squares]
+        for value in values:
+            count += 1
+            if count == 1:
+                mean = value
+            else:
+                step = value - mean
+                mean += step / count
+                squares += step * (value - mean)
+            means.append(mean)
+            sums.append(squares)
+        return means, sums
+
+    def move(self, values: int, mean: float, squares: float) -> None:
+        """Go on to a point of `path`, a number of values further."""
+        self.count += values
+        self.mean, self._squares = mean, squares
 
     @property
     def standard_error(self) -> float:

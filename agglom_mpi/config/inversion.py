@@ -43,10 +43,12 @@ class OwnInversion(Inversion):
         with users_code(self._names):
             return super().propose_ahead(generations)
 
-    def complete(self, string: int, first: int, samples: NDArray[np.void]) -> Iterator[Decision]:
-        """Take consecutive samples of a string."""
+    def complete_all(
+        self, parts: Sequence[tuple[int, int, NDArray[np.void]]]
+    ) -> Iterator[Decision]:
+        """Take samples of several strings at once."""
         with users_code(self._names):
-            return iter(list(super().complete(string, first, samples)))
+            return iter(list(super().complete_all(parts)))
 
     def ranked(self) -> list[int]:
         """Return the strings that the search ranks, the best first."""

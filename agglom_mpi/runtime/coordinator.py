@@ -1,7 +1,7 @@
 """The loop of rank 0: assign samples, decide by what comes back, record it, stop in time."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Final, NamedTuple
 
@@ -16,17 +16,16 @@ from agglom_mpi.errors import FAILURE, FINISHED, STOPPED
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.runtime.experiment import Experiment
 from agglom_mpi.runtime.failures import FailureLog
-from agglom_mpi.runtime.messages import NOT_NEEDED, SILENT_AFTER, RankMessage, storable
+from agglom_mpi.runtime.messages import SILENT_AFTER, RankMessage, merged, storable
 from agglom_mpi.runtime.post_stages import FrameStage, PostStage, ReestimationStage
 from agglom_mpi.runtime.recorder import ProgressListener, RunRecorder, decided_again
+from agglom_mpi.runtime.returned_samples import ReturnedSamples, first_returns
 from agglom_mpi.runtime.stop_request import StopRequest
 from agglom_mpi.runtime.worker_pool import WorkerPool
-from agglom_mpi.scheduling.in_flight import SampleRange
 from agglom_mpi.scheduling.scheduler import Scheduler
 from agglom_mpi.scheduling.static_scheduler import StaticScheduler
 from agglom_mpi.storage.finished_counts import finished_reason
 from agglom_mpi.storage.reader import CampaignData
-from agglom_mpi.storage.table import runs_of
 from agglom_mpi.storage.writer import CampaignWriter
 
 TICK: Final = 0.5
@@ -135,9 +134,7 @@ class Coordinator:
             if end := self._end(stop):
                 return end
             self._assign(self._scheduler, self._search_progress)
-            for message in pool.poll():
-                self._receive(message)
-                self._record_heartbeat(self._scheduler, message.rank)
+            self._poll(self._scheduler)
             self._cancel()
         self._scheduler.cancel_all()
         self._cancel()
@@ -165,7 +162,7 @@ class Coordinator:
     def shut_down(self, pool: WorkerPool, end: RunEnd) -> RunEnd:
         """Stop all ranks and record what they still report; return the end as it is then."""
         for message in pool.shut_down(end.code, self.silent):
-            self._receive(message)
+            self._receive([message])
         for rank in pool.missing:
             self.recorder.take_over(rank)
         self.recorder.finish()
@@ -198,9 +195,7 @@ class Coordinator:
             if end := self._end(stop):
                 return end
             self._assign(post_stage.scheduler, lambda: self._stage_progress(post_stage, begun))
-            for message in self._pool.poll():
-                self._receive(message)
-                self._record_heartbeat(post_stage.scheduler, message.rank)
+            self._poll(post_stage.scheduler)
         return None
 
     def _propose_ahead(self, generations: int) -> Sequence[int]:
@@ -240,67 +235,76 @@ class Coordinator:
         for rank, strings in self._scheduler.cancellations():
             self._pool.cancel(rank, strings)
 
-    def _record_heartbeat(self, scheduler: Scheduler | StaticScheduler, rank: int) -> None:
-        self._may_assign = True
-        if scheduler.heartbeat(rank, time.monotonic()):
-            self._listener.error(f"{self._named(rank)} is back")
-        self.silent.discard(rank)
+    def _poll(self, scheduler: Scheduler | StaticScheduler) -> None:
+        """Receive what has arrived."""
+        messages = list(self._pool.poll())
+        if not messages:
+            return
+        self._receive(messages)
+        self._may_assign, now = True, time.monotonic()
+        for rank in {message.rank for message in messages}:
+            if scheduler.heartbeat(rank, now):
+                self._listener.error(f"{self._named(rank)} is back")
+            self.silent.discard(rank)
 
     def _named(self, rank: int) -> str:
         host = self._pool.hosts.get(rank)
         return f"rank {rank}" if host is None else f"rank {rank} on {host}"
 
-    def _receive(self, message: RankMessage) -> None:
-        """Record what a rank reports, and make the decisions that follow."""
-        for failure in message.failures:
-            self._failures.add_traceback(failure)
-            if failure["frames"]:
-                self.frame_stage.give_up(int(failure["string"]), int(failure["sample"]))
-                self.frame_stage.scheduler.done(message.rank)
-        if len(message.results) or message.final_particles is not None:
-            writer = message.rank if self._writer.parallel and message.rank else None
-            rows = storable(message.results)
-            self.recorder.store_samples(rows, message.final_particles, writer)
-            searched, fresh = self._split(message.results)
-            if len(searched):
-                self._complete(message.rank, searched)
-            if len(fresh):
-                self._complete_fresh(message.rank, fresh)
-        for rows in message.frames:
-            if self.frame_stage.store(rows):
-                self.frame_stage.scheduler.done(message.rank)
-        if message.written:
-            self.recorder.written(message.rank, message.written)
+    def _receive(self, messages: Sequence[RankMessage]) -> None:
+        """Record what ranks report, and make the decisions that follow."""
+        for message in messages:
+            for failure in message.failures:
+                self._failures.add_traceback(failure)
+                if failure["frames"]:
+                    self.frame_stage.give_up(int(failure["string"]), int(failure["sample"]))
+                    self.frame_stage.scheduler.done(message.rank)
+        self._store(messages)
+        if any(len(message.results) for message in messages):
+            searched, fresh = ReturnedSamples.of(messages).split(self._fresh[0])
+            if searched is not None:
+                self._complete(searched)
+            if fresh is not None:
+                self._complete_fresh(fresh)
+        for message in messages:
+            for rows in message.frames:
+                if self.frame_stage.store(rows):
+                    self.frame_stage.scheduler.done(message.rank)
+            if message.written:
+                self.recorder.written(message.rank, message.written)
 
-    def _split(self, results: NDArray[np.void]) -> tuple[NDArray[np.void], NDArray[np.void]]:
-        """Split results into samples of the search, and fresh ones."""
-        if max(results["sample"].tolist(), default=0) < self._fresh[0]:
-            return results, results[:0]
-        fresh = results["sample"] >= self._fresh[0]
-        return results[~fresh], results[fresh]
+    def _store(self, messages: Sequence[RankMessage]) -> None:
+        """Store the samples of messages, except what a rank writes itself."""
+        own = []
+        for message in messages:
+            if self._writer.parallel and message.rank:
+                rows, final = storable(message.results), message.final_particles
+                self.recorder.store_samples(rows, final, message.rank)
+            else:
+                own.append(message)
+        together = merged(0, own)
+        if not together.empty:
+            self.recorder.store_samples(storable(together.results), together.final_particles)
 
-    def _complete(self, rank: int, results: NDArray[np.void]) -> None:
+    def _complete(self, returned: ReturnedSamples) -> None:
         """Make the decisions that follow from samples, unless other ranks were first."""
-        self.recorder.tally.count_skipped(results[results["reason"] == NOT_NEEDED])
-        for part, slices in first_returns(self._scheduler, rank, results):
-            for where in slices:
-                rows = results[where]
-                self.recorder.count(rows)
-                if not self._failures.incomplete:
-                    first = int(rows["sample"][0])
-                    self.recorder.record(self.inversion.complete(part.string, first, rows))
-                self._failures.add_samples(rows)
-            self._scheduler.update(part.string)
+        found = first_returns(self._scheduler, returned)
+        self.recorder.tally.count_skipped(found.skipped)
+        if found.parts:
+            self.recorder.count(found.rows)
+            if not self._failures.incomplete:
+                self.recorder.record(self.inversion.complete_all(found.parts))
+            self._failures.add_samples(found.rows)
+        for string in found.strings:
+            self._scheduler.update(string)
 
-    def _complete_fresh(self, rank: int, results: NDArray[np.void]) -> None:
+    def _complete_fresh(self, returned: ReturnedSamples) -> None:
         """Take fresh samples, which decide nothing."""
-        for _, slices in first_returns(self.reestimation.scheduler, rank, results):
-            for where in slices:
-                rows = results[where]
-                self.recorder.tally.count_fresh(rows)
-                if not self._failures.incomplete:
-                    self.reestimation.take(rows)
-                self._failures.add_samples(rows)
+        rows = first_returns(self.reestimation.scheduler, returned).rows
+        self.recorder.tally.count_fresh(rows)
+        if not self._failures.incomplete:
+            self.reestimation.take(rows)
+        self._failures.add_samples(rows)
 
     def _search_progress(self) -> RunProgress:
         tally, stage = self.recorder.tally, self._experiment.stage(self.inversion)
@@ -326,29 +330,3 @@ class Coordinator:
             unit=stage.unit,
             remaining=remaining_by_work(tally.fresh_times, done, rest, elapsed),
         )
-
-
-def first_returns(
-    scheduler: Scheduler | StaticScheduler, rank: int, results: NDArray[np.void]
-) -> Iterator[tuple[SampleRange, list[slice]]]:
-    """Yield ranges that a rank has returned, and the slices of the results that are new.
-
-    Raises
-    ------
-    RuntimeError
-        If the rank sent something else than what it was to do next.
-    """
-    begin, done = 0, results["reason"] != NOT_NEEDED
-    scheduler.batch_sizer.learn(results["seconds"][done].tolist())
-    for part, new in scheduler.returned(rank, done.tolist()):
-        check_order(rank, part, results[begin])
-        places = ((begin + first, count) for first, count in runs_of(new))
-        yield part, [slice(first, first + count) for first, count in places]
-        begin += part.size
-
-
-def check_order(rank: int, part: SampleRange, row: np.void) -> None:
-    """Raise a RuntimeError if a rank sent something else than what it was to do next."""
-    sent = int(row["string"]), int(row["sample"])
-    if sent != part[:2]:
-        raise RuntimeError(f"rank {rank} sent string and sample {sent}; expected were {part[:2]}")

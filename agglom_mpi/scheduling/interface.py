@@ -78,3 +78,9 @@ def new_tasks(strings: Sequence[NDArray[np.float64]]) -> NDArray[np.void]:
 
 MOST_SAMPLES: Final = 1024
 """Largest number of samples in one message."""
+
+
+def runs(flags: NDArray[np.bool_]) -> list[slice]:
+    """Return the places, consecutive ones together, at which flags, (n,), are set."""
+    edges = np.flatnonzero(np.diff(flags, prepend=False, append=False))
+    return [slice(start, stop) for start, stop in edges.reshape(-1, 2).tolist()]

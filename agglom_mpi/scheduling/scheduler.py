@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 from agglom_mpi.scheduling.duplicates import DuplicateSamples
 from agglom_mpi.scheduling.estimators import BatchSizer, PriorityQueue, SampleCountModel
 from agglom_mpi.scheduling.in_flight import InFlightTable, SampleRange
-from agglom_mpi.scheduling.interface import ProposeAhead, SampleDemand, StringProgress, new_tasks
+from agglom_mpi.scheduling.interface import (
+    ProposeAhead,
+    SampleDemand,
+    StringProgress,
+    new_tasks,
+    runs,
+)
 
 TAIL_SHARE: Final = 0.01
 """Maximum of one batch of each rank together, as a share of all samples that known strings need;
@@ -137,9 +143,7 @@ class Scheduler:
         """Let the next `cancellations` be of all strings: everything is decided."""
         self._complete.extend(self._next)
 
-    def returned(
-        self, rank: int, done: Sequence[bool]
-    ) -> list[tuple[SampleRange, NDArray[np.bool_]]]:
+    def returned(self, rank: int, done: Sequence[bool]) -> list[tuple[SampleRange, list[slice]]]:
         """Take the next samples of a rank off those in flight.
 
         Parameters
@@ -152,12 +156,15 @@ class Scheduler:
         Returns
         -------
         list
-            Ranges of samples in order, and which of each no rank has returned before, (size,).
+            Ranges of samples in order, and which parts of each no rank has returned before.
         """
+        removed = self._in_flight.remove(rank, len(done))
+        if not self.duplicates and all(done):
+            return [(part, [slice(0, part.size)]) for part in removed]
         returns, begin = [], 0
-        for part in self._in_flight.remove(rank, len(done)):
+        for part in removed:
             first = self.duplicates.first_returns(part, done[begin : begin + part.size])
-            returns.append((part, first))
+            returns.append((part, runs(first)))
             begin += part.size
         return returns
 

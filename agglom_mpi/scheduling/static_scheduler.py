@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.scheduling.estimators import BatchSizer
 from agglom_mpi.scheduling.in_flight import MESSAGES_IN_FLIGHT, InFlightTable, SampleRange
+from agglom_mpi.scheduling.interface import runs
 from agglom_mpi.scheduling.sample_set import SampleSet
 
 BATCHES_PER_RANK: Final = 2 * MESSAGES_IN_FLIGHT
@@ -86,18 +87,16 @@ class StaticScheduler:
             tasks[i]["first"], tasks[i]["count"] = part.first, part.size
         return tasks
 
-    def returned(
-        self, rank: int, done: Sequence[bool]
-    ) -> list[tuple[SampleRange, NDArray[np.bool_]]]:
+    def returned(self, rank: int, done: Sequence[bool]) -> list[tuple[SampleRange, list[slice]]]:
         """Take the next samples of a rank, all of them `done`, off those in flight.
 
         Returns
         -------
         list
-            Ranges of samples in order, and which of each no rank has returned before, (size,).
+            Ranges of samples in order, and which parts of each no rank has returned before.
         """
         removed = self._in_flight.remove(rank, len(done))
-        return [(part, self._open.take(part)) for part in removed]
+        return [(part, runs(self._open.take(part))) for part in removed]
 
     def done(self, rank: int) -> None:
         """Take the next sample of a rank off those in flight."""

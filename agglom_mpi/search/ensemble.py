@@ -4,8 +4,11 @@ import copy
 import math
 from typing import Final, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from agglom_mpi.outcome import SampleSummary
-from agglom_mpi.search.objectives.objective import Objective
+from agglom_mpi.search.objectives.objective import Objective, RadiusAccumulator
 from agglom_mpi.search.stopping import EnsembleState, FixedNumber, StoppingRule
 from agglom_mpi.statistics import PooledMoments, RunningMean
 
@@ -33,6 +36,31 @@ class EnsembleResult(NamedTuple):
     """Mean over samples of grains per particle left, which is not `growth_number`."""
 
 
+class EnsemblePath(NamedTuple):
+    """States of an ensemble, now and after each of n further samples: lists of n + 1 numbers.
+
+    Attributes
+    ----------
+    counts
+        Numbers of completed samples.
+    ratios
+        Means of b^f/b⁰ over samples.
+    deviations, squares
+        Means over samples of the quantity whose magnitude is the objective, and sums of the squared
+        distances from them.
+    ratio_squares, grains, grain_squares
+        The same sums of b^f/b⁰; means and sums of the grains per particle left.
+    """
+
+    counts: list[int]
+    ratios: list[float]
+    deviations: list[float]
+    squares: list[float]
+    ratio_squares: list[float]
+    grains: list[float]
+    grain_squares: list[float]
+
+
 class Ensemble:
     """Accumulate the samples of one string in order, until the stopping rule is satisfied.
 
@@ -51,6 +79,8 @@ class Ensemble:
 
     Attributes
     ----------
+    rule
+        As given; of a resampled ensemble its fixed number.
     samples_used, failed
         Number of samples so far, and of failed ones among them.
     finished
@@ -63,14 +93,14 @@ class Ensemble:
         self.failed = 0
         self._before = 0, 0
         self.finished = False
-        self._rule = rule
+        self.rule = rule
         self._particles = particles
         self._converged = False
         self._ratio = RunningMean()
         self._objective = objective.accumulator()
         self._grains = RunningMean()
         self._radii = PooledMoments()
-        self._last: EnsembleState | None = None
+        self._last: EnsembleState[float] | None = None  # None: not known
 
     def add(self, outcome: SampleSummary) -> None:
         """Add sample number `samples_used`.
@@ -91,6 +121,59 @@ class Ensemble:
         given_up = failing and self.samples_used >= MIN_SAMPLES_TO_GIVE_UP
         self.finished = self._converged or given_up or self.samples_used >= self.max_samples
 
+    @property
+    def follows_paths(self) -> bool:
+        """Whether completed samples may be added by `path` and `follow`, not one by one.
+
+        The objective must be one of the mean radius, the rule one without higher moments. Failed
+        samples may end an ensemble, so that it takes no path after them.
+        """
+        means_suffice = isinstance(self._objective, RadiusAccumulator)
+        return means_suffice and not (self.rule.needs_moments or self.failed or self._before[1])
+
+    def path(self, ratios: NDArray[np.float64], particles: NDArray[np.int64]) -> EnsemblePath:
+        """Return the states after each of n completed samples; none is added.
+
+        Parameters
+        ----------
+        ratios, particles
+            Mean of b^f/b⁰ and number of particles left of each sample, (n,).
+        """
+        assert isinstance(self._objective, RadiusAccumulator)
+        count = self._ratio.count
+        mean, squares = self._ratio.path(ratios.tolist())
+        grains, grain_squares = self._grains.path((self._particles / particles).tolist())
+        return EnsemblePath(
+            list(range(count, count + len(mean))),
+            mean,
+            *self._objective.path(ratios),
+            squares,
+            grains,
+            grain_squares,
+        )
+
+    def follow(self, path: EnsemblePath, samples: int, converges: bool) -> None:
+        """Add the first samples of a path, or as many of them as there may be.
+
+        Parameters
+        ----------
+        path
+            From `path`, with no sample added since.
+        samples
+            Their number.
+        converges
+            Whether the rule holds after the last of them.
+        """
+        assert isinstance(self._objective, RadiusAccumulator)
+        added = min(samples, self.max_samples - self.samples_used)
+        self._converged = converges and added == samples
+        self.samples_used += added
+        self._ratio.move(added, path.ratios[added], path.ratio_squares[added])
+        self._objective.move(added, path.deviations[added], path.squares[added])
+        self._grains.move(added, path.grains[added], path.grain_squares[added])
+        self._last = None
+        self.finished = self._converged or self.samples_used >= self.max_samples
+
     def resample(self, samples: int) -> "Ensemble":
         """Return an ensemble that continues this one with `samples` more, numbered from 0.
 
@@ -101,7 +184,7 @@ class Ensemble:
         more.samples_used = more.failed = 0
         more.max_samples = samples
         more.finished = more._converged = False
-        more._rule = FixedNumber(samples=samples)
+        more.rule = FixedNumber(samples=samples)
         return more
 
     @property
@@ -126,7 +209,7 @@ class Ensemble:
     @property
     def _hit_maximum(self) -> bool:
         at_maximum = self.samples_used >= self.max_samples
-        return at_maximum and not self._converged and self._rule.is_adaptive
+        return at_maximum and not self._converged and self.rule.is_adaptive
 
     @property
     def _unreliable(self) -> bool:
@@ -135,18 +218,19 @@ class Ensemble:
 
     def _measure(self, outcome: SampleSummary) -> None:
         ratio, left = outcome.mean_radius_ratio, outcome.particles
+        before = self._last or (self._state() if self._ratio.count else None)
         self._ratio.add(ratio)
         self._objective.add(outcome)
         self._grains.add(self._particles / left)
-        if self._rule.needs_moments:
+        if self.rule.needs_moments:
             self._radii.add(left, ratio, outcome.central_moments)
-        before, self._last = self._last, self._state()
-        if before is not None and self._last.samples >= self._rule.min_samples:
-            self._converged = self._rule.satisfied(before, self._last)
+        self._last = self._state()
+        if before is not None and self._last.samples >= self.rule.min_samples:
+            self._converged = self.rule.satisfied(before, self._last)
 
     def _state(self) -> EnsembleState:
         ratio, objective = self._ratio, self._objective
-        central = self._radii.central if self._rule.needs_moments else None
+        central = self._radii.central if self.rule.needs_moments else None
         return EnsembleState(
             ratio.count, ratio.mean, objective.value, objective.standard_error, central
         )

@@ -1,7 +1,7 @@
 """The decisions of a campaign, independent of the order in which samples arrive."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from agglom_mpi.search.ensemble import Ensemble, EnsembleResult
 from agglom_mpi.search.methods.method import RunningSearch
 from agglom_mpi.search.proposals import AGAIN, Evaluations, Proposals
 from agglom_mpi.search.racing import RaceEntry, Racing
+from agglom_mpi.search.sample_paths import NewSamples, Rows, extend
 
 
 class Inversion:
@@ -97,7 +98,7 @@ class Inversion:
         self._open: dict[int, Ensemble] = {}
         self._ahead: dict[int, Ensemble] = {}
         self._ended: dict[int, Ensemble] = {}
-        self._waiting: dict[int, dict[int, SampleSummary]] = {}  # by string and sample
+        self._waiting: dict[int, dict[int, Rows]] = {}  # by string and first sample
         self._samples_used = 0
 
     @property
@@ -120,7 +121,7 @@ class Inversion:
 
     def progress(self, string: int) -> Progress | None:
         """Return the progress of an open string or one proposed ahead; None once it is complete."""
-        ensemble = self._open.get(string) or self._ahead.get(string)
+        ensemble = self._live(string)
         if ensemble is None or ensemble.finished:
             return None
         return Progress(ensemble.samples_used, ensemble.max_samples)
@@ -175,7 +176,7 @@ class Inversion:
         self._last_ahead = coming
         for string, parameters in zip(numbers.tolist(), proposals.parameters, strict=True):
             self._ahead[string] = self._make_ensemble(parameters)
-            self._add_waiting(string, self._ahead[string])
+        self._add_waiting(numbers.tolist())
         return StringsProposed(proposals, numbers, ahead=True)
 
     def complete(self, string: int, first: int, samples: NDArray[np.void]) -> Iterator[Decision]:
@@ -191,18 +192,33 @@ class Inversion:
             Rows with the columns of `outcome.OUTCOME` and, where the objective needs it,
             `objective`, shape (n,).
         """
-        ensemble, ahead = self._open.get(string), self._ahead.get(string)
-        over = string < len(self._strings) if ahead is None else ahead.finished
-        if self.finished or (ensemble is None and over):
-            return
-        waiting = self._waiting.setdefault(string, {})
-        for sample, summary in enumerate(self._summarise(samples), first):
-            waiting.setdefault(sample, summary)
-        if ensemble is not None:
-            yield from self._evaluate(string, ensemble)
+        yield from self.complete_all([(string, first, samples)])
+
+    def complete_all(self, parts: Sequence[tuple[int, int, Rows]]) -> Iterator[Decision]:
+        """Take samples of several strings at once; each part is what `complete` takes."""
+        strings = dict.fromkeys(part[0] for part in parts if self._keep(*part))
+        self._add_waiting(strings)
+        if any(string in self._open for string in strings):
+            yield from self._close_finished(strings)
             yield from self._advance()
-        elif ahead is not None:
-            self._add_waiting(string, ahead)
+
+    def _keep(self, string: int, first: int, samples: Rows) -> bool:
+        """Let samples wait for their turn; return False if nobody needs them."""
+        ensemble = self._live(string)
+        if self.finished or (ensemble is None and string < len(self._strings)):
+            return False
+        if ensemble is not None and ensemble.finished:
+            return False
+        runs = self._waiting.setdefault(string, {})
+        used = 0 if ensemble is None else ensemble.samples_used
+        begin = max(first, used)
+        for start, stop in list(gaps(begin, first + len(samples), runs)):
+            runs[start] = samples[start - first : stop - first]
+        return True
+
+    def _live(self, string: int) -> Ensemble | None:
+        """Return the ensemble of a string that is open or proposed ahead."""
+        return self._open.get(string) or self._ahead.get(string)
 
     def _propose(self) -> Iterator[Decision]:
         proposals = self._search.ask()
@@ -222,8 +238,8 @@ class Inversion:
             self._strings_ahead.pop(string, None)
             ahead = self._ahead.pop(string, None)
             self._open[string] = self._ensemble(proposals, place) if ahead is None else ahead
-        for string, ensemble in list(self._open.items()):
-            yield from self._evaluate(string, ensemble)
+        self._add_waiting(self._open)
+        yield from self._close_finished(self._open)
 
     def _ensemble(self, proposals: Proposals, place: int) -> Ensemble:
         """Return an empty ensemble, or one that goes on for a string that is proposed again."""
@@ -232,16 +248,27 @@ class Inversion:
             return self._ended[parent].resample(self._more_samples)
         return self._make_ensemble(proposals.parameters[place])
 
-    def _add_waiting(self, string: int, ensemble: Ensemble) -> None:
-        """Add the samples that are next in order to an ensemble, up to the next round of a race."""
-        waiting = self._waiting.get(string, {})
-        limit = self._limit(string)
-        while not ensemble.finished and ensemble.samples_used in waiting:
-            if ensemble.samples_used >= limit:
-                return
-            ensemble.add(waiting.pop(ensemble.samples_used))
-        if ensemble.finished:
-            self._waiting.pop(string, None)
+    def _add_waiting(self, strings: Iterable[int]) -> None:
+        """Add to ensembles the samples that are next in order, up to the next round of a race."""
+        batches = []
+        for string in strings:
+            ensemble = self._live(string)
+            if ensemble is not None and not ensemble.finished:
+                parts = self._next_samples(string, ensemble.samples_used)
+                if parts:
+                    batches.append(NewSamples(ensemble, parts))
+        extend(batches, self._summarise)
+
+    def _next_samples(self, string: int, used: int) -> list[Rows]:
+        """Take those samples that wait and follow the `used` ones without a gap."""
+        runs, limit, parts = self._waiting.get(string, {}), self._limit(string), []
+        while used < limit and (rows := runs.pop(used, None)) is not None:
+            if used + len(rows) > limit:
+                allowed = int(limit) - used
+                runs[int(limit)], rows = rows[allowed:], rows[:allowed]
+            parts.append(rows)
+            used += len(rows)
+        return parts
 
     def _limit(self, string: int) -> float:
         """Return how many samples a string may use before the others have caught up."""
@@ -249,10 +276,12 @@ class Inversion:
             return math.inf
         return self._racing.samples(self._round if string in self._open else 0)
 
-    def _evaluate(self, string: int, ensemble: Ensemble) -> Iterator[Decision]:
-        self._add_waiting(string, ensemble)
-        if ensemble.finished:
-            yield self._close(string, ensemble)
+    def _close_finished(self, strings: Iterable[int]) -> Iterator[Decision]:
+        """Close those of some strings that are open and need no more samples."""
+        for string in list(strings):
+            ensemble = self._open.get(string)
+            if ensemble is not None and ensemble.finished:
+                yield self._close(string, ensemble)
 
     def _close(self, string: int, ensemble: Ensemble) -> StringEvaluated:
         del self._open[string]
@@ -287,8 +316,8 @@ class Inversion:
             for string in self._racing.dropped(self._search.parents, self._round, running, others):
                 yield self._close(string, self._open[string])
             self._round += 1
-            for string, ensemble in list(self._open.items()):
-                yield from self._evaluate(string, ensemble)
+            self._add_waiting(self._open)
+            yield from self._close_finished(self._open)
 
     def _close_generation(self) -> GenerationSummary:
         self._search.tell(self._evaluations())
@@ -318,6 +347,18 @@ class Inversion:
             np.array([self._signed(result) for result in results]),
             np.array([self._ended[string].completed for string in self._numbers.tolist()]),
         )
+
+
+def gaps(begin: int, end: int, runs: Mapping[int, Rows]) -> Iterator[tuple[int, int]]:
+    """Yield begin and end of the parts of a range of samples that no run, by its first, holds."""
+    for first in sorted(runs):
+        if first >= end:
+            break
+        if begin < first:
+            yield begin, first
+        begin = max(begin, first + len(runs[first]))
+    if begin < end:
+        yield begin, end
 
 
 def _race_entry(ensemble: Ensemble) -> RaceEntry:

@@ -19,7 +19,6 @@ from agglom_mpi.search.ending import Generations
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.space import SearchSpace
-from agglom_mpi.storage.table import runs_of
 from agglom_mpi.variables import TEN
 
 MAX_SAMPLES = 9
@@ -293,11 +292,11 @@ class World:
 
     def _judge(self, piece: SampleRange, fresh):
         parameters = self.inversion.parameters(piece.string)
-        for place, count in runs_of(fresh):
-            first = piece.first + place
+        for places in fresh:
+            first = piece.first + places.start
             new = [
                 simulated(piece.string, parameters, sample)
-                for sample in range(first, first + count)
+                for sample in range(first, piece.first + places.stop)
             ]
             for sample, outcome in enumerate(new, first):
                 self.outcomes[piece.string, sample] = outcome

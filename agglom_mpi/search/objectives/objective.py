@@ -305,6 +305,17 @@ class RadiusAccumulator:
         """Take one more completed sample."""
         self._mean.add(self._objective.deviation(outcome.mean_radius_ratio))
 
+    def path(self, ratios: NDArray[np.float64]) -> tuple[list[float], list[float]]:
+        """Return mean deviations and sums of squares by the ratios of samples, (n,).
+
+        They are as `RunningMean.path` returns them, of n + 1 numbers each.
+        """
+        return self._mean.path(self._objective.deviation(ratios).tolist())
+
+    def move(self, samples: int, mean: float, squares: float) -> None:
+        """Go on to a point of `path`, a number of samples further."""
+        self._mean.move(samples, mean, squares)
+
     @property
     def value(self) -> float:
         """Magnitude of the mean."""

@@ -1,0 +1,119 @@
+"""Samples that ranks have returned, as one array: what is new among them, and whose it was."""
+
+from collections.abc import Sequence
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglom_mpi.runtime.messages import NOT_NEEDED, RankMessage
+from agglom_mpi.scheduling.in_flight import SampleRange
+from agglom_mpi.scheduling.scheduler import Scheduler
+from agglom_mpi.scheduling.static_scheduler import StaticScheduler
+from agglom_mpi.storage.table import concatenated
+
+Rows = NDArray[np.void]
+
+
+class ReturnedSamples(NamedTuple):
+    """Samples of several messages.
+
+    Attributes
+    ----------
+    rows
+        Rows of `/samples`, message by message, (n,).
+    counts
+        Rank and number of samples of each message.
+    """
+
+    rows: Rows
+    counts: list[tuple[int, int]]
+
+    @classmethod
+    def of(cls, messages: Sequence[RankMessage]) -> Self:
+        """Return the samples of messages; at least one has some."""
+        parts = [message.results for message in messages if len(message.results)]
+        counts = [(message.rank, len(message.results)) for message in messages]
+        return cls(concatenated(parts, parts[0].dtype), [pair for pair in counts if pair[1]])
+
+    def split(self, fresh_from: int) -> tuple["ReturnedSamples | None", "ReturnedSamples | None"]:
+        """Split into samples of the search and fresh ones, numbered from `fresh_from` on."""
+        fresh = self.rows["sample"] >= fresh_from
+        if not fresh.any():
+            return self, None
+        return self._where(~fresh), self._where(fresh)
+
+    def _where(self, chosen: NDArray[np.bool_]) -> "ReturnedSamples | None":
+        ranks = np.repeat([rank for rank, _ in self.counts], [count for _, count in self.counts])
+        rows, ranks = self.rows[chosen], ranks[chosen]
+        return type(self)(rows, [(rank, 1) for rank in ranks.tolist()]) if len(rows) else None
+
+
+class NewPart(NamedTuple):
+    """Consecutive samples of one string that no rank has returned before."""
+
+    string: int
+    first: int
+    rows: Rows
+
+
+class FirstReturns(NamedTuple):
+    """What is new among returned samples.
+
+    Attributes
+    ----------
+    strings
+        Strings of all of them, new or not, without repetition.
+    parts
+        The new ones.
+    rows
+        All new ones, (n,).
+    skipped
+        Samples that were left out as unnecessary, (n,).
+    """
+
+    strings: list[int]
+    parts: list[NewPart]
+    rows: Rows
+    skipped: Rows
+
+
+def first_returns(
+    scheduler: Scheduler | StaticScheduler, returned: ReturnedSamples
+) -> FirstReturns:
+    """Take samples off those in flight, and return what is new among them.
+
+    Raises
+    ------
+    RuntimeError
+        If a rank sent something else than what it was to do next.
+    """
+    rows = returned.rows
+    needed = rows["reason"] != NOT_NEEDED
+    done = needed.tolist()
+    scheduler.batch_sizer.learn(rows["seconds"][needed].tolist())
+    strings, samples = rows["string"].tolist(), rows["sample"].tolist()
+    found, parts, begin = {}, [], 0
+    for rank, count in returned.counts:
+        for part, new in scheduler.returned(rank, done[begin : begin + count]):
+            check_order(rank, part, (strings[begin], samples[begin]))
+            found[part.string] = None
+            parts += [
+                NewPart(part.string, part.first + where.start, rows[begin:][where])
+                for where in new
+            ]
+            begin += part.size
+    total = sum(len(part.rows) for part in parts)
+    every = total == len(rows)
+    return FirstReturns(
+        list(found),
+        parts,
+        rows if every else concatenated([part.rows for part in parts], rows.dtype),
+        rows[:0] if all(done) else rows[~needed],
+    )
+
+
+def check_order(rank: int, part: SampleRange, sent: tuple[int, int]) -> None:
+    """Raise a RuntimeError if a rank sent another string and sample than it was to do next."""
+    if sent != part[:2]:
+        raise RuntimeError(f"rank {rank} sent string and sample {sent}; expected were {part[:2]}")
