@@ -8,7 +8,7 @@ these numbers between samples (the delta method), which is updated in constant t
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import NamedTuple
 
@@ -17,6 +17,34 @@ from numpy.typing import ArrayLike, NDArray
 
 Central = tuple[float, float, float]
 """Central moments 2, 3, 4."""
+
+
+class PlainMean:
+    """Mean of the values so far, by the operations of `RunningMean`, without its error."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.mean = math.nan
+
+    def add(self, value: float) -> None:
+        """Add one value."""
+        self.count += 1
+        self.mean = value if self.count == 1 else self.mean + (value - self.mean) / self.count
+
+    def path(self, values: Sequence[float]) -> list[float]:
+        """Return the mean as it is now and after each of n further values, (n + 1,); add none."""
+        count, mean = self.count, self.mean
+        means = [mean]
+        for value in values:
+            count += 1
+            mean = mean + (value - mean) / count if count > 1 else value
+            means.append(mean)
+        return means
+
+    def move(self, values: int, mean: float) -> None:
+        """Go on to a point of `path`, a number of values further."""
+        self.count += values
+        self.mean = mean
 
 
 class RunningMean:
@@ -37,10 +65,10 @@ class RunningMean:
         self.mean += step / self.count
         self._squares += step * (value - self.mean)
 
-    def path(self, values: Iterable[float]) -> tuple[list[float], list[float]]:
-        """Return means and sums of squares as they are now and after each further value.
+    def path(self, values: Sequence[float]) -> tuple[list[float], list[float]]:
+        """Return mean and sum of squares as they are now and after each of n further values.
 
-        Nothing is added. The operations are those of `add`, bit for bit.
+        Both are of n + 1 numbers, with the bits that `add` gives. No value is added.
         """
         count, mean, squares = self.count, self.mean, self._squares
         means, sums = [mean], [squares]

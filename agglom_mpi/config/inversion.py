@@ -1,6 +1,6 @@
 """Building the inversion of a campaign: search method, ensembles and stopping."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import nullcontext
 from functools import partial
 from typing import Any
@@ -44,11 +44,11 @@ class OwnInversion(Inversion):
             return super().propose_ahead(generations)
 
     def complete_all(
-        self, parts: Sequence[tuple[int, int, NDArray[np.void]]]
+        self, samples: NDArray[np.void], parts: Iterable[tuple[int, int, int, int]]
     ) -> Iterator[Decision]:
         """Take samples of several strings at once."""
         with users_code(self._names):
-            return iter(list(super().complete_all(parts)))
+            return iter(list(super().complete_all(samples, parts)))
 
     def ranked(self) -> list[int]:
         """Return the strings that the search ranks, the best first."""

@@ -75,6 +75,7 @@ class Coordinator:
         self._stored = file
         self._fresh = file.fresh_from, file.max_samples
         self._last_tick, self._may_assign = time.monotonic(), True
+        self._spent = 0.0  # processor time on messages whose cost is not learnt yet, in s
         self._failures = FailureLog(writer, file, listener)
         self.silent: set[int] = set()
         self.recorder = RunRecorder(
@@ -133,9 +134,7 @@ class Coordinator:
         while not self.inversion.finished:
             if end := self._end(stop):
                 return end
-            self._assign(self._scheduler, self._search_progress)
-            self._poll(self._scheduler)
-            self._cancel()
+            self._serve(self._scheduler, self._search_progress)
         self._scheduler.cancel_all()
         self._cancel()
         for post_stage in (self.reestimation, self.frame_stage):
@@ -194,8 +193,7 @@ class Coordinator:
         while not post_stage.done:
             if end := self._end(stop):
                 return end
-            self._assign(post_stage.scheduler, lambda: self._stage_progress(post_stage, begun))
-            self._poll(post_stage.scheduler)
+            self._serve(post_stage.scheduler, lambda: self._stage_progress(post_stage, begun))
         return None
 
     def _propose_ahead(self, generations: int) -> Sequence[int]:
@@ -206,15 +204,43 @@ class Coordinator:
         self.recorder.record([proposed])
         return proposed.strings.tolist()
 
-    def _assign(
+    def _serve(
         self, scheduler: Scheduler | StaticScheduler, progress: Callable[[], RunProgress]
     ) -> None:
-        """Assign tasks where anything has changed, and do what is due from time to time."""
-        now = time.monotonic()
+        """Assign tasks, receive what has arrived, and learn what that costs this rank."""
+        begun = time.thread_time()
+        assigned = self._assign(scheduler, progress)
+        messages = list(self._pool.poll())
+        if messages:
+            self._receive(messages)
+            self._may_assign, now = True, time.monotonic()
+            for rank in {message.rank for message in messages}:
+                self._record_heartbeat(scheduler, rank, now)
+        if scheduler is self._scheduler:
+            self._cancel()
+        if assigned or messages:  # else nothing but a poll
+            self._spent += time.thread_time() - begun
+            sizes = [len(message.results) for message in messages if len(message.results)]
+            if sizes:
+                scheduler.batch_sizer.learn_cost(self._spent, len(sizes), sum(sizes))
+                self._spent = 0.0
+
+    def _assign(
+        self, scheduler: Scheduler | StaticScheduler, progress: Callable[[], RunProgress]
+    ) -> bool:
+        """Assign tasks where anything has changed, and do what is due from time to time.
+
+        Returns
+        -------
+        bool
+            Whether any were assigned.
+        """
+        now, assigned = time.monotonic(), False
         if self._may_assign:
             self._may_assign = False
             scheduler.batch_sizer.round_trip = self._pool.round_trip
             for rank, tasks in scheduler.assignments(now):
+                assigned = True
                 self._pool.send(rank, tasks)
         self._writer.flush_due()
         if now - self._last_tick > TICK:
@@ -229,23 +255,19 @@ class Coordinator:
                 )
                 self.silent.add(rank)
                 self.recorder.take_over(rank)
+        return assigned
 
     def _cancel(self) -> None:
         """Let ranks leave out samples that have turned out to be unnecessary."""
         for rank, strings in self._scheduler.cancellations():
             self._pool.cancel(rank, strings)
 
-    def _poll(self, scheduler: Scheduler | StaticScheduler) -> None:
-        """Receive what has arrived."""
-        messages = list(self._pool.poll())
-        if not messages:
-            return
-        self._receive(messages)
-        self._may_assign, now = True, time.monotonic()
-        for rank in {message.rank for message in messages}:
-            if scheduler.heartbeat(rank, now):
-                self._listener.error(f"{self._named(rank)} is back")
-            self.silent.discard(rank)
+    def _record_heartbeat(
+        self, scheduler: Scheduler | StaticScheduler, rank: int, now: float
+    ) -> None:
+        if scheduler.heartbeat(rank, now):
+            self._listener.error(f"{self._named(rank)} is back")
+        self.silent.discard(rank)
 
     def _named(self, rank: int) -> str:
         host = self._pool.hosts.get(rank)
@@ -293,7 +315,7 @@ class Coordinator:
         if found.parts:
             self.recorder.count(found.rows)
             if not self._failures.incomplete:
-                self.recorder.record(self.inversion.complete_all(found.parts))
+                self.recorder.record(self.inversion.complete_all(found.rows, found.parts))
             self._failures.add_samples(found.rows)
         for string in found.strings:
             self._scheduler.update(string)

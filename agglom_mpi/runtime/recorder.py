@@ -26,6 +26,7 @@ from agglom_mpi.storage.table import (
     concatenated,
     generation_digest,
     make_row,
+    rows_at,
     runs_of,
     used_samples,
 )
@@ -108,9 +109,9 @@ class DigestAccumulator:
         strings = sorted(self._results)
         results = concatenated([self._results[string] for string in strings], RESULTS.dtype)
         samples = concatenated(self._samples, self._schema.dtype)
-        self._samples = [samples[samples["string"] > strings[-1]]]
+        self._samples = [rows_at(samples, samples["string"] > strings[-1])]
         used = used_samples(samples, results)
-        used = used[used["reason"] != FailureReason.TIMED_OUT]  # which have no row in the file
+        used = rows_at(used, used["reason"] != FailureReason.TIMED_OUT)  # they are in no row
         return generation_digest(self._parameters, results, used, self._version, self._schema)
 
 

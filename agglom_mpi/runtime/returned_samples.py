@@ -50,11 +50,12 @@ class ReturnedSamples(NamedTuple):
 
 
 class NewPart(NamedTuple):
-    """Consecutive samples of one string that no rank has returned before."""
+    """Consecutive samples of one string that no rank has returned before: a range of rows."""
 
     string: int
     first: int
-    rows: Rows
+    begin: int
+    end: int
 
 
 class FirstReturns(NamedTuple):
@@ -98,19 +99,23 @@ def first_returns(
         for part, new in scheduler.returned(rank, done[begin : begin + count]):
             check_order(rank, part, (strings[begin], samples[begin]))
             found[part.string] = None
-            parts += [
-                NewPart(part.string, part.first + where.start, rows[begin:][where])
-                for where in new
-            ]
+            for where in new:
+                first = part.first + where.start
+                parts.append(NewPart(part.string, first, begin + where.start, begin + where.stop))
             begin += part.size
-    total = sum(len(part.rows) for part in parts)
-    every = total == len(rows)
-    return FirstReturns(
-        list(found),
-        parts,
-        rows if every else concatenated([part.rows for part in parts], rows.dtype),
-        rows[:0] if all(done) else rows[~needed],
-    )
+    if sum(part.end - part.begin for part in parts) == len(rows):
+        return FirstReturns(list(found), parts, rows, rows[:0])
+    return FirstReturns(list(found), *_only(rows, parts), rows[~needed])
+
+
+def _only(rows: Rows, parts: list[NewPart]) -> tuple[list[NewPart], Rows]:
+    """Return parts, and rows without all others."""
+    kept, begin = [], 0
+    for part in parts:
+        end = begin + part.end - part.begin
+        kept.append(part._replace(begin=begin, end=end))
+        begin = end
+    return kept, concatenated([rows[part.begin : part.end] for part in parts], rows.dtype)
 
 
 def check_order(rank: int, part: SampleRange, sent: tuple[int, int]) -> None:

@@ -109,6 +109,23 @@ class BatchSizer:
         messages = self.message_seconds / self.mean_seconds
         return min(ranks * messages / BUSY_SHARE, math.sqrt(waiting * messages))
 
+    def range_weight(self, ranks: int, size: int) -> float:
+        """Return how much the work of rank 0 counts against a rank's, 1 … `ranks`.
+
+        While rank 0 keeps up, a second of its time is one of one rank. Where all ranks wait for it,
+        it is one of each.
+
+        Parameters
+        ----------
+        ranks
+            Number of ranks.
+        size
+            Number of samples in a message.
+        """
+        work = size * self.mean_seconds
+        busy = ranks * self.message_seconds / work if work else 0.0
+        return 1.0 + (ranks - 1) * min(1.0, busy / BUSY_SHARE)
+
     def batches_per_rank(self, size: int) -> int:
         """Return how many batches of `size` samples to keep in flight per rank (1 or 2)."""
         # One, where a second would tie the rank to long samples that may become unnecessary.
@@ -145,6 +162,11 @@ class SampleCountModel:
         """Mean number of samples of a string; 0 without data."""
         return self._sum / len(self._used) if self._used else 0.0
 
+    @property
+    def strings(self) -> int:
+        """Number of strings learnt from: probabilities change when it does."""
+        return len(self._used)
+
     def probability(self, used: int, sample: int) -> float:
         """Return the probability that a sample is needed, given that `used` ones are not enough.
 
@@ -155,11 +177,11 @@ class SampleCountModel:
         sample
             Number of the sample in question, at least `used`.
         """
-        prior = (used + 1) / (sample + 1)
-        return (self._more_than(sample) + prior) / (self._more_than(used) + 1)
-
-    def _more_than(self, samples: int) -> int:
-        return len(self._used) - bisect_right(self._used, samples)
+        counts = self._used
+        strings = len(counts)
+        more_than_used = strings - bisect_right(counts, used)
+        more_than_sample = strings - bisect_right(counts, sample)
+        return (more_than_sample + (used + 1) / (sample + 1)) / (more_than_used + 1)
 
 
 class PriorityQueue:

@@ -71,8 +71,8 @@ def task_type(variables: int) -> np.dtype:
 def new_tasks(strings: Sequence[NDArray[np.float64]]) -> NDArray[np.void]:
     """Return tasks with the parameters of strings, (k,) each, and all else 0, (n,)."""
     tasks = np.zeros(len(strings), task_type(len(strings[0]) if len(strings) else 0))
-    for task, string in zip(tasks, strings, strict=True):
-        task["parameters"] = string
+    if len(strings):
+        tasks["parameters"] = strings
     return tasks
 
 

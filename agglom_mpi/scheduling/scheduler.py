@@ -4,6 +4,7 @@ Events go in (`returned`, `update`, `heartbeat`, `mark_silent`); assignments and
 out.
 """
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
@@ -36,8 +37,14 @@ of a generation, and more by samples that turn out not to be needed."""
 MIN_PROBABILITY: Final = 0.02
 """Minimum probability that a sample is needed for it to be simulated."""
 
-RELATIVE_PROBABILITY: Final = 0.95
-"""Minimum ratio of the probabilities that the last and the first sample of a range are needed."""
+RANGE_LOSS: Final = 0.05
+"""Maximum relative loss of the probability to be needed from the first to the last sample of a
+range, where rank 0 is not busy. Of ranges with n samples, the work of rank 0 per sample is
+proportional to 1/n and the loss to n, so that their best length grows with the square root of what
+a second of rank 0 counts."""
+
+MAX_RANGE_LOSS: Final = 0.5
+"""The same where all ranks wait for rank 0."""
 
 GENERATIONS_AHEAD: Final = 4
 """Maximum number of generations ahead whose samples may be simulated."""
@@ -93,9 +100,11 @@ class Scheduler:
         self._generation = -1
         self._open: set[int] = set()
         self._next: dict[int, int] = {}  # sample to assign next, by string
+        self._learnt: dict[int, int] = {}  # strings learnt from when one was prioritised
         self._urgent, self._speculative = PriorityQueue(), PriorityQueue()
         self._complete: list[int] = []  # strings of which ranks may have unnecessary samples
         self._most_used = 0
+        self._range_loss = RANGE_LOSS
         for string, sample in known:
             self._known.setdefault(string, set()).add(sample)
         for samples in used:
@@ -113,9 +122,13 @@ class Scheduler:
     def assignments(self, now: float) -> Iterator[tuple[int, NDArray[np.void]]]:
         """Yield ranks and their new tasks, arrays of `task_type`, at the time `now` in s."""
         self._follow_generation()
-        for batches in range(self.batch_sizer.batches_per_rank(self._batch_size())):
+        size = self._batch_size()
+        weight = self.batch_sizer.range_weight(self._ranks, size)
+        self._range_loss = min(MAX_RANGE_LOSS, RANGE_LOSS * math.sqrt(weight))
+        for batches in range(self.batch_sizer.batches_per_rank(size)):
+            least = self._min_probability(batches, size)
             while (rank := self.next_rank(batches)) is not None:
-                batch = self._next_batch(self._min_probability(batches))
+                batch = self._next_batch(size, least)
                 if not batch:
                     return
                 self._in_flight.assign(rank, batch, now)
@@ -192,6 +205,7 @@ class Scheduler:
         self._complete.append(string)
         self._open.discard(string)
         self._next.pop(string, None)
+        self._learnt.pop(string, None)
         self._known.pop(string, None)
         self.duplicates.drop(string)
         self._urgent.remove(string)
@@ -225,6 +239,7 @@ class Scheduler:
             queue.remove(string)
             return
         self._most_used = max(self._most_used, progress.next_sample)
+        self._learnt[string] = self.sample_counts.strings
         queue.put(string, self._probability(string, progress, sample))
 
     def _probability(self, string: int, progress: StringProgress, sample: int) -> float:
@@ -239,9 +254,8 @@ class Scheduler:
         self._next[string] = sample
         return sample
 
-    def _next_batch(self, least: float) -> list[SampleRange]:
-        """Take samples for one batch, none less likely to be needed than `least`."""
-        room = self._batch_size()
+    def _next_batch(self, room: int, least: float) -> list[SampleRange]:
+        """Take at most `room` samples, none less likely to be needed than `least`."""
         batch: list[SampleRange] = []
         while room > 0:
             part = self._take_best(room, least)
@@ -256,8 +270,6 @@ class Scheduler:
         string = self._best_string(least)
         if string is None:
             return None
-        self._urgent.remove(string)
-        self._speculative.remove(string)
         if self.duplicates.first(string) is not None:
             part = self.duplicates.take(string, limit)
         else:
@@ -285,9 +297,9 @@ class Scheduler:
     def _first(self, queue: PriorityQueue) -> tuple[float, int]:
         """Return the highest probability of a queue, 0 if it is empty, and its string."""
         while first := queue.first():
-            self._prioritise(first[1])  # probabilities grow with what is learnt
-            if queue.first() == first:
+            if self._learnt[first[1]] == self.sample_counts.strings:
                 return first
+            self._prioritise(first[1])  # probabilities grow with what is learnt
         return 0.0, -1
 
     def _next_range(self, string: int, limit: int) -> SampleRange:
@@ -302,7 +314,7 @@ class Scheduler:
         if known:
             count = next((n for n in range(1, count) if first + n in known), count)
         probability = self.sample_counts.probability
-        least = RELATIVE_PROBABILITY * probability(used, first)
+        least = (1.0 - self._range_loss) * probability(used, first)
         while count > 1 and probability(used, first + count - 1) < least:
             count //= 2
         return SampleRange(string, first, count)
@@ -316,11 +328,9 @@ class Scheduler:
         fair = need * len(self._open) / (2 * self._ranks)
         return max(1, int(max(fair, self.batch_sizer.least(self._ranks, self._waiting))))
 
-    def _min_probability(self, batches: int) -> float:
+    def _min_probability(self, batches: int, size: int) -> float:
         """Return the least probability of samples for a rank with `batches` batches in flight."""
-        if not batches:
-            return MIN_PROBABILITY
-        return self.batch_sizer.queue_probability(self._batch_size())
+        return self.batch_sizer.queue_probability(size) if batches else MIN_PROBABILITY
 
     def _batch_size(self) -> int:
         """Return the samples of a message: worth one, and no more than are surely needed."""
@@ -334,6 +344,5 @@ class Scheduler:
 
     def _tasks(self, batch: list[SampleRange]) -> NDArray[np.void]:
         tasks = new_tasks([self._demand.parameters(part.string) for part in batch])
-        for task, part in zip(tasks, batch, strict=True):
-            task["string"], task["first"], task["count"] = part
+        tasks["string"], tasks["first"], tasks["count"] = zip(*batch, strict=True)
         return tasks

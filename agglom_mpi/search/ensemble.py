@@ -4,13 +4,10 @@ import copy
 import math
 from typing import Final, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from agglom_mpi.outcome import SampleSummary
-from agglom_mpi.search.objectives.objective import Objective, RadiusAccumulator
+from agglom_mpi.search.objectives.objective import Objective, RadiusAccumulator, RadiusObjective
 from agglom_mpi.search.stopping import EnsembleState, FixedNumber, StoppingRule
-from agglom_mpi.statistics import PooledMoments, RunningMean
+from agglom_mpi.statistics import PlainMean, PooledMoments
 
 MIN_SAMPLES_TO_GIVE_UP: Final = 10
 """Fewest samples at which the share of failed ones may end an ensemble."""
@@ -41,24 +38,22 @@ class EnsemblePath(NamedTuple):
 
     Attributes
     ----------
-    counts
-        Numbers of completed samples.
+    count
+        Number of completed samples now.
     ratios
         Means of b^f/b⁰ over samples.
     deviations, squares
         Means over samples of the quantity whose magnitude is the objective, and sums of the squared
         distances from them.
-    ratio_squares, grains, grain_squares
-        The same sums of b^f/b⁰; means and sums of the grains per particle left.
+    grains
+        Means over samples of the grains per particle left.
     """
 
-    counts: list[int]
+    count: int
     ratios: list[float]
     deviations: list[float]
     squares: list[float]
-    ratio_squares: list[float]
     grains: list[float]
-    grain_squares: list[float]
 
 
 class Ensemble:
@@ -79,6 +74,8 @@ class Ensemble:
 
     Attributes
     ----------
+    particles
+        As given.
     rule
         As given; of a resampled ensemble its fixed number.
     samples_used, failed
@@ -94,11 +91,11 @@ class Ensemble:
         self._before = 0, 0
         self.finished = False
         self.rule = rule
-        self._particles = particles
+        self.particles = particles
         self._converged = False
-        self._ratio = RunningMean()
+        self._ratio = PlainMean()
         self._objective = objective.accumulator()
-        self._grains = RunningMean()
+        self._grains = PlainMean()
         self._radii = PooledMoments()
         self._last: EnsembleState[float] | None = None  # None: not known
 
@@ -131,25 +128,29 @@ class Ensemble:
         means_suffice = isinstance(self._objective, RadiusAccumulator)
         return means_suffice and not (self.rule.needs_moments or self.failed or self._before[1])
 
-    def path(self, ratios: NDArray[np.float64], particles: NDArray[np.int64]) -> EnsemblePath:
+    @property
+    def radius_objective(self) -> RadiusObjective:
+        """The objective, where the ensemble follows paths."""
+        assert isinstance(self._objective, RadiusAccumulator)
+        return self._objective.objective
+
+    def path(
+        self, ratios: list[float], deviations: list[float], grains: list[float]
+    ) -> EnsemblePath:
         """Return the states after each of n completed samples; none is added.
 
         Parameters
         ----------
-        ratios, particles
-            Mean of b^f/b⁰ and number of particles left of each sample, (n,).
+        ratios, deviations, grains
+            Of each sample the mean of b^f/b⁰, its deviation for `radius_objective`, and the grains
+            per particle left.
         """
         assert isinstance(self._objective, RadiusAccumulator)
-        count = self._ratio.count
-        mean, squares = self._ratio.path(ratios.tolist())
-        grains, grain_squares = self._grains.path((self._particles / particles).tolist())
         return EnsemblePath(
-            list(range(count, count + len(mean))),
-            mean,
-            *self._objective.path(ratios),
-            squares,
-            grains,
-            grain_squares,
+            self._ratio.count,
+            self._ratio.path(ratios),
+            *self._objective.mean.path(deviations),
+            self._grains.path(grains),
         )
 
     def follow(self, path: EnsemblePath, samples: int, converges: bool) -> None:
@@ -168,9 +169,9 @@ class Ensemble:
         added = min(samples, self.max_samples - self.samples_used)
         self._converged = converges and added == samples
         self.samples_used += added
-        self._ratio.move(added, path.ratios[added], path.ratio_squares[added])
-        self._objective.move(added, path.deviations[added], path.squares[added])
-        self._grains.move(added, path.grains[added], path.grain_squares[added])
+        self._ratio.move(added, path.ratios[added])
+        self._objective.mean.move(added, path.deviations[added], path.squares[added])
+        self._grains.move(added, path.grains[added])
         self._last = None
         self.finished = self._converged or self.samples_used >= self.max_samples
 
@@ -221,7 +222,7 @@ class Ensemble:
         before = self._last or (self._state() if self._ratio.count else None)
         self._ratio.add(ratio)
         self._objective.add(outcome)
-        self._grains.add(self._particles / left)
+        self._grains.add(self.particles / left)
         if self.rule.needs_moments:
             self._radii.add(left, ratio, outcome.central_moments)
         self._last = self._state()

@@ -1,7 +1,7 @@
 """The decisions of a campaign, independent of the order in which samples arrive."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from agglom_mpi.search.ensemble import Ensemble, EnsembleResult
 from agglom_mpi.search.methods.method import RunningSearch
 from agglom_mpi.search.proposals import AGAIN, Evaluations, Proposals
 from agglom_mpi.search.racing import RaceEntry, Racing
-from agglom_mpi.search.sample_paths import NewSamples, Rows, extend
+from agglom_mpi.search.sample_paths import NewSamples, SampleBatch, SamplePart, extend
 
 
 class Inversion:
@@ -98,7 +98,7 @@ class Inversion:
         self._open: dict[int, Ensemble] = {}
         self._ahead: dict[int, Ensemble] = {}
         self._ended: dict[int, Ensemble] = {}
-        self._waiting: dict[int, dict[int, Rows]] = {}  # by string and first sample
+        self._waiting: dict[int, dict[int, SamplePart]] = {}  # by string and first sample
         self._samples_used = 0
 
     @property
@@ -192,28 +192,48 @@ class Inversion:
             Rows with the columns of `outcome.OUTCOME` and, where the objective needs it,
             `objective`, shape (n,).
         """
-        yield from self.complete_all([(string, first, samples)])
+        yield from self.complete_all(samples, [(string, first, 0, len(samples))])
 
-    def complete_all(self, parts: Sequence[tuple[int, int, Rows]]) -> Iterator[Decision]:
-        """Take samples of several strings at once; each part is what `complete` takes."""
-        strings = dict.fromkeys(part[0] for part in parts if self._keep(*part))
+    def complete_all(
+        self, samples: NDArray[np.void], parts: Iterable[tuple[int, int, int, int]]
+    ) -> Iterator[Decision]:
+        """Take samples of several strings at once.
+
+        Parameters
+        ----------
+        samples
+            As for `complete`, of any strings, shape (n,).
+        parts
+            Ranges of them that are consecutive samples of one string: its number, that of the first
+            sample, and begin and end of the range in `samples`.
+        """
+        batch, strings = SampleBatch(samples, self._summarise), {}
+        for string, first, begin, end in parts:
+            if self._keep(string, first, SamplePart(batch, begin, end)):
+                strings[string] = None
         self._add_waiting(strings)
         if any(string in self._open for string in strings):
             yield from self._close_finished(strings)
             yield from self._advance()
 
-    def _keep(self, string: int, first: int, samples: Rows) -> bool:
+    def _keep(self, string: int, first: int, part: SamplePart) -> bool:
         """Let samples wait for their turn; return False if nobody needs them."""
         ensemble = self._live(string)
-        if self.finished or (ensemble is None and string < len(self._strings)):
-            return False
-        if ensemble is not None and ensemble.finished:
-            return False
+        if ensemble is None:
+            used = 0
+            if self.finished or string < len(self._strings):
+                return False
+        else:
+            used = ensemble.samples_used
+            if self.finished or ensemble.finished:
+                return False
         runs = self._waiting.setdefault(string, {})
-        used = 0 if ensemble is None else ensemble.samples_used
-        begin = max(first, used)
-        for start, stop in list(gaps(begin, first + len(samples), runs)):
-            runs[start] = samples[start - first : stop - first]
+        if runs or first < used:
+            size = part.end - part.begin
+            for start, stop in list(gaps(max(first, used), first + size, runs)):
+                runs[start] = part.part(start - first, stop - first)
+        else:
+            runs[first] = part
         return True
 
     def _live(self, string: int) -> Ensemble | None:
@@ -257,17 +277,19 @@ class Inversion:
                 parts = self._next_samples(string, ensemble.samples_used)
                 if parts:
                     batches.append(NewSamples(ensemble, parts))
-        extend(batches, self._summarise)
+        if batches:
+            extend(batches)
 
-    def _next_samples(self, string: int, used: int) -> list[Rows]:
+    def _next_samples(self, string: int, used: int) -> list[SamplePart]:
         """Take those samples that wait and follow the `used` ones without a gap."""
         runs, limit, parts = self._waiting.get(string, {}), self._limit(string), []
-        while used < limit and (rows := runs.pop(used, None)) is not None:
-            if used + len(rows) > limit:
+        while used < limit and (part := runs.pop(used, None)) is not None:
+            size = part.end - part.begin
+            if used + size > limit:
                 allowed = int(limit) - used
-                runs[int(limit)], rows = rows[allowed:], rows[:allowed]
-            parts.append(rows)
-            used += len(rows)
+                runs[int(limit)], part = part.part(allowed, size), part.part(0, allowed)
+            parts.append(part)
+            used += size
         return parts
 
     def _limit(self, string: int) -> float:
@@ -349,14 +371,14 @@ class Inversion:
         )
 
 
-def gaps(begin: int, end: int, runs: Mapping[int, Rows]) -> Iterator[tuple[int, int]]:
+def gaps(begin: int, end: int, runs: Mapping[int, SamplePart]) -> Iterator[tuple[int, int]]:
     """Yield begin and end of the parts of a range of samples that no run, by its first, holds."""
     for first in sorted(runs):
         if first >= end:
             break
         if begin < first:
             yield begin, first
-        begin = max(begin, first + len(runs[first]))
+        begin = max(begin, first + runs[first].end - runs[first].begin)
     if begin < end:
         yield begin, end
 

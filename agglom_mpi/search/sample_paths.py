@@ -7,6 +7,7 @@ many ensembles together: one call of the stopping rule decides where each of the
 
 from bisect import bisect_left
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from itertools import chain
 from typing import NamedTuple
 
@@ -15,75 +16,132 @@ from numpy.typing import NDArray
 
 from agglom_mpi.outcome import COMPLETED, SampleSummary
 from agglom_mpi.search.ensemble import Ensemble, EnsemblePath
+from agglom_mpi.search.objectives.objective import Objective, RadiusObjective
 from agglom_mpi.search.stopping import EnsembleState, StoppingRule
 
 Rows = NDArray[np.void]
 
 
-class NewSamples(NamedTuple):
-    """An ensemble, and the samples that follow those it has used.
-
-    Attributes
-    ----------
-    ensemble
-        It is not finished.
-    parts
-        Rows with the columns of `outcome.OUTCOME`, one part after the other, (n,) each.
-    """
-
-    ensemble: Ensemble
-    parts: list[Rows]
-
-    def column(self, name: str) -> NDArray[np.generic]:
-        """Return one column of all parts, (n,)."""
-        if len(self.parts) == 1:
-            return self.parts[0][name]
-        return np.concatenate([rows[name] for rows in self.parts])
-
-
-def extend(
-    batches: Sequence[NewSamples], summarise: Callable[[Rows], list[SampleSummary]]
-) -> None:
-    """Add samples to ensembles, to each as many as it needs; an ensemble is in one batch only.
+class SampleBatch:
+    """Samples of any strings, with the columns that ensembles need as lists.
 
     Parameters
     ----------
-    batches
-        The ensembles with their samples.
+    rows
+        With the columns of `outcome.OUTCOME`, (n,).
     summarise
         Returns the summaries of rows, for ensembles that take one sample after the other.
+
+    Attributes
+    ----------
+    ratios, particles
+        Mean of b^f/b⁰ and number of particles left of each sample, (n,).
     """
+
+    def __init__(self, rows: Rows, summarise: Callable[[Rows], list[SampleSummary]]) -> None:
+        self.ratios: NDArray[np.float64] = rows["mean_radius_ratio"]
+        self.particles: NDArray[np.int64] = rows["particles"]
+        self._rows = rows
+        self._summarise = summarise
+        self._deviations: dict[int, tuple[Objective, list[float]]] = {}
+        self._grains: dict[int, list[float]] = {}
+
+    @cached_property
+    def all_completed(self) -> bool:
+        """Whether no sample failed."""
+        return bool((self._rows["state"] == COMPLETED).all())
+
+    def completed(self, begin: int, end: int) -> bool:
+        """Return whether none of a range of samples failed."""
+        return self.all_completed or bool((self._rows["state"][begin:end] == COMPLETED).all())
+
+    def summaries(self, begin: int, end: int) -> list[SampleSummary]:
+        """Return the summaries of a range of samples."""
+        return self._summarise(self._rows[begin:end])
+
+    @cached_property
+    def ratio_list(self) -> list[float]:
+        """The same as `ratios`."""
+        return self.ratios.tolist()
+
+    def deviations(self, objective: RadiusObjective) -> list[float]:
+        """Return the deviation of each sample, (n,), whose ensemble mean an objective counts."""
+        found = self._deviations.get(id(objective))
+        if found is None:  # with the objective, whose identity no other one gets as long as it is
+            found = objective, objective.deviation(self.ratios).tolist()
+            self._deviations[id(objective)] = found
+        return found[1]
+
+    def grains(self, particles: int) -> list[float]:
+        """Return the grains per particle left of each sample, (n,), that began with `particles`."""
+        found = self._grains.get(particles)
+        if found is None:
+            with np.errstate(divide="ignore"):  # a failed sample has none; nobody asks for its
+                found = (particles / self.particles).tolist()
+            self._grains[particles] = found
+        return found
+
+
+class SamplePart(NamedTuple):
+    """Consecutive samples of one string: a range of a batch."""
+
+    batch: SampleBatch
+    begin: int
+    end: int
+
+    def part(self, begin: int, end: int) -> "SamplePart":
+        """Return a range of the range."""
+        return SamplePart(self.batch, self.begin + begin, self.begin + end)
+
+
+class NewSamples(NamedTuple):
+    """An ensemble that is not finished, and the samples that follow those it has used, in order."""
+
+    ensemble: Ensemble
+    parts: list[SamplePart]
+
+    def path(self) -> EnsemblePath:
+        """Return the path of the ensemble through the samples."""
+        objective, particles = self.ensemble.radius_objective, self.ensemble.particles
+        ratios, deviations, grains = [], [], []
+        for batch, begin, end in self.parts:
+            ratios += batch.ratio_list[begin:end]
+            deviations += batch.deviations(objective)[begin:end]
+            grains += batch.grains(particles)[begin:end]
+        return self.ensemble.path(ratios, deviations, grains)
+
+
+def extend(batches: Sequence[NewSamples]) -> None:
+    """Add samples to ensembles, to each as many as it needs; each ensemble stands there once."""
     by_rule: dict[int, list[tuple[Ensemble, EnsemblePath]]] = {}
-    for batch in batches:
-        ensemble = batch.ensemble
-        if ensemble.follows_paths and (batch.column("state") == COMPLETED).all():
-            ratios, particles = batch.column("mean_radius_ratio"), batch.column("particles")
-            path = ensemble.path(ratios, particles)
-            by_rule.setdefault(id(ensemble.rule), []).append((ensemble, path))
+    for new in batches:
+        ensemble = new.ensemble
+        if ensemble.follows_paths and all(
+            batch.completed(begin, end) for batch, begin, end in new.parts
+        ):
+            by_rule.setdefault(id(ensemble.rule), []).append((ensemble, new.path()))
         else:
-            _add_one_by_one(batch, summarise)
+            _add_one_by_one(new)
     for group in by_rule.values():
         _follow(group[0][0].rule, group)
 
 
-def _add_one_by_one(
-    batch: NewSamples, summarise: Callable[[Rows], list[SampleSummary]]
-) -> None:
-    for outcome in chain.from_iterable(map(summarise, batch.parts)):
-        if batch.ensemble.finished:
-            return
-        batch.ensemble.add(outcome)
+def _add_one_by_one(new: NewSamples) -> None:
+    for batch, begin, end in new.parts:
+        for outcome in batch.summaries(begin, end):
+            if new.ensemble.finished:
+                return
+            new.ensemble.add(outcome)
 
 
 def _follow(rule: StoppingRule, group: list[tuple[Ensemble, EnsemblePath]]) -> None:
     """Let ensembles of one rule follow their paths, each to where the rule first holds."""
-    ends = _where_it_holds(rule, [path for _, path in group])
+    ends, fewest = _where_it_holds(rule, [path for _, path in group]), max(rule.min_samples, 2)
     begin = 0
     for ensemble, path in group:
+        samples = len(path.ratios) - 1
         # One sample satisfies no rule.
-        fewest = max(rule.min_samples, 2) - path.counts[0] - 1
-        samples = len(path.counts) - 1
-        place = bisect_left(ends, begin + max(0, fewest))
+        place = bisect_left(ends, begin + max(0, fewest - path.count - 1))
         converges = place < len(ends) and ends[place] < begin + samples
         ensemble.follow(path, ends[place] - begin + 1 if converges else samples, converges)
         begin += samples + 1
@@ -95,14 +153,15 @@ def _where_it_holds(rule: StoppingRule, paths: list[EnsemblePath]) -> list[int]:
     The paths lie one behind the other: step i leads from state i to state i + 1, and the step from
     the end of one path to the beginning of the next has no meaning.
     """
-    columns = [
-        np.fromiter(chain.from_iterable(column), np.float64)[:, None]
-        for column in zip(*(path[:4] for path in paths), strict=True)
-    ]
-    counts, ratios, means, squares = columns
+    counts = np.concatenate([np.arange(len(path.ratios)) + path.count for path in paths])
+    ratios, means, squares = (
+        np.fromiter(chain.from_iterable(column), np.float64, len(counts))[:, None]
+        for column in zip(*(path[1:4] for path in paths), strict=True)
+    )
+    counts = counts[:, None]
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        errors = np.sqrt(squares / (counts - 1.0) / counts)
-        states = counts.astype(np.int64), ratios, np.abs(means), errors
+        errors = np.sqrt(squares / (counts - 1) / counts)
+        states = counts, ratios, np.abs(means), errors
         before, after = (
             EnsembleState(*(column[part] for column in states), None)
             for part in (slice(None, -1), slice(1, None))

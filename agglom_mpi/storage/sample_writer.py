@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.storage.access import open_file, with_path
 from agglom_mpi.storage.schema import sample_dtype
-from agglom_mpi.storage.table import Table, checksum_ok, runs_of
+from agglom_mpi.storage.table import Table, checksum_ok, rows_at, runs_of
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -113,8 +113,7 @@ class RowBuffer:
         numbers = [rows[name] for name in self._room]
         places = np.ravel_multi_index(numbers, tuple(self._room.values()))
         places, first = np.unique(places, return_index=True)
-        # As plain bytes, for NumPy moves structured rows column by column.
-        ordered = rows.view(np.uint8).reshape(len(rows), -1)[first].view(self._dtype)[:, 0]
+        ordered = rows_at(rows, first)
         ends = [*(np.flatnonzero(np.diff(places) != 1) + 1).tolist(), len(places)]
         for begin, end in pairwise([0, *ends]):
             yield int(places[begin]), ordered[begin:end]

@@ -143,6 +143,15 @@ def concatenated(parts: Sequence[np.ndarray], dtype: np.dtype) -> np.ndarray:
     return np.frombuffer(bytearray(b"".join(part.tobytes() for part in parts)), dtype)
 
 
+def rows_at(rows: np.ndarray, where: np.ndarray) -> np.ndarray:
+    """Return the rows, of some of shape (n,), at an array of places or flags.
+
+    They are moved as plain bytes: NumPy moves structured rows column by column.
+    """
+    plain = np.ascontiguousarray(rows).view(np.dtype((np.void, rows.dtype.itemsize)))
+    return plain[where].view(rows.dtype)
+
+
 def runs_of(done: np.ndarray) -> Iterator[tuple[int, int]]:
     """Yield start and length of each run of done bytes that are set."""
     if len(done) and done.all():  # nearly always, among what ranks return
@@ -222,15 +231,20 @@ def used_samples(samples: np.ndarray, results: np.ndarray) -> np.ndarray:
         return samples[:0]
     most = np.zeros(1 + max(samples["string"].max(), results["string"].max()), np.int64)
     most[results["string"]] = results["samples_used"]
-    used = samples[samples["sample"] < most[samples["string"]]]
-    places = used["string"] * (1 + most.max()) + used["sample"]
-    return used[np.unique(places, return_index=True)[1]]
+    strings, numbers = samples["string"], samples["sample"]
+    used = np.flatnonzero(numbers < most[strings])
+    places = strings[used] * (1 + most.max()) + numbers[used]
+    return rows_at(samples, used[np.unique(places, return_index=True)[1]])
 
 
 def _packed(rows: np.ndarray) -> bytes:
     """Return the little-endian bytes of the deterministic columns, row after row."""
     names = [name for name in rows.dtype.names or () if name not in NOT_DETERMINED]
     dtype = np.dtype([(name, rows.dtype[name].newbyteorder("<")) for name in names])
+    if all(rows.dtype.fields[name] == dtype.fields[name] for name in names):  # type: ignore[index]
+        # They are the first bytes of each row.
+        plain = np.ascontiguousarray(rows).view(np.uint8).reshape(len(rows), rows.dtype.itemsize)
+        return plain[:, : dtype.itemsize].tobytes()
     packed = np.empty(len(rows), dtype)
     for name in names:
         packed[name] = rows[name]

@@ -273,7 +273,9 @@ class World:
         for piece, fresh in self.scheduler.returned(rank, [pair in done for pair in pairs]):
             turn, pairs = pairs[: piece.size], pairs[piece.size :]
             assert turn == [(piece.string, piece.first + place) for place in range(piece.size)]
-            assert fresh.tolist() == [pair in done and pair not in self.outcomes for pair in turn]
+            found = [place for part in fresh for place in range(part.start, part.stop)]
+            new = [pair in done and pair not in self.outcomes for pair in turn]
+            assert found == [place for place in range(piece.size) if new[place]]
             self._judge(piece, fresh)
         assert not pairs
         self._say_something(rank)

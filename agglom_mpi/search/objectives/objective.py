@@ -295,33 +295,30 @@ class RadiusObjective(Objective):
 
 
 class RadiusAccumulator:
-    """Running mean of the deviations, whose magnitude is the objective."""
+    """Running mean of the deviations, whose magnitude is the objective.
+
+    Attributes
+    ----------
+    objective
+        Gives the deviation of a sample.
+    mean
+        That of the deviations.
+    """
 
     def __init__(self, objective: RadiusObjective) -> None:
-        self._objective = objective
-        self._mean = RunningMean()
+        self.objective = objective
+        self.mean = RunningMean()
 
     def add(self, outcome: SampleSummary) -> None:
         """Take one more completed sample."""
-        self._mean.add(self._objective.deviation(outcome.mean_radius_ratio))
-
-    def path(self, ratios: NDArray[np.float64]) -> tuple[list[float], list[float]]:
-        """Return mean deviations and sums of squares by the ratios of samples, (n,).
-
-        They are as `RunningMean.path` returns them, of n + 1 numbers each.
-        """
-        return self._mean.path(self._objective.deviation(ratios).tolist())
-
-    def move(self, samples: int, mean: float, squares: float) -> None:
-        """Go on to a point of `path`, a number of samples further."""
-        self._mean.move(samples, mean, squares)
+        self.mean.add(self.objective.deviation(outcome.mean_radius_ratio))
 
     @property
     def value(self) -> float:
         """Magnitude of the mean."""
-        return abs(self._mean.mean)
+        return abs(self.mean.mean)
 
     @property
     def standard_error(self) -> float:
         """Standard error of the mean."""
-        return self._mean.standard_error
+        return self.mean.standard_error
