@@ -281,9 +281,12 @@ class Coordinator:
                 if failure["frames"]:
                     self.frame_stage.give_up(int(failure["string"]), int(failure["sample"]))
                     self.frame_stage.scheduler.done(message.rank)
-        self._store(messages)
-        if any(len(message.results) for message in messages):
-            searched, fresh = ReturnedSamples.of(messages).split(self._fresh[0])
+        together = merged(0, messages)
+        if not together.empty:
+            self._store(messages, together)
+        if len(together.results):
+            returned = ReturnedSamples.of(messages, together.results)
+            searched, fresh = returned.split(self._fresh[0])
             if searched is not None:
                 self._complete(searched)
             if fresh is not None:
@@ -295,17 +298,12 @@ class Coordinator:
             if message.written:
                 self.recorder.written(message.rank, message.written)
 
-    def _store(self, messages: Sequence[RankMessage]) -> None:
+    def _store(self, messages: Sequence[RankMessage], together: RankMessage) -> None:
         """Store the samples of messages, except what a rank writes itself."""
-        own = []
-        for message in messages:
-            if self._writer.parallel and message.rank:
-                rows, final = storable(message.results), message.final_particles
-                self.recorder.store_samples(rows, final, message.rank)
-            else:
-                own.append(message)
-        together = merged(0, own)
-        if not together.empty:
+        if self._writer.parallel:
+            for rank, rows, _, final, *_ in messages:
+                self.recorder.store_samples(storable(rows), final, rank or None)
+        else:
             self.recorder.store_samples(storable(together.results), together.final_particles)
 
     def _complete(self, returned: ReturnedSamples) -> None:

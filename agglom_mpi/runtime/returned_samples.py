@@ -1,6 +1,7 @@
 """Samples that ranks have returned, as one array: what is new among them, and whose it was."""
 
 from collections.abc import Sequence
+from itertools import compress
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -30,17 +31,16 @@ class ReturnedSamples(NamedTuple):
     counts: list[tuple[int, int]]
 
     @classmethod
-    def of(cls, messages: Sequence[RankMessage]) -> Self:
-        """Return the samples of messages; at least one has some."""
-        parts = [message.results for message in messages if len(message.results)]
+    def of(cls, messages: Sequence[RankMessage], rows: Rows) -> Self:
+        """Return the samples of messages, whose results together are `rows`, (n,)."""
         counts = [(message.rank, len(message.results)) for message in messages]
-        return cls(concatenated(parts, parts[0].dtype), [pair for pair in counts if pair[1]])
+        return cls(rows, [pair for pair in counts if pair[1]])
 
     def split(self, fresh_from: int) -> tuple["ReturnedSamples | None", "ReturnedSamples | None"]:
         """Split into samples of the search and fresh ones, numbered from `fresh_from` on."""
-        fresh = self.rows["sample"] >= fresh_from
-        if not fresh.any():
+        if max(self.rows["sample"].tolist()) < fresh_from:
             return self, None
+        fresh = self.rows["sample"] >= fresh_from
         return self._where(~fresh), self._where(fresh)
 
     def _where(self, chosen: NDArray[np.bool_]) -> "ReturnedSamples | None":
@@ -90,9 +90,8 @@ def first_returns(
         If a rank sent something else than what it was to do next.
     """
     rows = returned.rows
-    needed = rows["reason"] != NOT_NEEDED
-    done = needed.tolist()
-    scheduler.batch_sizer.learn(rows["seconds"][needed].tolist())
+    done = [reason != NOT_NEEDED for reason in rows["reason"].tolist()]
+    scheduler.batch_sizer.learn(list(compress(rows["seconds"].tolist(), done)))
     strings, samples = rows["string"].tolist(), rows["sample"].tolist()
     found, parts, begin = {}, [], 0
     for rank, count in returned.counts:
@@ -105,7 +104,7 @@ def first_returns(
             begin += part.size
     if sum(part.end - part.begin for part in parts) == len(rows):
         return FirstReturns(list(found), parts, rows, rows[:0])
-    return FirstReturns(list(found), *_only(rows, parts), rows[~needed])
+    return FirstReturns(list(found), *_only(rows, parts), rows[rows["reason"] == NOT_NEEDED])
 
 
 def _only(rows: Rows, parts: list[NewPart]) -> tuple[list[NewPart], Rows]:

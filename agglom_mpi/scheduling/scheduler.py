@@ -104,7 +104,7 @@ class Scheduler:
         self._urgent, self._speculative = PriorityQueue(), PriorityQueue()
         self._complete: list[int] = []  # strings of which ranks may have unnecessary samples
         self._most_used = 0
-        self._range_loss = RANGE_LOSS
+        self._range_loss, self._least = RANGE_LOSS, 1.0
         for string, sample in known:
             self._known.setdefault(string, set()).add(sample)
         for samples in used:
@@ -125,6 +125,7 @@ class Scheduler:
         size = self._batch_size()
         weight = self.batch_sizer.range_weight(self._ranks, size)
         self._range_loss = min(MAX_RANGE_LOSS, RANGE_LOSS * math.sqrt(weight))
+        self._least = self.batch_sizer.least(self._ranks, self._waiting)
         for batches in range(self.batch_sizer.batches_per_rank(size)):
             least = self._min_probability(batches, size)
             while (rank := self.next_rank(batches)) is not None:
@@ -326,7 +327,7 @@ class Scheduler:
         """
         need = max(self.sample_counts.mean, used + 1.0)
         fair = need * len(self._open) / (2 * self._ranks)
-        return max(1, int(max(fair, self.batch_sizer.least(self._ranks, self._waiting))))
+        return max(1, int(max(fair, self._least)))
 
     def _min_probability(self, batches: int, size: int) -> float:
         """Return the least probability of samples for a rank with `batches` batches in flight."""

@@ -8,7 +8,6 @@ many ensembles together: one call of the stopping rule decides where each of the
 from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +19,9 @@ from agglom_mpi.search.objectives.objective import Objective, RadiusObjective
 from agglom_mpi.search.stopping import EnsembleState, StoppingRule
 
 Rows = NDArray[np.void]
+
+EARLIER, LATER = slice(None, -1), slice(1, None)
+"""States before and after each step of a path."""
 
 
 class SampleBatch:
@@ -49,7 +51,8 @@ class SampleBatch:
     @cached_property
     def all_completed(self) -> bool:
         """Whether no sample failed."""
-        return bool((self._rows["state"] == COMPLETED).all())
+        states = self._rows["state"].tolist()
+        return states.count(COMPLETED) == len(states)
 
     def completed(self, begin: int, end: int) -> bool:
         """Return whether none of a range of samples failed."""
@@ -153,18 +156,23 @@ def _where_it_holds(rule: StoppingRule, paths: list[EnsemblePath]) -> list[int]:
     The paths lie one behind the other: step i leads from state i to state i + 1, and the step from
     the end of one path to the beginning of the next has no meaning.
     """
-    counts = np.concatenate([np.arange(len(path.ratios)) + path.count for path in paths])
-    ratios, means, squares = (
-        np.fromiter(chain.from_iterable(column), np.float64, len(counts))[:, None]
-        for column in zip(*(path[1:4] for path in paths), strict=True)
-    )
-    counts = counts[:, None]
+    columns: tuple[list[float], ...] = [], [], [], []
+    for count, *numbers, _ in paths:
+        counts = range(count, count + len(numbers[0]))
+        for column, part in zip(columns, (counts, *numbers), strict=True):
+            column.extend(part)
+    counts, ratios, means, squares = np.array(columns)[:, :, None]
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        errors = np.sqrt(squares / (counts - 1) / counts)
-        states = counts, ratios, np.abs(means), errors
+        states = (
+            counts.astype(np.int64),
+            ratios,
+            np.abs(means),
+            np.sqrt(squares / (counts - 1.0) / counts),
+        )
         before, after = (
-            EnsembleState(*(column[part] for column in states), None)
-            for part in (slice(None, -1), slice(1, None))
+            EnsembleState(*(column[part] for column in states), None) for part in (EARLIER, LATER)
         )
         holds = rule.holds(before, after)
-    return np.flatnonzero(np.broadcast_to(holds, (len(counts) - 1, 1))).tolist()
+    if isinstance(holds, np.ndarray):
+        return np.flatnonzero(holds).tolist()
+    return list(range(len(counts) - 1)) if holds else []

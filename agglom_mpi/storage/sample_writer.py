@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.storage.access import open_file, with_path
+from agglom_mpi.storage.rows import same_type
 from agglom_mpi.storage.schema import sample_dtype
 from agglom_mpi.storage.table import Table, checksum_ok, rows_at, runs_of
 
@@ -102,7 +103,8 @@ class RowBuffer:
                     raise IndexError(f"{name} {number}: there is room for 0 to {room - 1}")
         if not self._count:
             self._since = now
-        self._waiting.append(records.astype(self._dtype, copy=False).tobytes())
+        rows = records if same_type(records.dtype, self._dtype) else records.astype(self._dtype)
+        self._waiting.append(rows.tobytes())
         self._count += len(records)
 
     def runs(self) -> Iterator[tuple[int, np.ndarray]]:

@@ -1,0 +1,140 @@
+"""A campaign whose samples take no time, through the real rank 0: what it takes for them.
+
+    mpirun -n RANKS python instant_ranks.py CAMPAIGN.yaml SECONDS_OF_A_SAMPLE
+
+Every rank answers at once, with made-up results that follow from string and sample, and states that
+each sample took so long: by that the scheduler sets the length of messages. All else is the real
+program, from the message to the row in the file. Prints samples, messages, and of rank 0's main
+thread the processor time. Plain, without mpirun, rank 0 alone answers.
+"""
+
+import json
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from agglom_mpi.config.loading import load_campaign
+from agglom_mpi.runtime.coordinator import Coordinator
+from agglom_mpi.runtime.experiment import InversionExperiment
+from agglom_mpi.runtime.file_setup import prepare
+from agglom_mpi.runtime.messages import RESULT, RankMessage
+from agglom_mpi.runtime.sample_runner import SampleRunner
+from agglom_mpi.runtime.stop_request import StopRequest
+from agglom_mpi.runtime.worker import serve_coordinator
+from agglom_mpi.runtime.worker_pool import WorkerPool
+from agglom_mpi.storage.writer import CampaignWriter
+
+RESULTS = 1 << 16
+
+
+class Silent:
+    """A listener that shows nothing."""
+
+    def __getattr__(self, name):
+        return lambda *arguments, **named: None
+
+
+class InstantTask:
+    """Samples that are there as soon as they are asked for."""
+
+    def __init__(self, runner, task):
+        self._runner = runner
+        self._string, self._first, self._count = (
+            int(task[name]) for name in ("string", "first", "count")
+        )
+
+    def simulate_next(self, *_):
+        return False
+
+    def cancel(self):
+        pass
+
+    def collect(self):
+        samples = np.arange(self._first, self._first + self._count)
+        rows = self._runner.made_up[(self._string * 7919 + samples * 104729) % RESULTS]
+        rows["string"], rows["sample"], rows["rank"] = self._string, samples, self._runner.rank
+        rows["objective"] = abs(rows["mean_radius_ratio"] / 2.0 - 1.0)
+        self._runner.add_checksums(rows)
+        return RankMessage(self._runner.rank, rows)
+
+
+class InstantRunner(SampleRunner):
+    """Ranks that have all results already."""
+
+    def __init__(self, experiment, rank, seconds):
+        super().__init__(experiment, rank)
+        chance, rows = np.random.default_rng(1), np.zeros(RESULTS, RESULT)
+        rows["state"] = 1
+        rows["mean_radius_ratio"] = chance.normal(2.0, 0.1, RESULTS)
+        rows["particles"] = chance.integers(10, 40, RESULTS)
+        for name in {"seconds", "cpu_seconds"} & set(RESULT.names):
+            rows[name] = seconds
+        self.made_up = rows
+        try:
+            from agglom_mpi.storage.table import checksums
+        except ImportError:  # an earlier version, whose rank 0 computes them
+            self.add_checksums = lambda rows: None
+        else:
+            self.add_checksums = lambda rows: rows.__setitem__("crc", checksums(rows))
+
+    def begin(self, task):
+        return InstantTask(self, task)
+
+
+class CountingPool(WorkerPool):
+    """Counts messages with results."""
+
+    messages = samples = 0
+
+    def poll(self):
+        for message in super().poll():
+            self.messages += bool(len(message.results))
+            self.samples += len(message.results)
+            yield message
+
+
+def serve(world, experiment, seconds, folder):
+    path = Path(folder) / "instant.h5"
+    file = prepare(path, experiment, False)
+    with CampaignWriter(path) as writer:
+        coordinator = Coordinator(experiment, file, writer, Silent())
+        stop = StopRequest(None)
+        coordinator.replay(*[stop] * (coordinator.replay.__code__.co_argcount - 1))
+        coordinator._run_post_stage = lambda *_: None
+        pool = CountingPool(InstantRunner(experiment, 0, seconds), world)
+        while len(pool.hosts) < pool.size - 1:  # all have begun
+            for _ in pool.poll():
+                pass
+        wall, begun = time.perf_counter(), time.thread_time()
+        end = coordinator.run(pool, stop)
+        spent, wall = time.thread_time() - begun, time.perf_counter() - wall
+        coordinator.shut_down(pool, end)
+    return {
+        "ranks": pool.size,
+        "samples": pool.samples,
+        "messages": pool.messages,
+        "seconds": spent,
+        "wall": wall,
+    }
+
+
+def main():
+    name, seconds = sys.argv[1], float(sys.argv[2])
+    world = None
+    if len(sys.argv) > 3:
+        from mpi4py import MPI
+
+        world = MPI.COMM_WORLD
+    experiment = InversionExperiment(load_campaign(name))
+    if world is not None and world.rank:
+        serve_coordinator(world, InstantRunner(experiment, world.rank, seconds), None)
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        print(json.dumps(serve(world, experiment, seconds, folder)))
+
+
+if __name__ == "__main__":
+    main()
