@@ -176,7 +176,7 @@ class ClusterSimulator:
         self._assigned = 0
         self._simulated = 0
         self._work = 0.0
-        self._served = 0.0
+        self._served = self._learnt = 0.0
 
     def run(self) -> Forecast:
         """Run the campaign to its end and return the forecast; may raise TooManySamples."""
@@ -253,8 +253,8 @@ class ClusterSimulator:
         self._simulated += len(done)
         self._work += spent
         now = self._serve(now, self._costs.message + self._costs.sample * len(done))
-        cost = 2.0 * self._costs.message + self._costs.sample * len(done)
-        scheduler.batch_sizer.learn_cost(cost, 1, len(done))
+        scheduler.batch_sizer.learn_cost(self._served - self._learnt, 1, len(done))
+        self._learnt = self._served
         return now
 
     def _samples(self, string: int, first: int, count: int) -> list[SampleInFlight]:
