@@ -13,13 +13,19 @@ from agglom_mpi.analysis.warm_start import warm_start
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.searchable import check_search_library, check_searchable
+from agglom_mpi.formatting import pluralise
 from agglom_mpi.outcome import FAILED
 from agglom_mpi.planning.cluster_simulator import (
     ClusterSimulator,
     TooManySamples,
     Workload,
 )
-from agglom_mpi.planning.forecast import ForecastReport, MessageCosts, PilotSummary
+from agglom_mpi.planning.forecast import (
+    FORECAST_SAMPLES,
+    Forecast,
+    ForecastReport,
+    PilotSummary,
+)
 from agglom_mpi.planning.workload import EmpiricalWorkload, PilotSamples, read_recorded_samples
 from agglom_mpi.runtime.experiment import Experiment, InversionExperiment
 from agglom_mpi.search.inversion import Inversion
@@ -86,36 +92,56 @@ def forecast_all(
     experiment: Experiment, samples: PilotSamples, options: PlanOptions, show: Callable[[str], None]
 ) -> ForecastReport:
     """Return the forecasts for all numbers of ranks in `options`."""
+    from agglom_mpi.planning.message_costs import measured_costs  # loads the kernels
+
     campaign = experiment.campaign
-    workload, costs = EmpiricalWorkload(samples, campaign), MessageCosts()
+    workload = EmpiricalWorkload(samples, campaign)
+    costs = measured_costs(experiment, workload, show)
     pilot = pilot_summary(samples, options.source)
     report = ForecastReport(campaign, options.campaign, pilot, costs, [], [])
     for ranks in options.ranks:
-        show(f"forecasting {ranks} ranks")
         inversion = experiment.inversion(restore=None)
         cluster = ClusterSimulator(inversion, workload, ranks, costs, campaign.search.lag)
         try:
-            forecast = cluster.run()
-            again = reestimation_seconds(experiment, cluster.inversion, workload, ranks)
-            report.forecasts.append(forecast._replace(again=again))
+            forecast = _forecast(cluster, campaign, FORECAST_SAMPLES / len(options.ranks), show)
         except TooManySamples:
             report.not_forecast.append(ranks)
+            continue
+        again = reestimation_seconds(experiment, inversion, workload, ranks)
+        report.forecasts.append(forecast._replace(again=again))
     return report
+
+
+def _forecast(
+    cluster: ClusterSimulator, campaign: Campaign, most: float, show: Callable[[str], None]
+) -> Forecast:
+    """Return the forecast for one number of ranks, from about `most` samples or all."""
+    ranks, generations = pluralise(cluster.ranks, "rank"), campaign.stopping.generations
+
+    def show_progress(generation: int, samples: int) -> None:
+        show(f"forecasting {ranks}: {samples} samples, generation {generation} of {generations}")
+
+    show(f"forecasting {ranks}")
+    forecast = cluster.run(most, show_progress)
+    share = cluster.share(campaign.max_strings)
+    if share == 1.0:
+        return forecast
+    return forecast.extended(share, generations / (cluster.inversion.generation + 1))
 
 
 def reestimation_seconds(
     experiment: Experiment, inversion: Inversion, workload: Workload, ranks: int
 ) -> float:
-    """Return the time for the fresh samples of the best strings after the search, s.
+    """Return the time for the fresh samples of the best strings so far after the search, s.
 
     All of them are known then, so that their sum and the longest of them bound it.
     """
     strings, samples = experiment.reestimation_plan(inversion)
     first = experiment.table_sizes.max_samples
     seconds = [
-        workload.sample(string, inversion.parameters(string), sample)[1]
+        duration
         for string in strings
-        for sample in range(first, first + samples)
+        for duration in workload.samples(inversion.parameters(string), first, samples)[1].tolist()
     ]
     return max(sum(seconds) / ranks, max(seconds, default=0.0))
 
