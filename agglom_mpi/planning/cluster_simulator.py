@@ -242,12 +242,15 @@ class ClusterSimulator:
                 show(self.inversion.generation, self._assigned)
         return self._forecast(now)
 
-    def share(self, strings: int) -> float:
-        """Return the share of the samples of a campaign with so many strings that it has used."""
-        if self.inversion.finished:
-            return 1.0
-        mean = sum(self.path.used.values()) / len(self.path.used)
-        return min(1.0, sum(self._used().values()) / (mean * strings))
+    @property
+    def samples_per_string(self) -> float:
+        """Mean number of samples that complete strings have used."""
+        return sum(self.path.used.values()) / len(self.path.used)
+
+    @property
+    def samples_used(self) -> int:
+        """Number of samples used, those of strings under way included."""
+        return sum(self._used().values())
 
     @property
     def ranks(self) -> int:

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -22,7 +23,6 @@ from agglom_mpi.planning.cluster_simulator import (
 )
 from agglom_mpi.planning.forecast import (
     FORECAST_SAMPLES,
-    Forecast,
     ForecastReport,
     PilotSummary,
 )
@@ -99,11 +99,17 @@ def forecast_all(
     costs = measured_costs(experiment, workload, show)
     pilot = pilot_summary(samples, options.source)
     report = ForecastReport(campaign, options.campaign, pilot, costs, [], [])
+    most = FORECAST_SAMPLES / (1 + len(options.ranks))
+    needed: float | None = None
     for ranks in options.ranks:
         inversion = experiment.inversion(restore=None)
         cluster = ClusterSimulator(inversion, workload, ranks, costs, campaign.search.lag)
         try:
-            forecast = _forecast(cluster, campaign, FORECAST_SAMPLES / len(options.ranks), show)
+            forecast = cluster.run(most, partial(_show_progress, show, campaign, ranks))
+            if not inversion.finished:
+                needed = needed or samples_needed(experiment, workload, most)
+                generations = campaign.stopping.generations / (inversion.generation + 1)
+                forecast = forecast.extended(min(1.0, cluster.samples_used / needed), generations)
         except TooManySamples:
             report.not_forecast.append(ranks)
             continue
@@ -112,21 +118,22 @@ def forecast_all(
     return report
 
 
-def _forecast(
-    cluster: ClusterSimulator, campaign: Campaign, most: float, show: Callable[[str], None]
-) -> Forecast:
-    """Return the forecast for one number of ranks, from about `most` samples or all."""
-    ranks, generations = pluralise(cluster.ranks, "rank"), campaign.stopping.generations
+def _show_progress(
+    show: Callable[[str], None], campaign: Campaign, ranks: int, generation: int, samples: int
+) -> None:
+    progress = f"generation {generation} of {campaign.stopping.generations}"
+    show(f"forecasting {pluralise(ranks, 'rank')}: {samples} samples, {progress}")
 
-    def show_progress(generation: int, samples: int) -> None:
-        show(f"forecasting {ranks}: {samples} samples, generation {generation} of {generations}")
 
-    show(f"forecasting {ranks}")
-    forecast = cluster.run(most, show_progress)
-    share = cluster.share(campaign.max_strings)
-    if share == 1.0:
-        return forecast
-    return forecast.extended(share, generations / (cluster.inversion.generation + 1))
+def samples_needed(experiment: Experiment, workload: Workload, most: float) -> float:
+    """Return the number of samples that all strings need, by the strings that come first.
+
+    One rank completes them in their order. Of many ranks those would be complete first that need
+    few samples.
+    """
+    cluster = ClusterSimulator(experiment.inversion(restore=None), workload, ranks=1)
+    cluster.run(most)
+    return cluster.samples_per_string * experiment.campaign.max_strings
 
 
 def reestimation_seconds(

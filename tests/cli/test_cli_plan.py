@@ -71,6 +71,18 @@ def test_a_plan_ends_with_the_command_that_submits_it(agglom, monkeypatch):
     assert 3600 * int(hours) + 60 * int(minutes) == advice["walltime"]
 
 
+def test_a_long_campaign_is_simulated_in_part_which_its_table_says(agglom, monkeypatch):
+    from agglom_mpi.planning import plan
+
+    monkeypatch.setattr(plan, "FORECAST_SAMPLES", 30)
+    monkeypatch.setattr(message_costs, "measured_costs", lambda *_: FREE)
+    words = ("plan", "tiny.yaml", "--from", "tiny.h5", "--ranks", "1,4")
+    one, four = json.loads(agglom(*words, "--json").stdout)["forecasts"]
+    assert 0.0 < one["share"] < 1.0
+    assert one["used"] == pytest.approx(four["used"], abs=2.0)
+    assert any(line.startswith("simulated: ") for line in agglom(*words).stdout.splitlines())
+
+
 @pytest.mark.parametrize("ranks", ["", "0", "1,,2", "ten", "1.5", "-1", "1;2", "2000000"])
 def test_what_is_no_list_of_ranks_is_said_in_one_message(agglom, ranks):
     done = agglom("plan", "tiny.yaml", "--ranks", ranks)
