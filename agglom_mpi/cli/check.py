@@ -49,16 +49,16 @@ def check(file: str, allow_code: bool, strict: bool, as_json: bool) -> int:
     from agglom_mpi.contracts.promises import promises_of
     from agglom_mpi.storage.room import check_room, file_bytes, size_text, table_sizes
 
-    loaded = check_campaign(file, allow_code)
+    loaded, narrow = check_campaign(file, allow_code), []
     if loaded.plan is None:
         loaded.check_scales(loaded.parameters())
         size = None
     else:
-        check_searchable(loaded)
+        narrow = check_searchable(loaded)
         sizes = table_sizes(loaded)
         check_room(loaded, sizes)
         size = file_bytes(sizes)
-    warnings = [*loaded.warnings(), *_of_start(loaded, allow_code)]
+    warnings = [*loaded.warnings(), *narrow, *_of_start(loaded, allow_code)]
     warn(warnings, strict, lambda line: say(line, error=True))
     promises = promises_of(loaded, allow_code)
     tried = loaded.try_function() if allow_code else None

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from agglom_mpi.config.allowed_share import LEAST_SHARE, SMALL_SHARE, allowed_share
-from agglom_mpi.config.yaml_source import CampaignError, MissingSearchLibraryError, parse
+from agglom_mpi.config.yaml_source import CampaignError, MissingSearchLibraryError, Problem, parse
 from agglom_mpi.errors import MissingLibraryError, require_library
 
 if TYPE_CHECKING:
@@ -26,14 +26,20 @@ def check_start(campaign: "CampaignSections", strings: npt.NDArray[np.float64]) 
         raise CampaignError(*(source.problem(*found) for found in problems))
 
 
-def check_searchable(campaign: "CampaignSections") -> None:
-    """Raise a CampaignError unless a variable is a range, and constraints leave something."""
+def check_searchable(campaign: "CampaignSections") -> list[Problem]:
+    """Return warnings about constraints that allow little of the box.
+
+    Raises
+    ------
+    CampaignError
+        Unless a variable is a range, and constraints leave something.
+    """
     if campaign.plan is None or not campaign.variables.searched:
         raise campaign.search_error()
-    check_constraints(campaign)
+    return check_constraints(campaign)
 
 
-def check_constraints(campaign: "CampaignSections") -> list[str]:
+def check_constraints(campaign: "CampaignSections") -> list[Problem]:
     """Return warnings about constraints that allow little of the box.
 
     Raises
@@ -51,7 +57,7 @@ def check_constraints(campaign: "CampaignSections") -> list[str]:
         message = f"allow {share} of the box; must allow at least {LEAST_SHARE:.2%} of it"
         raise CampaignError(source.problem(path, message))
     message = f"allow {share} of the box; a narrower box is searched better"
-    return [str(source.problem(path, message))]
+    return [source.problem(path, message)]
 
 
 def check_search_library(campaign: "CampaignSections") -> None:

@@ -3,8 +3,9 @@
 import heapq
 import math
 from collections import deque
-from collections.abc import Collection, Iterable, Iterator, Sequence
-from typing import NamedTuple, Protocol
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from functools import partial
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,12 @@ from agglom_mpi.scheduling.scheduler import Scheduler
 from agglom_mpi.search.decisions import Decision, StringEvaluated, StringsProposed
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.proposals import AGAIN, MODEL, OFFSPRING
+
+BLOCK: Final = 16
+"""Minimum number of samples of a string that are drawn from a workload at once."""
+
+PROGRESS_MESSAGES: Final = 500
+"""Number of messages between two reports of the progress."""
 
 
 class SampleInFlight(NamedTuple):
@@ -75,13 +82,41 @@ class SimulatedRank:
 class Workload(Protocol):
     """Results and durations of samples."""
 
-    def sample(
-        self, string: int, parameters: NDArray[np.float64], sample: int
-    ) -> tuple[np.void, float]:
-        """Return a row with the columns of `OUTCOME`, and the time of the sample in s.
+    def samples(
+        self, parameters: NDArray[np.float64], first: int, count: int
+    ) -> tuple[NDArray[np.void], NDArray[np.float64]]:
+        """Return rows with the columns of `OUTCOME`, and times in s, (count,) each.
 
-        Both are always the same for the same sample.
+        Both are always the same for the same string, (k,), and sample.
         """
+
+
+class DrawnSamples:
+    """Samples of a string, drawn from a workload in blocks.
+
+    Attributes
+    ----------
+    seconds
+        Times of the samples drawn so far, s.
+    """
+
+    def __init__(self, workload: Workload, parameters: NDArray[np.float64]) -> None:
+        self._draw = partial(workload.samples, parameters)
+        self._rows: list[NDArray[np.void]] = []
+        self.seconds: list[float] = []
+
+    def rows(self, first: int, count: int) -> NDArray[np.void]:
+        """Return rows, (count,), of samples from `first` on."""
+        self.draw(first + count)
+        return self._rows[0][first : first + count]
+
+    def draw(self, count: int) -> None:
+        """Draw the first `count` samples, if they are not yet."""
+        known = len(self.seconds)
+        if count > known:
+            rows, seconds = self._draw(known, max(count - known, known, BLOCK))
+            self._rows = [np.concatenate([*self._rows, rows])]
+            self.seconds.extend(seconds.tolist())
 
 
 class TooManySamples(Exception):  # noqa: N818  (a condition, as StopIteration)
@@ -143,7 +178,7 @@ class ClusterSimulator:
     ranks
         Number of ranks; all of them simulate.
     costs
-        Costs of messages and decisions.
+        Costs of messages and decisions; a lone rank does not wait for messages.
     lag
         Generation g depends on the results of generations up to g - `lag`.
 
@@ -166,20 +201,31 @@ class ClusterSimulator:
         self.path = CriticalPath(lag)
         self.inversion = inversion
         self._workload = workload
-        self._costs = costs
+        self._costs = costs if ranks > 1 else costs._replace(latency=0.0)
         self._ranks = [SimulatedRank() for _ in range(ranks)]
         self._arrivals: list[tuple[float, int, int]] = []  # a heap: time, number, rank
         self._expected = [0] * ranks  # number of the valid arrival of each rank
         self._number = 0
-        self._seconds: dict[int, list[float]] = {}
-        self._rows: dict[int, list[np.void]] = {}
+        self._drawn: dict[int, DrawnSamples] = {}
         self._assigned = 0
         self._simulated = 0
         self._work = 0.0
-        self._served = 0.0
+        self._served = self._learnt = 0.0
 
-    def run(self) -> Forecast:
-        """Run the campaign to its end and return the forecast; may raise TooManySamples."""
+    def run(
+        self,
+        most: float = math.inf,
+        show: Callable[[int, int], None] = lambda generation, samples: None,
+    ) -> Forecast:
+        """Run the campaign and return the forecast; may raise TooManySamples.
+
+        Parameters
+        ----------
+        most
+            Number of samples after which the run ends early, with at least one string complete.
+        show
+            Called with the generation and the number of samples from time to time.
+        """
         self.path.record(self.inversion.start())
         scheduler = Scheduler(self.inversion, self._propose_ahead, len(self._ranks))
         scheduler.batch_sizer.round_trip = 2.0 * (self._costs.latency + self._costs.message)
@@ -190,7 +236,26 @@ class ClusterSimulator:
                 now = self._assign(scheduler, now)
                 arrival, rank = self._next_arrival()
             now = self._receive(scheduler, max(now, arrival), rank)
+            if self._assigned > most and self.path.used:
+                break
+            if self._number % PROGRESS_MESSAGES == 0:
+                show(self.inversion.generation, self._assigned)
         return self._forecast(now)
+
+    @property
+    def samples_per_string(self) -> float:
+        """Mean number of samples that complete strings have used."""
+        return sum(self.path.used.values()) / len(self.path.used)
+
+    @property
+    def samples_used(self) -> int:
+        """Number of samples used, those of strings under way included."""
+        return sum(self._used().values())
+
+    @property
+    def ranks(self) -> int:
+        """Number of ranks."""
+        return len(self._ranks)
 
     def _propose_ahead(self, generations: int) -> Sequence[int]:
         proposed = self.inversion.propose_ahead(generations)
@@ -243,33 +308,34 @@ class ClusterSimulator:
         done = [sample for sample in samples if sample.needed]
         scheduler.heartbeat(rank, now)
         scheduler.batch_sizer.learn([sample.seconds for sample in done])
+        parts = 0
         for part, _ in scheduler.returned(rank, [sample.needed for sample in samples]):
             taken, samples = samples[: part.size], samples[part.size :]
             count = sum(sample.needed for sample in taken)
             if count:
-                rows = np.array(self._rows[part.string][part.first : part.first + count])
+                parts += 1
+                rows = self._drawn[part.string].rows(part.first, count)
                 self.path.record(self.inversion.complete(part.string, part.first, rows))
             scheduler.update(part.string)
         self._simulated += len(done)
         self._work += spent
-        now = self._serve(now, self._costs.message + self._costs.sample * len(done))
-        cost = 2.0 * self._costs.message + self._costs.sample * len(done)
-        scheduler.batch_sizer.learn_cost(cost, 1, len(done))
+        costs = self._costs
+        now = self._serve(now, costs.message + costs.part * parts + costs.sample * len(done))
+        scheduler.batch_sizer.learn_cost(self._served - self._learnt, 1, len(done))
+        self._learnt = self._served
         return now
 
     def _samples(self, string: int, first: int, count: int) -> list[SampleInFlight]:
-        """Return the next `count` samples of a string, with their outcomes recorded."""
-        parameters = self.inversion.parameters(string)
-        rows = self._rows.setdefault(string, [])
-        seconds = self._seconds.setdefault(string, [])
-        for number in range(first, first + count):
-            row, duration = self._workload.sample(string, parameters, number)
-            rows.append(row)
-            seconds.append(duration)
+        """Return `count` samples of a string from `first` on."""
+        drawn = self._drawn.get(string)
+        if drawn is None:
+            parameters = self.inversion.parameters(string)
+            drawn = self._drawn[string] = DrawnSamples(self._workload, parameters)
+        drawn.draw(first + count)
         self._assigned += count
         if self._assigned > MAX_SIMULATED:
             raise TooManySamples
-        return [SampleInFlight(string, duration) for duration in seconds[first : first + count]]
+        return [SampleInFlight(string, seconds) for seconds in drawn.seconds[first : first + count]]
 
     def _count_in_flight(self, end: float) -> None:
         """Count the work done by time `end` on batches that are still in flight."""
@@ -279,10 +345,16 @@ class ClusterSimulator:
                 self._simulated += samples[place].needed and ends <= end
                 self._work += max(0.0, spent)
 
+    def _used(self) -> dict[int, int]:
+        """Return the number of samples used of each string, those under way included."""
+        under_way = self.inversion.open_strings.items()
+        begun = {string: progress.next_sample for string, progress in under_way}
+        return self.path.used | {string: count for string, count in begun.items() if count}
+
     def _forecast(self, seconds: float) -> Forecast:
         self._count_in_flight(seconds)
-        used = self.path.used
-        needed = {string: self._seconds[string][: used[string]] for string in used}
+        used = self._used()
+        needed = {string: self._drawn[string].seconds[: used[string]] for string in used}
         return Forecast(
             ranks=len(self._ranks),
             seconds=seconds,
@@ -292,7 +364,10 @@ class ClusterSimulator:
             work=sum(map(sum, needed.values())),
             chain=self.path.seconds(
                 [
-                    max((max(needed[string]) for string in strings if string in needed), default=0)
+                    max(
+                        (max(needed.get(string, ()), default=0.0) for string in strings),
+                        default=0.0,
+                    )
                     for strings in self.path.dependent
                 ]
             ),

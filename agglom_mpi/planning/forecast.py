@@ -4,17 +4,6 @@ import math
 from typing import Final, NamedTuple
 
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.scheduling.estimators import BATCH_SECONDS
-from agglom_mpi.scheduling.interface import MOST_SAMPLES
-
-LATENCY: Final = 2e-3
-"""Time until a message is read, s: a rank polls every 4 ms, more often while messages arrive."""
-
-MESSAGE_SECONDS: Final = 150e-6
-"""Time of rank 0 to send or to receive a message, s."""
-
-SAMPLE_SECONDS: Final = 40e-6
-"""Time of rank 0 to evaluate and to store a sample, s."""
 
 WELL_USED: Final = 0.5
 """Minimum share of the ranks' time spent on needed samples for a number of ranks to be advised."""
@@ -29,7 +18,11 @@ ROUND_SECONDS: Final = 300.0
 """Walltimes are multiples of this, s."""
 
 MAX_SIMULATED: Final = 2_000_000
-"""Number of samples after which a forecast is given up; they take some minutes."""
+"""Number of samples after which a forecast without a complete string is given up."""
+
+FORECAST_SAMPLES: Final = 600_000
+"""Number of samples that all forecasts of a plan simulate together, about; they take some 15 s.
+What is left is taken to be like it."""
 
 WORK: Final = "work"
 CHAIN: Final = "chain"
@@ -48,14 +41,17 @@ class MessageCosts(NamedTuple):
         Of rank 0, to send or to receive a message.
     sample
         Of rank 0, to evaluate and to store a sample.
+    part
+        Of rank 0, for the samples of one string in a message, whatever their number.
     """
 
-    latency: float = LATENCY
-    message: float = MESSAGE_SECONDS
-    sample: float = SAMPLE_SECONDS
+    latency: float = 0.0
+    message: float = 0.0
+    sample: float = 0.0
+    part: float = 0.0
 
 
-FREE: Final = MessageCosts(0.0, 0.0, 0.0)
+FREE: Final = MessageCosts()
 """No costs of messages and decisions."""
 
 
@@ -80,6 +76,8 @@ class Forecast(NamedTuple):
         Share of the time in which rank 0 handles messages.
     again
         Time for the fresh samples of the best strings after that, spread evenly, s.
+    share
+        Share of the samples that were simulated; the others are taken to be like them.
     """
 
     ranks: int
@@ -91,6 +89,26 @@ class Forecast(NamedTuple):
     chain: float
     master: float
     again: float = 0.0
+    share: float = 1.0
+
+    def extended(self, share: float, generations: float) -> "Forecast":
+        """Return the forecast of the whole campaign, of which this one is a part.
+
+        Parameters
+        ----------
+        share
+            Share of the campaign's samples in it.
+        generations
+            Ratio of the campaign's generations to those in it.
+        """
+        return self._replace(
+            seconds=self.seconds / share,
+            simulated=round(self.simulated / share),
+            used=round(self.used / share),
+            work=self.work / share,
+            chain=min(self.chain * generations, self.seconds / share),
+            share=share,
+        )
 
     @property
     def bound(self) -> float:
@@ -159,10 +177,14 @@ class Saturation(NamedTuple):
 
 
 class Advice(NamedTuple):
-    """Advised request to a batch system: number of ranks, and time in s."""
+    """Advised request to a batch system: number of ranks, and time in s.
+
+    `needed` is the share of the ranks' time that is spent on samples which decisions use.
+    """
 
     ranks: int
     walltime: float
+    needed: float
 
 
 class ForecastReport(NamedTuple):
@@ -191,34 +213,26 @@ class ForecastReport(NamedTuple):
 
     @property
     def saturation(self) -> Saturation | None:
-        """Saturation of rank 0; None without a forecast."""
+        """Saturation of rank 0 by the forecast for the most ranks; None without a forecast.
+
+        The messages are as long as they are there.
+        """
         if not self.forecasts:
             return None
-        last = self.forecasts[-1]
-        return saturation(last.work / last.used, self.costs)
+        most = max(self.forecasts, key=lambda f: f.ranks)
+        served = most.master * most.seconds
+        if not served:
+            return None
+        rate, mean_seconds = most.simulated / served, most.work / most.used
+        return Saturation(mean_seconds * rate, rate, mean_seconds)
 
     @property
     def advice(self) -> Advice | None:
-        """The most ranks that are well used, or else the fewest; None without a forecast."""
-        if not self.forecasts:
-            return None
-        fewest = min(self.forecasts, key=lambda f: f.ranks)
+        """The most ranks that are well used, by their row; None if there is no such row."""
         used = [f for f in self.forecasts if f.needed >= WELL_USED]
-        best = max(used, key=lambda f: f.ranks, default=fewest)
+        if not used:
+            return None
+        best = max(used, key=lambda f: f.ranks)
         seconds = WALLTIME_MARGIN * (best.seconds + best.again) + START_SECONDS
-        return Advice(best.ranks, ROUND_SECONDS * math.ceil(seconds / ROUND_SECONDS))
-
-
-def saturation(mean_seconds: float, costs: MessageCosts) -> Saturation:
-    """Return how many ranks rank 0 can serve, with one message there and one back for a batch.
-
-    Parameters
-    ----------
-    mean_seconds
-        Mean time of a sample, s.
-    costs
-        Costs of messages and decisions.
-    """
-    batch = max(1.0, min(MOST_SAMPLES, BATCH_SECONDS / mean_seconds))
-    rate = 1.0 / (costs.sample + 2.0 * costs.message / batch)
-    return Saturation(mean_seconds * rate, rate, mean_seconds)
+        walltime = ROUND_SECONDS * math.ceil(seconds / ROUND_SECONDS)
+        return Advice(best.ranks, walltime, best.needed)

@@ -14,8 +14,8 @@ from agglom_mpi.planning.workload import LEAST_SAMPLES
 from agglom_mpi.stopwatch import BUSY_RATIO
 
 EXPLANATION: Final = (
-    "busy: share of the ranks' time in which they simulate; wasted: share of the\n"
-    "samples that are simulated before it is known that they are not needed.\n"
+    "needed: share of the ranks' time spent on samples that decisions use; rank 0:\n"
+    "share of its time spent on messages; simulated, used: numbers of samples.\n"
     "at best: no order of work could beat it; reached: share of that speed.\n"
     "limit, what takes longest: work, all that is needed, evenly spread; chain,\n"
     "generations that each wait for their longest sample; rank 0, messages."
@@ -53,7 +53,7 @@ def _finite(value: float) -> float | None:
 
 def forecast_table(report: ForecastReport) -> RenderableType:
     """Return a table of forecasts, with the samples they are made from and an explanation."""
-    headings = ("ranks", "time", "busy", "simulated", "used", "wasted", "at best", "reached")
+    headings = ("ranks", "time", "needed", "rank 0", "simulated", "used", "at best", "reached")
     again = any(f.again for f in report.forecasts)
     more = ["+ again"] if again else []
     table = FittedTable(*headings, "limit", *more, left=(8,), gap=1)
@@ -61,10 +61,10 @@ def forecast_table(report: ForecastReport) -> RenderableType:
         table.add_row(
             str(f.ranks),
             format_duration(f.seconds),
-            f"{f.busy:.1%}",
+            f"{f.needed:.1%}",
+            f"{f.master:.1%}",
             str(f.simulated),
             str(f.used),
-            f"{f.wasted:.1%}",
             format_duration(f.bound),
             f"{f.reached:.1%}",
             f.limit,
@@ -88,8 +88,9 @@ def _heading(report: ForecastReport) -> list[str]:
         *_busy(pilot),
         *(f"made differently: {difference}" for difference in pilot.differences),
         f"a message arrives after {format_duration(costs.latency)}; "
-        f"rank 0 takes {format_duration(costs.message)} for each and "
-        f"{format_duration(costs.sample)} for a sample",
+        f"rank 0 takes {format_duration(costs.message)}",
+        f"for each, {format_duration(costs.part)} for those of one string in it, and "
+        f"{format_duration(costs.sample)} for a sample (measured here)",
     ]
 
 
@@ -109,6 +110,10 @@ def _footer(report: ForecastReport) -> list[str]:
     lines = []
     if report.pilot.samples < LEAST_SAMPLES * report.pilot.strings:
         lines.append("rough: there are few samples of each string; simulate for more --seconds")
+    if shares := [f.share for f in report.forecasts if f.share < 1.0]:
+        lines.append(
+            f"simulated: {min(shares):.1%} of the samples or more; the others are taken to be alike"
+        )
     if report.not_forecast:
         ranks = ", ".join(map(str, report.not_forecast))
         lines.append(
@@ -126,11 +131,17 @@ def _footer(report: ForecastReport) -> list[str]:
 
 def _advice(report: ForecastReport) -> list[str]:
     """Return the command that submits the campaign to a batch system."""
-    if (advice := report.advice) is None:
+    if not report.forecasts:
         return []
+    if (advice := report.advice) is None:
+        return [
+            f"no number of ranks above spends {WELL_USED:.0%} of their time as needed: "
+            "ask for fewer --ranks"
+        ]
     minutes = round(advice.walltime / 60.0)
     options = f"--ntasks={advice.ranks} --time={minutes // 60:02d}:{minutes % 60:02d}:00"
     return [
-        f"for the most ranks that spend {WELL_USED:.0%} of their time or more on needed samples:",
+        f"for the most ranks above that spend {WELL_USED:.0%} of their time or more as needed "
+        f"({advice.needed:.0%}):",
         f"  sbatch {options} slurm/campaign.sbatch {quote(report.path)}",
     ]

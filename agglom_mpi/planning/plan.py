@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -13,13 +14,18 @@ from agglom_mpi.analysis.warm_start import warm_start
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.searchable import check_search_library, check_searchable
+from agglom_mpi.formatting import pluralise
 from agglom_mpi.outcome import FAILED
 from agglom_mpi.planning.cluster_simulator import (
     ClusterSimulator,
     TooManySamples,
     Workload,
 )
-from agglom_mpi.planning.forecast import ForecastReport, MessageCosts, PilotSummary
+from agglom_mpi.planning.forecast import (
+    FORECAST_SAMPLES,
+    ForecastReport,
+    PilotSummary,
+)
 from agglom_mpi.planning.workload import EmpiricalWorkload, PilotSamples, read_recorded_samples
 from agglom_mpi.runtime.experiment import Experiment, InversionExperiment
 from agglom_mpi.search.inversion import Inversion
@@ -86,36 +92,63 @@ def forecast_all(
     experiment: Experiment, samples: PilotSamples, options: PlanOptions, show: Callable[[str], None]
 ) -> ForecastReport:
     """Return the forecasts for all numbers of ranks in `options`."""
+    from agglom_mpi.planning.message_costs import measured_costs  # loads the kernels
+
     campaign = experiment.campaign
-    workload, costs = EmpiricalWorkload(samples, campaign), MessageCosts()
+    workload = EmpiricalWorkload(samples, campaign)
+    costs = measured_costs(experiment, workload, show)
     pilot = pilot_summary(samples, options.source)
     report = ForecastReport(campaign, options.campaign, pilot, costs, [], [])
+    most = FORECAST_SAMPLES / (1 + len(options.ranks))
+    needed: float | None = None
     for ranks in options.ranks:
-        show(f"forecasting {ranks} ranks")
         inversion = experiment.inversion(restore=None)
         cluster = ClusterSimulator(inversion, workload, ranks, costs, campaign.search.lag)
         try:
-            forecast = cluster.run()
-            again = reestimation_seconds(experiment, cluster.inversion, workload, ranks)
-            report.forecasts.append(forecast._replace(again=again))
+            forecast = cluster.run(most, partial(_show_progress, show, campaign, ranks))
+            if not inversion.finished:
+                needed = needed or samples_needed(experiment, workload, most)
+                generations = campaign.stopping.generations / (inversion.generation + 1)
+                forecast = forecast.extended(min(1.0, cluster.samples_used / needed), generations)
         except TooManySamples:
             report.not_forecast.append(ranks)
+            continue
+        again = reestimation_seconds(experiment, inversion, workload, ranks)
+        report.forecasts.append(forecast._replace(again=again))
     return report
+
+
+def _show_progress(
+    show: Callable[[str], None], campaign: Campaign, ranks: int, generation: int, samples: int
+) -> None:
+    progress = f"generation {generation} of {campaign.stopping.generations}"
+    show(f"forecasting {pluralise(ranks, 'rank')}: {samples} samples, {progress}")
+
+
+def samples_needed(experiment: Experiment, workload: Workload, most: float) -> float:
+    """Return the number of samples that all strings need, by the strings that come first.
+
+    One rank completes them in their order. Of many ranks those would be complete first that need
+    few samples.
+    """
+    cluster = ClusterSimulator(experiment.inversion(restore=None), workload, ranks=1)
+    cluster.run(most)
+    return cluster.samples_per_string * experiment.campaign.max_strings
 
 
 def reestimation_seconds(
     experiment: Experiment, inversion: Inversion, workload: Workload, ranks: int
 ) -> float:
-    """Return the time for the fresh samples of the best strings after the search, s.
+    """Return the time for the fresh samples of the best strings so far after the search, s.
 
     All of them are known then, so that their sum and the longest of them bound it.
     """
     strings, samples = experiment.reestimation_plan(inversion)
     first = experiment.table_sizes.max_samples
     seconds = [
-        workload.sample(string, inversion.parameters(string), sample)[1]
+        duration
         for string in strings
-        for sample in range(first, first + samples)
+        for duration in workload.samples(inversion.parameters(string), first, samples)[1].tolist()
     ]
     return max(sum(seconds) / ranks, max(seconds, default=0.0))
 

@@ -19,8 +19,6 @@ LEAST_SAMPLES: Final = 5
 """Minimum number of samples of a string that others draw from, if any string has that many. Two
 samples that happen to be alike would let every string near it converge at once."""
 
-_MASK: Final = 2**64 - 1
-
 
 class PilotSamples(NamedTuple):
     """Simulated samples.
@@ -69,7 +67,7 @@ class EmpiricalWorkload:
         self._width = (upper - lower)[self._searched]
         rows = recorded.rows
         rows = rows[np.lexsort((rows["sample"], rows["string"]))]
-        self._rows, self._seconds = rows, time_on_free_core(rows).tolist()
+        self._rows, self._seconds = rows, time_on_free_core(rows)
         self._samples = rows["sample"].tolist()
         counts = np.bincount(rows["string"], minlength=len(recorded.parameters))
         self._first = np.concatenate(([0], np.cumsum(counts)))
@@ -79,18 +77,20 @@ class EmpiricalWorkload:
         self._strings = {point.tobytes(): string for string, point in enumerate(points)}
         self._pools: dict[bytes, _Pool] = {}
 
-    def sample(
-        self, string: int, parameters: NDArray[np.float64], sample: int
-    ) -> tuple[np.void, float]:
-        """Return a row of `/samples` and its time in s; the string's number plays no part."""
+    def samples(
+        self, parameters: NDArray[np.float64], first: int, count: int
+    ) -> tuple[NDArray[np.void], NDArray[np.float64]]:
+        """Return rows of `/samples`, (count,), and times in s, (count,), of samples of a string."""
         name = parameters.tobytes()
         pool = self._pools.get(name)
         if pool is None:
             pool = self._pools[name] = self._pool(parameters[self._searched])
-        row = pool.own.get(sample)
-        if row is None:
-            row = pool.first + splitmix64(pool.key, sample) % pool.size
-        return self._rows[row], self._seconds[row]
+        numbers = np.arange(first, first + count, dtype=np.uint64)
+        places = pool.first + (splitmix64(pool.key, numbers) % np.uint64(pool.size)).astype(int)
+        if pool.own:
+            for place, number in enumerate(range(first, first + count)):
+                places[place] = pool.own.get(number, places[place])
+        return self._rows[places], self._seconds[places]
 
     def _in_unit_box(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         return (points - self._lower) / self._width
@@ -108,12 +108,13 @@ class EmpiricalWorkload:
         return _Pool(own, first, end - first, int.from_bytes(digest, "little"))
 
 
-def splitmix64(key: int, count: int) -> int:
-    """Return output `count` of SplitMix64 seeded with `key`  (Steele, Lea and Flood 2014)."""
-    z = (key + (count + 1) * 0x9E3779B97F4A7C15) & _MASK
-    z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & _MASK
-    z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & _MASK
-    return z ^ (z >> 31)
+def splitmix64(key: int, counts: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """Return outputs `counts`, (n,), of SplitMix64 seeded with `key` (Steele et al. 2014), (n,)."""
+    with np.errstate(over="ignore"):
+        z = np.uint64(key) + (counts + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
+        z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+        z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return z ^ (z >> np.uint64(31))
 
 
 def read_recorded_samples(path: str, campaign: Campaign) -> PilotSamples:

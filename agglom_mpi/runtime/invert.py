@@ -66,9 +66,9 @@ def read_request(
         campaign = campaign.with_seed(options.seed)
     if options.generations is not None:
         campaign = campaign.with_generations(options.generations)
-    check_searchable(campaign)
+    narrow = check_searchable(campaign)
     check_search_library(campaign)
-    warn(campaign.warnings(), options.strict, show)
+    warn([*campaign.warnings(), *narrow], options.strict, show)
     path = output_path(campaign, options.output, options.seed)
     start = warm_start(campaign, path, options.allow_code)
     warn(start.warnings, options.strict, show)

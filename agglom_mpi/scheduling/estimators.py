@@ -20,15 +20,77 @@ WOKEN_ROUND_TRIP_SECONDS: Final = 1e-3
 SECOND_BATCH_SHARE: Final = 0.004
 """A rank has a second batch in flight if a round trip takes more than this share of one batch."""
 
-BUSY_SHARE: Final = 0.5
-"""Maximum share of its time that rank 0 should spend on messages; batches grow until it does."""
+COST_MEMORY: Final = 1000
+"""Number of messages from which the costs of messages are estimated; older ones fade."""
+
+LEAST_SPREAD: Final = 0.1
+"""Relative spread of the lengths of messages below which their costs say little of a sample's."""
 
 BURST: Final = 4.0
 """Maximum ratio of the cost of a message to the mean, in learning it. What costs more, as proposing
 a generation does, would not become cheaper by fewer messages."""
 
+BUSY_SHARE: Final = 0.4
+"""Share of its time that rank 0 spends on messages, if all ranks work, above which they grow. Less
+than half, as cancellations come in bursts."""
+
+SAMPLE_SHARE: Final = 0.25
+"""Minimum useful ratio of the cost of a message to that of its samples: longer messages would save
+less, and more of their samples turn out not to be needed."""
+
 QUEUE_PROBABILITY: Final = 0.6
 """Samples less likely than this to be needed are never queued behind other work of a rank."""
+
+
+class MessageCostModel:
+    """What a message, and each sample in it, costs rank 0.
+
+    A regression line through the costs of recent messages of different lengths, exponentially
+    weighted. Where all have the same length, the whole cost counts as that of a message.
+    """
+
+    def __init__(self) -> None:
+        self._messages = 0
+        self._seconds = self._samples = 0.0  # means per message
+        self._variance = self._covariance = 0.0
+
+    def learn(self, seconds: float, messages: int, samples: int) -> None:
+        """Update the line with some messages; nothing is learnt from none.
+
+        Parameters
+        ----------
+        seconds
+            Processor time of rank 0's main thread for them, from assigning the samples to storing
+            the results, s.
+        messages
+            Number of messages with results.
+        samples
+            Number of samples in them.
+        """
+        if not messages:
+            return
+        self._messages += messages
+        cost, weight = seconds / messages, min(1.0, messages / min(COST_MEMORY, self._messages))
+        if self._seconds:
+            cost = min(cost, BURST * self._seconds)
+        longer, dearer = samples / messages - self._samples, cost - self._seconds
+        self._samples += weight * longer
+        self._seconds += weight * dearer
+        self._variance = (1.0 - weight) * (self._variance + weight * longer**2)
+        self._covariance = (1.0 - weight) * (self._covariance + weight * longer * dearer)
+
+    @property
+    def sample(self) -> float:
+        """Cost of a sample, s."""
+        if not self._variance:
+            return 0.0
+        slope = self._covariance / (self._variance + (LEAST_SPREAD * self._samples) ** 2)
+        return min(max(0.0, slope), self._seconds / self._samples)
+
+    @property
+    def message(self) -> float:
+        """Cost of a message without its samples, s."""
+        return max(0.0, self._seconds - self.sample * self._samples)
 
 
 class BatchSizer:
@@ -40,14 +102,11 @@ class BatchSizer:
         Idle time between a worker's last result and its next task, in s.
     mean_seconds
         Mean time of a sample in s; 0 while unknown.
-    message_seconds
-        Mean processor time of rank 0 per batch, from assigning it to storing its results, in s; 0
-        while unknown.
     """
 
     def __init__(self) -> None:
         self.mean_seconds = 0.0
-        self.message_seconds = 0.0
+        self._costs = MessageCostModel()
         self.round_trip = ROUND_TRIP_SECONDS
 
     def learn(self, seconds: Sequence[float]) -> None:
@@ -58,24 +117,16 @@ class BatchSizer:
             self.mean_seconds += weight * (sum(seconds) / count - self.mean_seconds)
 
     def learn_cost(self, seconds: float, messages: int, samples: int) -> None:
-        """Update the cost of messages with what rank 0 has spent on some.
+        """Update the costs of messages with what rank 0 has spent on some, as `MessageCostModel`.
 
-        Parameters
-        ----------
-        seconds
-            Processor time of rank 0's main thread for them, from assigning the samples to storing
-            the results, in s.
-        messages
-            Number of messages with results; nothing is learnt from 0.
-        samples
-            Number of samples in them.
+        To be called after each poll that has brought results.
         """
-        if not messages:
-            return
-        cost, mean = seconds / messages, self.message_seconds
-        if mean:
-            cost = min(cost, BURST * mean)
-        self.message_seconds += (1.0 - 0.95**messages if mean else 1.0) * (cost - mean)
+        self._costs.learn(seconds, messages, samples)
+
+    @property
+    def message_seconds(self) -> float:
+        """Processor time of rank 0 per message apart from that per sample, s; 0 while unknown."""
+        return self._costs.message
 
     def batch_size(self, limit: float, ranks: int = 1, waiting: float = math.inf) -> int:
         """Return the number of samples in a message, 1 … `MOST_SAMPLES`.
@@ -106,8 +157,11 @@ class BatchSizer:
             return 1.0
         # The longer a message, the longer all wait for the last one, and the less time rank 0
         # takes for all of them. The sum of both is smallest where they are equal.
-        messages = self.message_seconds / self.mean_seconds
-        return min(ranks * messages / BUSY_SHARE, math.sqrt(waiting * messages))
+        cost = self._costs.message
+        equal = math.sqrt(waiting * cost / self.mean_seconds)
+        left = BUSY_SHARE * self.mean_seconds / ranks - self._costs.sample
+        per_sample = max(left, SAMPLE_SHARE * self._costs.sample)
+        return min(cost / per_sample, equal) if per_sample > 0.0 else equal
 
     def range_weight(self, ranks: int, size: int) -> float:
         """Return how much the work of rank 0 counts against a rank's, 1 … `ranks`.

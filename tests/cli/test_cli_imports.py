@@ -92,15 +92,11 @@ def test_simulating_a_campaign_loads_the_compiler_and_a_recorded_string_hdf5(tin
     assert recorded.isdisjoint(["mpi4py", "pandas", "matplotlib", "rich"])
 
 
-def test_a_plan_loads_no_mpi_and_from_a_file_no_compiler(tiny_folder):
+def test_a_plan_loads_no_mpi_and_nothing_of_a_report(tiny_folder):
     words = ["plan", tiny_folder / "tiny.yaml", "--ranks", "2"]
-    recorded, simulated = loaded(
-        [*words, "--from", tiny_folder / "tiny.h5"], [*words, "--seconds", "0.1"]
-    )
-    assert "h5py" in recorded
-    assert recorded.isdisjoint(HEAVY - {"h5py"})
-    assert "numba" in simulated
-    assert simulated.isdisjoint(["mpi4py", "pandas", "matplotlib"])
+    for found in loaded([*words, "--from", tiny_folder / "tiny.h5"], [*words, "--seconds", "0.1"]):
+        assert {"h5py", "numba"} <= found  # rank 0's path, which is measured
+        assert found.isdisjoint(["mpi4py", "pandas", "matplotlib"])
 
 
 def test_an_unknown_name_is_not_in_the_package():

@@ -3,6 +3,8 @@ import json
 import pytest
 from campaign_runs import QUICKSTART, TINY, write_campaign
 
+from agglom_mpi.planning import message_costs
+from agglom_mpi.planning.forecast import FREE
 from agglom_mpi.storage.reader import read_campaign
 
 SCENE = QUICKSTART.parent / "extremes" / "at_rest.yaml"
@@ -24,7 +26,7 @@ def test_a_plan_says_how_long_it_would_take_and_what_that_rests_on(agglom):
     first = table_begins(lines)
     table = [line.split()[0] for line in lines[first : first + 4]]
     assert table == ["ranks", "1", "10", "100"]
-    after = lines[first + 4 : first + 6]  # where there are few samples, the first line says so
+    after = lines[first + 4 : first + 7]  # where there are few samples, the first lines say so
     assert any(line.startswith("rank 0 is saturated near ") for line in after)
 
 
@@ -38,9 +40,8 @@ def test_json_holds_the_forecasts_from_a_campaign_file(agglom):
     assert one["used"] == four["used"] > 0
     assert one["bound"] <= one["seconds"]
     assert one["reached"] == pytest.approx(one["bound"] / one["seconds"])
-    assert agglom("plan", "tiny.yaml", "--from", "tiny.h5", "--ranks", "1,4", "--json").stdout == (
-        done.stdout
-    )
+    assert min(plan["costs"].values()) >= 0.0
+    assert plan["costs"]["message"] > 0.0
 
 
 def test_a_plan_says_what_the_fresh_samples_of_the_best_take(agglom, tmp_path):
@@ -59,7 +60,8 @@ def test_a_plan_says_what_the_fresh_samples_of_the_best_take(agglom, tmp_path):
     assert "again" not in bare
 
 
-def test_a_plan_ends_with_the_command_that_submits_it(agglom):
+def test_a_plan_ends_with_the_command_that_submits_it(agglom, monkeypatch):
+    monkeypatch.setattr(message_costs, "measured_costs", lambda *_: FREE)
     words = ("plan", "tiny.yaml", "--from", "tiny.h5", "--ranks", "1,4")
     advice = json.loads(agglom(*words, "--json").stdout)["advice"]
     last = agglom(*words).stdout.splitlines()[-1].split()
@@ -67,6 +69,18 @@ def test_a_plan_ends_with_the_command_that_submits_it(agglom):
     assert last[:2] == ["sbatch", f"--ntasks={advice['ranks']}"]
     minutes, hours = last[2].removeprefix("--time=").split(":")[1::-1]
     assert 3600 * int(hours) + 60 * int(minutes) == advice["walltime"]
+
+
+def test_a_long_campaign_is_simulated_in_part_which_its_table_says(agglom, monkeypatch):
+    from agglom_mpi.planning import plan
+
+    monkeypatch.setattr(plan, "FORECAST_SAMPLES", 30)
+    monkeypatch.setattr(message_costs, "measured_costs", lambda *_: FREE)
+    words = ("plan", "tiny.yaml", "--from", "tiny.h5", "--ranks", "1,4")
+    one, four = json.loads(agglom(*words, "--json").stdout)["forecasts"]
+    assert 0.0 < one["share"] < 1.0
+    assert one["used"] == pytest.approx(four["used"], abs=2.0)
+    assert any(line.startswith("simulated: ") for line in agglom(*words).stdout.splitlines())
 
 
 @pytest.mark.parametrize("ranks", ["", "0", "1,,2", "ten", "1.5", "-1", "1;2", "2000000"])

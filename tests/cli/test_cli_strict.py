@@ -3,7 +3,9 @@
 import json
 
 import pytest
-from campaign_runs import write_campaign
+from campaign_runs import TINY, write_campaign
+
+from agglom_mpi.runtime.invert import InvertOptions, read_request
 
 FUNCTION = 'objective: {law: function, call: "worth:worth"}'
 
@@ -73,3 +75,17 @@ def test_check_says_what_a_function_raises(mistaken, tmp_path):
     said = mistaken("check", own, "--allow-code")
     assert "objective.call: is 'worth:worth', but of the middle of the box sample 0 failed" in said
     assert "KeyError: 'surface_energy'" in said
+
+
+def test_constraints_that_allow_little_of_the_box_are_warned_of(agglom, mistaken, tmp_path):
+    path = write_campaign(tmp_path / "little.yaml", **TINY)
+    text = path.read_text()
+    path.write_text(f"{text}\nconstraints: [relative_speed > 29.98 m/s]\n")  # of 0.1 to 30 m/s
+    done = agglom("check", path)
+    assert done.exit_code == 0
+    assert f"warning: {path}:" in done.stderr
+    assert " constraints: allow 0." in done.stderr
+    assert " constraints: allow 0." in mistaken("check", path, "--strict")
+    shown = []
+    read_request(InvertOptions(str(path), output=str(tmp_path / "little.h5")), shown.append)
+    assert any(" constraints: allow 0." in str(line) for line in shown)

@@ -91,3 +91,34 @@ def test_a_rate_has_two_digits():
 
 def test_a_clock_shows_hours_when_there_are_any():
     assert [format_clock(s) for s in (7.9, 61.0, 3723.0)] == ["0:07", "1:01", "1:02:03"]
+
+
+THOUSAND = FULL._replace(
+    done=9_999,
+    total=10_000,
+    elapsed=1e6,
+    samples=1_234_567_890,
+    rate=654_321.0,
+    strings_open=1000,
+    in_flight=2_048_000,
+    failed=1_234_567,
+    best=Best(12_345_678, 0.01234, 0.0045, 0.0201, estimated=True),
+    remaining=RemainingTime(1e6, 1e5),
+)
+"""A thousand ranks with a thousand open strings, after days."""
+
+
+@pytest.mark.parametrize(("width", "rows"), [(80, 6), (120, 5)])
+@pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
+def test_a_thousand_open_strings_take_a_few_lines_that_fit(width, rows, encoding):
+    found = shown(THOUSAND, width, encoding)
+    assert len(found) <= rows
+    assert max(map(len, found)) < width
+    assert any("1000 strings open" in line for line in found)
+    assert "1000 strings open, 2048000 in flight" in log_line(THOUSAND)
+
+
+def test_what_is_shown_does_not_grow_with_the_strings():
+    more = THOUSAND._replace(strings_open=1_000_000)
+    assert len(shown(more, 80)) == len(shown(THOUSAND, 80))
+    assert len(log_line(more)) == len(log_line(THOUSAND)) + 3

@@ -23,6 +23,7 @@ from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.variables import TEN
 
+COSTLY = MessageCosts(2e-3, 150e-6, 40e-6, 10e-6)
 ROUNDING = 1e-9
 """Times are sums of at most some thousand numbers of one sign."""
 
@@ -34,14 +35,18 @@ class Drawn:
     def __init__(self, decades=0.0, seed=0, typical=0.01):
         self.decades, self.seed, self.typical = decades, seed, typical
 
-    def sample(self, string, parameters, sample):
+    def samples(self, parameters, first, count):
+        drawn = [self.sample(parameters, number) for number in range(first, first + count)]
+        return rows_of([outcome for outcome, _ in drawn]), np.array([time for _, time in drawn])
+
+    def sample(self, parameters, sample):
         # Of the parameters, as a simulation: a string may not know its number.
         key = int(parameters[0] * 2**53)
         slow = np.random.default_rng([self.seed, key]).random()
         rng = np.random.default_rng([self.seed, key, sample + 1])
         ratio = 1.0 + parameters[1] + 0.1 * rng.normal()
         seconds = self.typical * 10.0 ** (self.decades * (slow + 0.5 * rng.random()))
-        return rows_of([SampleSummary(True, ratio, 50, (0.0, 0.0, 0.0), 1, 0)])[0], seconds
+        return SampleSummary(True, ratio, 50, (0.0, 0.0, 0.0), 1, 0), seconds
 
 
 def cluster(ranks, costs=FREE, workload=None, population=20, generations=3, most=30):
@@ -62,20 +67,11 @@ def cluster(ranks, costs=FREE, workload=None, population=20, generations=3, most
 
 @pytest.mark.parametrize("decades", [0.0, 2.0])
 def test_a_lone_rank_without_costs_simulates_all_the_time(decades):
-    workload = Drawn(decades, typical=BATCH_SECONDS)  # so that no batch holds two
-    times = {}
-
-    class Recording:
-        def sample(self, string, parameters, sample):
-            outcome, seconds = workload.sample(string, parameters, sample)
-            times[string, sample] = seconds
-            return outcome, seconds
-
-    forecast = cluster(1, workload=Recording()).run()
-    # It works its samples off in order, so that those it did not come to are the last ones.
-    assert forecast.seconds == pytest.approx(sum(list(times.values())[: forecast.simulated]))
+    # Samples so long that no batch holds two, and none is begun that is not needed.
+    forecast = cluster(1, workload=Drawn(decades, typical=BATCH_SECONDS)).run()
     assert forecast.busy == pytest.approx(1.0, rel=ROUNDING)
-    assert forecast.used == forecast.simulated <= len(times)
+    assert forecast.used == forecast.simulated
+    assert forecast.seconds == pytest.approx(forecast.work)
 
 
 @examples(
@@ -106,8 +102,7 @@ def test_two_ranks_are_faster_than_one_but_not_more_than_twice():
 
 def test_the_number_of_ranks_decides_nothing():
     runs = [
-        cluster(ranks, costs, Drawn(2.0))
-        for ranks, costs in ((1, FREE), (7, MessageCosts()), (500, FREE))
+        cluster(ranks, costs, Drawn(2.0)) for ranks, costs in ((1, FREE), (7, COSTLY), (500, FREE))
     ]
     forecasts = [run.run() for run in runs]
     assert len(runs[0].path.used) == 20 + 2 * 10
@@ -202,3 +197,39 @@ def test_batches_that_learn_from_the_one_but_last_wait_for_every_second_generati
     assert forecast.chain == pytest.approx(0.03)
     wanted = 0.03 if ranks == 30 else 0.01 * forecast.simulated
     assert forecast.seconds == pytest.approx(wanted)
+
+
+@pytest.mark.parametrize("ranks", [1, 30])
+def test_a_run_that_ends_early_is_a_part_of_the_whole(ranks):
+    whole_run, part_run = cluster(ranks, generations=10), cluster(ranks, generations=10)
+    whole, part = whole_run.run(), part_run.run(most=500)
+    assert part.simulated < whole.simulated
+    share = part_run.samples_used / whole.used
+    extended = part.extended(share, 10 / (part_run.inversion.generation + 1))
+    assert extended.share == share
+    assert extended.used == whole.used == whole_run.samples_used
+    assert extended.seconds == pytest.approx(whole.seconds, rel=0.3)
+    assert extended.bound <= extended.seconds
+
+
+def test_the_progress_is_shown_and_goes_on(monkeypatch):
+    monkeypatch.setattr(virtual, "PROGRESS_MESSAGES", 10)
+    shown = []
+    forecast = cluster(4).run(show=lambda *progress: shown.append(progress))
+    generations, samples = zip(*shown, strict=True)
+    assert list(generations) == sorted(generations)
+    assert list(samples) == sorted(samples)
+    assert samples[-1] >= forecast.simulated / 2
+
+
+@pytest.mark.parametrize("ranks", [16, 75])
+def test_messages_grow_until_rank_0_is_below_half_of_its_time(ranks, monkeypatch):
+    costs = MessageCosts(1e-3, 25e-6, 1e-6)
+    runs = [cluster(ranks, costs, Drawn(typical=4e-4), 200, most=100) for _ in range(2)]
+    grown = runs[0].run()
+    monkeypatch.setattr(virtual.Scheduler, "_range_limit", lambda scheduler, used: 1)
+    monkeypatch.setattr(virtual.Scheduler, "_batch_size", lambda scheduler: 1)
+    single = runs[1].run()
+    assert grown.used == single.used
+    assert grown.master < 0.5
+    assert grown.seconds < single.seconds

@@ -3,15 +3,25 @@ import json
 import math
 
 import pytest
+from examples import examples
+from hypothesis import strategies as st
 from rich.console import Console
 
 from agglom_mpi.config.loading import load_campaign
-from agglom_mpi.planning.forecast import Forecast, ForecastReport, MessageCosts, PilotSummary
+from agglom_mpi.planning.forecast import (
+    WELL_USED,
+    Forecast,
+    ForecastReport,
+    MessageCosts,
+    PilotSummary,
+)
 from agglom_mpi.planning.forecast_table import forecast_table, to_json
+
+COSTS = MessageCosts(2e-3, 30e-6, 1e-6, 5e-6)
 
 
 def planned(*forecasts):
-    return ForecastReport(None, "a.yaml", None, MessageCosts(), list(forecasts), [])
+    return ForecastReport(None, "a.yaml", None, COSTS, list(forecasts), [])
 
 
 def forecast(ranks, seconds, work=100.0, again=0.0):
@@ -26,8 +36,35 @@ def test_the_most_ranks_that_are_well_used_are_advised():
     assert backwards.advice == plan.advice
 
 
-def test_the_fewest_ranks_are_advised_if_none_are_well_used():
-    assert planned(forecast(64, 20.0), forecast(16, 19.0)).advice.ranks == 16
+def test_no_number_of_ranks_is_advised_that_its_row_does_not_bear_out():
+    assert planned(forecast(64, 20.0), forecast(16, 19.0)).advice is None
+
+
+ROWS = st.tuples(st.integers(1, 10_000), st.floats(1e-3, 1e6), st.floats(0.0, 1.0))
+
+
+@examples(200, st.lists(ROWS, max_size=6))
+def test_the_advice_agrees_with_the_table(rows):
+    """A row of (ranks, time, share of the ranks' time that is needed)."""
+    forecasts = [
+        forecast(ranks, seconds, work=share * seconds * ranks) for ranks, seconds, share in rows
+    ]
+    advice = planned(*forecasts).advice
+    well_used = {f.ranks for f in forecasts if f.needed >= WELL_USED}
+    if advice is None:
+        assert not well_used
+    else:
+        assert advice.ranks == max(well_used)
+        assert advice.needed >= WELL_USED
+        assert (advice.ranks, advice.needed) in {(f.ranks, f.needed) for f in forecasts}
+
+
+def test_rank_0_is_saturated_where_its_time_in_the_row_of_the_most_ranks_ends():
+    busy = forecast(10, 20.0, work=100.0)._replace(master=0.25, simulated=50, used=40)
+    full = planned(forecast(1, 100.0), busy).saturation
+    assert full.samples_per_second == pytest.approx(50 / (0.25 * 20.0))
+    assert full.ranks == pytest.approx(full.samples_per_second * 100.0 / 40)
+    assert planned(forecast(1, 100.0)).saturation is None
 
 
 def test_the_walltime_is_twice_the_forecast_and_a_start_in_whole_five_minutes():
@@ -43,7 +80,7 @@ def test_nothing_is_advised_without_a_forecast():
 def heading(wall_over_cpu):
     summary = PilotSummary(None, 60, 10, 0, 2e-3, 5e-3, wall_over_cpu, ())
     campaign = load_campaign("jobs/quickstart.yaml")
-    report = ForecastReport(campaign, "a.yaml", summary, MessageCosts(), [forecast(1, 100.0)], [])
+    report = ForecastReport(campaign, "a.yaml", summary, COSTS, [forecast(1, 100.0)], [])
     console = Console(width=200, file=io.StringIO())
     console.print(forecast_table(report))
     lines = console.file.getvalue().splitlines()
@@ -51,13 +88,13 @@ def heading(wall_over_cpu):
 
 
 def test_a_forecast_names_its_clock_and_a_busy_machine():
-    samples, _ = heading(1.0)
+    samples, *_ = heading(1.0)
     assert samples.endswith("mean 2 ms, longest 5 ms of processor time")
-    samples, busy, _ = heading(2.5)
+    samples, busy, *_ = heading(2.5)
     assert samples.endswith("of processor time")
     assert "samples took 2.5 times their processor time" in busy
     assert len(busy) < 80
-    samples, _ = heading(math.nan)
+    samples, *_ = heading(math.nan)
     assert samples.endswith("of wall-clock time")
 
 
@@ -65,7 +102,7 @@ def test_the_ratio_of_the_clocks_is_in_the_json_where_it_is_known():
     def ratio(value):
         summary = PilotSummary(None, 60, 10, 0, 2e-3, 5e-3, value, ())
         campaign = load_campaign("jobs/quickstart.yaml")
-        report = ForecastReport(campaign, "a.yaml", summary, MessageCosts(), [], [])
+        report = ForecastReport(campaign, "a.yaml", summary, COSTS, [], [])
         return json.loads(to_json(report))["samples"]["wall_over_cpu"]
 
     assert ratio(2.5) == 2.5

@@ -36,8 +36,8 @@ def recorded(campaign, *counts, settings=({"size_ratio": 0.4}, {"size_ratio": 0.
     return PilotSamples(rows, np.array([campaign.parameters(values) for values in settings]))
 
 
-def times(workload, parameters, samples, string=0):
-    return [workload.sample(string, parameters, sample)[1] for sample in range(samples)]
+def times(workload, parameters, samples):
+    return workload.samples(parameters, 0, samples)[1].tolist()
 
 
 def test_a_recorded_string_gives_its_own_samples_first_and_then_some_of_them_again(campaign):
@@ -92,15 +92,15 @@ def test_draws_depend_on_string_and_sample_alone(campaign):
     known = recorded(campaign, 6, 6)
     asked = campaign.parameters({"size_ratio": 0.41})
     first, second = EmpiricalWorkload(known, campaign), EmpiricalWorkload(known, campaign)
-    forward = times(first, asked, 50, string=3)
+    forward = times(first, asked, 50)
     times(second, known.parameters[1], 5)
-    backward = [second.sample(8, asked, sample)[1] for sample in reversed(range(50))]
+    backward = [second.samples(asked, sample, 1)[1][0] for sample in reversed(range(50))]
     assert forward == backward[::-1]
 
 
 def test_random_numbers_are_those_of_splitmix64():
     # First outputs for the seed 0, by the reference implementation.
-    assert [splitmix64(0, count) for count in range(3)] == [
+    assert splitmix64(0, np.arange(3, dtype=np.uint64)).tolist() == [
         0xE220A8397B1DCDAF,
         0x6E789E6AA1B965F4,
         0x06C45D188009454F,
@@ -129,8 +129,8 @@ def test_samples_that_failed_fail_again(campaign):
     known = recorded(campaign, 6, 6)
     known.rows["state"][3] = FAILED
     workload = EmpiricalWorkload(known, campaign)
-    states = [workload.sample(0, known.parameters[0], k)[0]["state"] for k in range(6)]
-    assert states == [COMPLETED] * 3 + [FAILED] + [COMPLETED] * 2
+    rows, _ = workload.samples(known.parameters[0], 0, 6)
+    assert rows["state"].tolist() == [COMPLETED] * 3 + [FAILED] + [COMPLETED] * 2
 
 
 def test_a_finished_file_foretells_its_own_decisions(campaign, shared_campaign):

@@ -1,5 +1,8 @@
 """How many samples a message has, and how many messages a rank."""
 
+import random
+
+import pytest
 from examples import examples
 from hypothesis import strategies as st
 
@@ -77,12 +80,44 @@ def test_with_few_ranks_the_cost_of_a_message_changes_nothing():
         assert costly_sizer(1e-3, 50e-6).batch_size(1.0, ranks) == 1
 
 
-def test_what_a_message_costs_is_a_mean_that_one_burst_does_not_spoil():
+def test_one_burst_does_not_make_messages_dear():
     sizer = costly_sizer(1e-3, 1e-4)
-    sizer.learn_cost(0.0, 0, 0)
-    assert sizer.message_seconds == 1e-4
+    for _ in range(100):
+        sizer.learn_cost(1e-4, 1, 1)
     sizer.learn_cost(10.0, 1, 1)
-    assert sizer.message_seconds <= 1.2e-4
-    for _ in range(200):
-        sizer.learn_cost(6e-4, 2, 100)
-    assert abs(sizer.message_seconds / 3e-4 - 1.0) < 1e-3
+    assert sizer.message_seconds <= 1.05e-4
+
+
+def test_nothing_is_learnt_from_no_message_and_much_after_one_that_cost_nothing():
+    sizer = costly_sizer(1e-3, 0.0)
+    sizer.learn_cost(1.0, 0, 0)
+    assert sizer.message_seconds == 0.0
+    sizer.learn_cost(3e-4, 3, 3)
+    assert sizer.message_seconds > 0.0
+
+
+@examples(50, st.floats(1e-5, 1e-3), st.floats(0.0, 1e-4), st.integers(0, 1000))
+def test_costs_of_messages_and_samples_are_told_apart_by_messages_of_other_lengths(
+    message, sample, seed
+):
+    chance, sizer = random.Random(seed), costly_sizer(1e-3, message + sample)
+    for _ in range(2000):
+        messages, length = chance.randint(1, 5), chance.randint(1, 100)
+        cost = messages * (message + length * sample)
+        sizer.learn_cost(cost, messages, messages * length)
+    spent = message + 50 * sample
+    assert abs(sizer.message_seconds - message) < 0.1 * spent
+
+
+def test_messages_of_one_length_count_with_all_of_their_cost():
+    sizer = costly_sizer(1e-3, 1e-4)
+    for _ in range(100):
+        sizer.learn_cost(1e-4, 1, 1)
+    assert sizer.message_seconds == pytest.approx(1e-4)
+
+
+def test_samples_that_cost_too_much_by_themselves_do_not_make_messages_long():
+    sizer = sizer_of(4e-4, 0.0)
+    for length in [1, 40] * 1000:
+        sizer.learn_cost(50e-6 + length * 40e-6, 1, length)
+    assert sizer.batch_size(1.0, 100, 1e4) < 20

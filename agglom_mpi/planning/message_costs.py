@@ -1,0 +1,235 @@
+"""What messages cost rank 0 on this machine, measured with ranks that answer at once.
+
+The decisions, the scheduler, the coordinator and the campaign file are those of a run. Only the
+ranks are not: `InstantRanks` returns rows of a workload instead of simulating.
+"""
+
+import tempfile
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Final, NamedTuple, cast
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from agglom_mpi.planning.cluster_simulator import DrawnSamples, Workload
+from agglom_mpi.planning.forecast import MessageCosts
+from agglom_mpi.runtime.coordinator import Coordinator
+from agglom_mpi.runtime.experiment import Experiment
+from agglom_mpi.runtime.file_setup import prepare
+from agglom_mpi.runtime.messages import RankMessage
+from agglom_mpi.runtime.stop_request import StopRequest
+from agglom_mpi.runtime.worker_pool import WorkerPool
+from agglom_mpi.scheduling.estimators import ROUND_TRIP_SECONDS
+from agglom_mpi.search.inversion import Inversion
+from agglom_mpi.storage.schema import samples_schema
+from agglom_mpi.storage.table import checksums, fitted
+from agglom_mpi.storage.writer import CampaignWriter
+
+LATENCY: Final = 2e-3
+"""Time until a message is read, s: a rank polls every 4 ms, more often while messages arrive."""
+
+MPI_SECONDS: Final = 8e-6
+"""Time of MPI to send or to receive a message, s: two ranks on one machine exchange 120 000 to
+380 000 raw buffers per second. Measuring it would take a second rank."""
+
+ARRIVED_TOGETHER: Final = 4
+"""Number of messages that rank 0 finds when it polls."""
+
+SHORT_SECONDS: Final = 1e-5
+"""Time that samples are said to take, s, so that many are a batch."""
+
+INSTANT_RANKS: Final = (64, 4, 1)
+"""Numbers of ranks that answer at once. The fewer there are, the longer are the batches that the
+scheduler makes: it divides a generation among them."""
+
+MEASURED_SECONDS: Final = 0.5
+"""Time for each number of ranks, s."""
+
+
+class PollCost(NamedTuple):
+    """Processor time of rank 0, s, for what one poll has brought, and how much that was."""
+
+    seconds: float
+    messages: int
+    parts: int
+    samples: int
+    generations: int
+
+
+class InstantRanks:
+    """Stands in for a `WorkerPool`: ranks whose samples take no time.
+
+    It measures the time that the coordinator spends between two polls.
+
+    Parameters
+    ----------
+    workload
+        Results of the samples.
+    inversion
+        The decisions of the coordinator.
+    dtype
+        Row type of the results.
+    ranks
+        Number of ranks.
+
+    Attributes
+    ----------
+    costs
+        One for each poll that brought something.
+    """
+
+    round_trip = ROUND_TRIP_SECONDS
+    database_seconds = 0.0
+
+    def __init__(
+        self, workload: Workload, inversion: Inversion, dtype: np.dtype, ranks: int
+    ) -> None:
+        self.size = ranks
+        self.hosts: dict[int, str] = {}
+        self.missing: set[int] = set()
+        self.costs: list[PollCost] = []
+        self._workload = workload
+        self._inversion = inversion
+        self._dtype = dtype
+        self._drawn: dict[int, DrawnSamples] = {}
+        self._held: deque[tuple[int, NDArray[np.void]]] = deque()
+        self._brought: tuple[int, int, int] = 0, 0, 0
+        self._generation = 0
+        self._begun = time.thread_time()
+
+    def send(self, rank: int, tasks: NDArray[np.void]) -> None:
+        """Take a batch for a rank."""
+        self._held.append((rank, tasks))
+
+    def cancel(self, rank: int, strings: NDArray[np.int64]) -> None:
+        """Take a message on unnecessary samples; it changes nothing."""
+
+    def sync(self) -> None:
+        """Nobody else writes the file."""
+
+    def shut_down(self, code: int, silent: object = ()) -> Iterator[RankMessage]:
+        """Return no more messages."""
+        return iter(())
+
+    def poll(self) -> Iterator[RankMessage]:
+        """Return the results of some batches."""
+        self._stop_clock()
+        held = [self._held.popleft() for _ in range(min(ARRIVED_TOGETHER, len(self._held)))]
+        messages = [RankMessage(rank, self._results(rank, tasks)) for rank, tasks in held]
+        parts = sum(len(tasks) for _, tasks in held)
+        self._brought = len(messages), parts, sum(len(message.results) for message in messages)
+        if not held:
+            time.sleep(1e-3)  # a search proposes in a thread of its own
+        self._begun = time.thread_time()
+        return iter(messages)
+
+    def _stop_clock(self) -> None:
+        """Record what rank 0 has spent since the last poll."""
+        spent = time.thread_time() - self._begun
+        generations = self._inversion.generation - self._generation
+        self._generation += generations
+        if self._brought[0]:
+            self.costs.append(PollCost(spent, *self._brought, generations))
+
+    def _results(self, rank: int, tasks: NDArray[np.void]) -> NDArray[np.void]:
+        """Return rows of the samples of a batch, with the checksums that a rank gives them."""
+        columns = (tasks[name].tolist() for name in ("string", "first", "count"))
+        found = [self._part(task, *numbers) for task, *numbers in zip(tasks, *columns, strict=True)]
+        rows = fitted(np.concatenate(found), self._dtype)
+        rows["rank"] = rank
+        rows["seconds"] = rows["cpu_seconds"] = SHORT_SECONDS
+        rows["crc"] = checksums(rows)
+        return rows
+
+    def _part(self, task: np.void, string: int, first: int, count: int) -> NDArray[np.void]:
+        """Return rows, (count,), of consecutive samples of a string."""
+        drawn = self._drawn.get(string)
+        if drawn is None:
+            drawn = self._drawn[string] = DrawnSamples(self._workload, task["parameters"].copy())
+        rows = drawn.rows(first, count).copy()
+        rows["string"], rows["sample"] = string, np.arange(first, first + count)
+        return rows
+
+
+class _Limit(StopRequest):
+    """Ends a measurement after some time, or when all is decided."""
+
+    def __init__(self, inversion: Inversion) -> None:
+        super().__init__(MEASURED_SECONDS)
+        self._inversion = inversion
+
+    @property
+    def reason(self) -> str:
+        """The reason to stop, as text."""
+        return "all is decided" if self._inversion.finished else super().reason
+
+
+class _Unseen:
+    """A listener that shows nothing."""
+
+    def generation(self, *_: object) -> None:
+        """Show nothing."""
+
+    def tick(self, *_: object) -> None:
+        """Show nothing."""
+
+    def message(self, text: str) -> None:
+        """Show nothing."""
+
+    def error(self, text: str) -> None:
+        """Show nothing."""
+
+
+def measured_costs(
+    experiment: Experiment, workload: Workload, show: Callable[[str], None] = lambda text: None
+) -> MessageCosts:
+    """Return the costs of messages, measured in a second or two.
+
+    Parameters
+    ----------
+    experiment
+        Work to forecast.
+    workload
+        Results of its samples.
+    show
+        Called with a line on the progress.
+
+    Raises
+    ------
+    CampaignError, OSError
+        If there is no room for a temporary campaign file.
+    """
+    costs: list[PollCost] = []
+    for ranks in INSTANT_RANKS:
+        show("measuring what messages cost rank 0")
+        costs += poll_costs(experiment, workload, ranks)
+    return fitted_costs(costs)
+
+
+def poll_costs(experiment: Experiment, workload: Workload, ranks: int) -> list[PollCost]:
+    """Return what each poll costs rank 0 with so many ranks."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "costs.h5"
+        file = prepare(path, experiment, accept_code_change=False)
+        with CampaignWriter(path) as writer:
+            coordinator = Coordinator(experiment, file, writer, _Unseen())
+            inversion, dtype = coordinator.inversion, samples_schema(file.quantities).dtype
+            coordinator.replay(StopRequest())
+            pool = InstantRanks(workload, inversion, dtype, ranks)
+            coordinator.run(cast(WorkerPool, pool), _Limit(inversion))
+    return pool.costs
+
+
+def fitted_costs(costs: list[PollCost]) -> MessageCosts:
+    """Return the costs that explain those of polls best, none of them negative.
+
+    What a generation costs is no part of them: it does not depend on messages.
+    """
+    table = np.array(costs, float).reshape(-1, len(PollCost._fields))
+    found, _ = nnls(table[:, 1:], table[:, 0])
+    message, part, sample, _ = found.tolist()
+    return MessageCosts(LATENCY, message / 2.0 + MPI_SECONDS, sample, part)
