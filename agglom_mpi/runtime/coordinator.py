@@ -6,7 +6,6 @@ from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agglom_mpi.analysis.failed_samples import no_result
 from agglom_mpi.analysis.replay import stored_outcomes

@@ -93,7 +93,8 @@ def first_returns(
     done = [reason != NOT_NEEDED for reason in rows["reason"].tolist()]
     scheduler.batch_sizer.learn(list(compress(rows["seconds"].tolist(), done)))
     strings, samples = rows["string"].tolist(), rows["sample"].tolist()
-    found, parts, begin = {}, [], 0
+    found: dict[int, None] = {}
+    parts, begin = [], 0
     for rank, count in returned.counts:
         for part, new in scheduler.returned(rank, done[begin : begin + count]):
             check_order(rank, part, (strings[begin], samples[begin]))

@@ -38,7 +38,7 @@ class EnsemblePath(NamedTuple):
 
     Attributes
     ----------
-    count
+    completed
         Number of completed samples now.
     ratios
         Means of b^f/b⁰ over samples.
@@ -49,7 +49,7 @@ class EnsemblePath(NamedTuple):
         Means over samples of the grains per particle left.
     """
 
-    count: int
+    completed: int
     ratios: list[float]
     deviations: list[float]
     squares: list[float]

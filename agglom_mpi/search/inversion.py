@@ -207,7 +207,8 @@ class Inversion:
             Ranges of them that are consecutive samples of one string: its number, that of the first
             sample, and begin and end of the range in `samples`.
         """
-        batch, strings = SampleBatch(samples, self._summarise), {}
+        batch = SampleBatch(samples, self._summarise)
+        strings: dict[int, None] = {}
         for string, first, begin, end in parts:
             if self._keep(string, first, SamplePart(batch, begin, end)):
                 strings[string] = None

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from agglom_mpi.outcome import COMPLETED, SampleSummary
 from agglom_mpi.search.ensemble import Ensemble, EnsemblePath
 from agglom_mpi.search.objectives.objective import Objective, RadiusObjective
-from agglom_mpi.search.stopping import EnsembleState, StoppingRule
+from agglom_mpi.search.stopping import EnsembleState, StoppingRule, rows_of
 
 Rows = NDArray[np.void]
 
@@ -144,7 +144,7 @@ def _follow(rule: StoppingRule, group: list[tuple[Ensemble, EnsemblePath]]) -> N
     for ensemble, path in group:
         samples = len(path.ratios) - 1
         # One sample satisfies no rule.
-        place = bisect_left(ends, begin + max(0, fewest - path.count - 1))
+        place = bisect_left(ends, begin + max(0, fewest - path.completed - 1))
         converges = place < len(ends) and ends[place] < begin + samples
         ensemble.follow(path, ends[place] - begin + 1 if converges else samples, converges)
         begin += samples + 1
@@ -163,16 +163,9 @@ def _where_it_holds(rule: StoppingRule, paths: list[EnsemblePath]) -> list[int]:
             column.extend(part)
     counts, ratios, means, squares = np.array(columns)[:, :, None]
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        states = (
-            counts.astype(np.int64),
-            ratios,
-            np.abs(means),
-            np.sqrt(squares / (counts - 1.0) / counts),
-        )
-        before, after = (
-            EnsembleState(*(column[part] for column in states), None) for part in (EARLIER, LATER)
-        )
-        holds = rule.holds(before, after)
+        errors = np.sqrt(squares / (counts - 1.0) / counts)
+        states = EnsembleState(counts.astype(np.int64), ratios, np.abs(means), errors, None)
+        holds = rule.holds(rows_of(states, EARLIER), rows_of(states, LATER))
     if isinstance(holds, np.ndarray):
         return np.flatnonzero(holds).tolist()
     return list(range(len(counts) - 1)) if holds else []

@@ -146,12 +146,13 @@ class StoppingRule(Component):
         satisfied = np.zeros(states.objective.shape, dtype=bool)
         with np.errstate(invalid="ignore", over="ignore"):  # inf - inf is nan, and settled
             satisfied[1:] = self.holds(
-                _rows(states, slice(None, -1)), _rows(states, slice(1, None))
+                rows_of(states, slice(None, -1)), rows_of(states, slice(1, None))
             )
         return satisfied
 
 
-def _rows(states: EnsembleState[Floats], rows: slice) -> EnsembleState[Floats]:
+def rows_of(states: EnsembleState[Floats], rows: slice) -> EnsembleState[Floats]:
+    """Return some of the states of many ensembles, by their rows."""
     central = states.central_moments
     return EnsembleState(
         states.samples[rows],

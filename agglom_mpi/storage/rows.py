@@ -100,7 +100,7 @@ class Rows:
     def _read_bytes(self, at: int, rows: np.ndarray) -> None:
         """Fill rows from a place of the file; raises OSError where the file ends before."""
         self._require_open()
-        content = memoryview(rows.view(np.uint8))
+        content = rows.view(np.uint8).data
         while content:
             count = os.preadv(self._descriptor, [content], at)
             if not count:
