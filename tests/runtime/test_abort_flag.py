@@ -58,6 +58,7 @@ class Scenes:
     def __init__(self, monkeypatch, *acts):
         self.acts, self.seen = list(acts), 0
         monkeypatch.setattr(module, "simulate_scene", self)
+        monkeypatch.setattr(module, "MAX_AT_ONCE", 1)
 
     def __call__(self, scene, random, abort, frames=None):
         act = self.acts.pop(0) if self.acts else None
