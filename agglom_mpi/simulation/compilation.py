@@ -112,7 +112,7 @@ def compile_kernels(
     if new := [name for name in names if is_new[name]]:
         show(f"compiling {pluralise(len(new), 'kernel')} of a new kind of scene: {', '.join(new)}")
     with engine_compiled_elsewhere(scene) if together else nullcontext(_nothing) as finish:
-        for name in [*_called(scene), STREAMS, *names]:
+        for name in [*_called(scene), *names, STREAMS]:
             if name == ENGINE:
                 finish()
             compiled |= _compile(name, scene)
@@ -225,7 +225,7 @@ def engine_compiled_elsewhere(scene: Scene) -> Iterator[Callable[[], object]]:
 
 
 def compile_for_parent() -> None:
-    """Compile the engine of the scene on standard input, as the other process; see above.
+    """Compile the engine of the scene on standard input, and `STREAMS`; see above.
 
     It ends when its parent does, however that ends: standard input is closed then.
     """
@@ -236,7 +236,8 @@ def compile_for_parent() -> None:
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
-    compile_ahead(*_example(ENGINE, scene))
+    for name in (ENGINE, STREAMS):
+        compile_ahead(*_example(name, scene))
     os._exit(0)
 
 
