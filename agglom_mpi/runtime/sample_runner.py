@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from agglom_mpi.config.simulate import evaluate_function, random_numbers, stream_key
 from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, FailureReason, final_particles
 from agglom_mpi.random_streams import key_words
+from agglom_mpi.runtime.abort_flag import AbortFlag
 from agglom_mpi.runtime.experiment import Experiment, SampleSetup
 from agglom_mpi.runtime.messages import (
     FAILED_SAMPLE,
@@ -23,8 +24,9 @@ from agglom_mpi.runtime.messages import (
 from agglom_mpi.scheduling.interface import MOST_SAMPLES
 from agglom_mpi.simulation.compilation import compile_kernels
 from agglom_mpi.simulation.frames import frame_times, new_frames
-from agglom_mpi.simulation.sample import samples_at_once, simulate_samples, simulate_scene
-from agglom_mpi.simulation.sample_range import TIMES, SampleResults, Watch, new_results, new_watch
+from agglom_mpi.simulation.sample import simulate_samples, simulate_scene
+from agglom_mpi.simulation.sample_draws import samples_at_once
+from agglom_mpi.simulation.sample_range import TIMES, SampleResults, new_results
 from agglom_mpi.simulation.scene import Scene
 from agglom_mpi.stopwatch import Stopwatch, TimeSpent
 from agglom_mpi.storage.particle_tables import final_row, frame_rows
@@ -123,72 +125,6 @@ def scene_of(setup: SampleSetup, parameters: NDArray[np.float64]) -> Scene:
     return setup.campaign.at(parameters).build(setup.engine)
 
 
-class AbortFlag:
-    """Ends samples early, from another thread than the one that simulates.
-
-    All of them on `stop`, one that takes too long on `check_time`, any one on `interrupt`.
-
-    Parameters
-    ----------
-    max_seconds
-        Longest time of a sample in s; None without a limit.
-
-    Attributes
-    ----------
-    abort
-        Read by kernels, shape (1,); anything but 0 ends them.
-    begun
-        When the sample under way began, by `time.monotonic`, shape (1,), s; nan between samples.
-        Kernels write it, too.
-    stopped
-        Whether no more samples are wanted.
-    """
-
-    def __init__(self, max_seconds: float | None) -> None:
-        self.abort = np.zeros(1, np.uint8)
-        self.stopped = False
-        self.max_seconds = max_seconds
-        self.begun = np.full(1, np.nan)
-
-    def stop(self) -> None:
-        """End all samples, from now on."""
-        self.stopped = True
-        self.abort[0] = 1
-
-    def check_time(self) -> None:
-        """End the sample under way if it has taken too long."""
-        if self._late:
-            self.abort[0] = 1
-
-    def interrupt(self) -> None:
-        """End the sample under way, if there is one; it may be simulated again."""
-        self.abort[0] = 1
-
-    def begin(self) -> None:
-        """Start the clock of a sample."""
-        self.begun[0] = time.monotonic()
-
-    def watch(self, seconds: float) -> Watch:
-        """Return the watch of samples in compiled code, the last begun within `seconds`."""
-        most = math.inf if self.max_seconds is None else self.max_seconds
-        return new_watch(self.abort, self.begun, most, seconds)
-
-    def end(self) -> tuple[bool, bool]:
-        """Stop the clock; return if the sample took too long, and if it may be cut off."""
-        late, self.begun[0] = self._late, np.nan
-        interrupted = bool(self.abort[0])
-        if interrupted and not self.stopped:
-            self.abort[0] = 0
-            if self.stopped:  # just now
-                self.abort[0] = 1
-        return late, interrupted
-
-    @property
-    def _late(self) -> bool:
-        begun, most = float(self.begun[0]), self.max_seconds
-        return most is not None and time.monotonic() - begun > most
-
-
 class Task(ABC):
     """Consecutive samples of one string, simulated in order.
 
@@ -210,7 +146,8 @@ class Task(ABC):
         self._parameters = np.array(task["parameters"])
         self._done = 0
         self._wasted = _NO_TIME  # of a sample that was interrupted
-        self._accounted = _NO_TIME  # of this call, by the samples that are kept
+        self._stopwatch = Stopwatch()  # of a call of `simulate_next`
+        self._accounted = _NO_TIME  # of it, by the samples that are kept
         self._failures: list[NDArray[np.void]] = []
 
     def simulate_next(self, seconds: float = math.inf) -> bool:
@@ -225,8 +162,8 @@ class Task(ABC):
         seconds
             Time after which no further sample is begun, in s.
         """
-        stopwatch, text, reason = Stopwatch(), "", 0
-        self._accounted = _NO_TIME
+        text, reason = "", 0
+        self._stopwatch, self._accounted = Stopwatch(), _NO_TIME
         self._abort_flag.begin()
         try:
             is_open = self._simulate(self._first + self._done, seconds)
@@ -237,7 +174,7 @@ class Task(ABC):
             return False
         if not is_open:
             return self._done < self._count
-        spent = stopwatch.read().less(self._accounted)
+        spent = self._time_left()
         if late:
             text = f"{TOOK_TOO_LONG} {self._abort_flag.max_seconds:g} s"
             reason = FailureReason.TIMED_OUT
@@ -277,6 +214,10 @@ class Task(ABC):
     @abstractmethod
     def _finished(self) -> RankMessage:
         """Return what was kept since the last call."""
+
+    def _time_left(self) -> TimeSpent:
+        """Return the time of this call that no sample accounts for."""
+        return self._stopwatch.read().less(self._accounted)
 
     def _string_scene(self) -> StringScene:
         return self._runner.string_scene(self._string, self._parameters)
@@ -318,7 +259,6 @@ class SampleTask(Task):
         if MAX_AT_ONCE == 1 or self._runner.stores_particles or setup.campaign.user_function:
             self._simulate_one(setup, scene, sample)
             return True
-        stopwatch = Stopwatch()
         count = min(self._count - self._done, MAX_AT_ONCE, samples_at_once(scene))
         results, watch = new_results(count), self._abort_flag.watch(seconds)
         try:
@@ -326,7 +266,7 @@ class SampleTask(Task):
         finally:
             self._keep_finished(results)
         if not is_cut:  # what was done in Python is a part of the last sample
-            rest = stopwatch.read().less(self._accounted)
+            rest = self._time_left()
             self._rows["seconds"][self._done - 1] += rest.wall
             self._rows["cpu_seconds"][self._done - 1] += rest.cpu
         else:

@@ -29,7 +29,9 @@ from agglom_mpi.simulation.event_driven.prefetching import new_winners
 from agglom_mpi.simulation.event_driven.state import rebuild
 from agglom_mpi.simulation.impact import solve_impact
 from agglom_mpi.simulation.own_laws import check_own_laws
-from agglom_mpi.simulation.sample_range import new_draws, new_results, new_watch, simulate_range
+from agglom_mpi.simulation.particles import new_particles
+from agglom_mpi.simulation.sample_draws import new_draws
+from agglom_mpi.simulation.sample_range import new_results, new_watch, simulate_range
 from agglom_mpi.simulation.sample_room import (
     ENGINE,
     MEASUREMENT,
@@ -164,7 +166,8 @@ def _example(name: str, scene: Scene) -> tuple[Any, tuple[Any, ...]]:
         words, states = np.zeros(3, np.uint64), np.zeros((1, STATE_WORDS), np.uint64)
         return fill_states, (words, np.uint64(0), states)
     count, scene = scene.particles, without_law(scene._replace(particles=1))
-    room = new_room(scene, new_engine_state(scene.engine, scene, 1))
+    state = new_engine_state(scene.engine, scene, 1)
+    room = new_room(scene, state, new_particles(scene, 1))
     if law_of(scene.engine).uses_linked_cells:
         room = room._replace(engine_state=room.engine_state._replace(winners=new_winners(count)))
     if name == CONTACT:

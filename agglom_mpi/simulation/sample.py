@@ -1,10 +1,8 @@
 """Samples: each a pure function of scene and random stream, from placement to result."""
 
-import sys
-import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -24,15 +22,20 @@ from agglom_mpi.simulation.particles import (
     new_ledger,
     new_particles,
 )
+from agglom_mpi.simulation.sample_draws import (
+    drawn_sizes,
+    draws_of,
+    new_draws,
+    thread_stream,
+    with_sizes,
+)
 from agglom_mpi.simulation.sample_kernels import INITIAL, measure_sample, run_engine
 from agglom_mpi.simulation.sample_range import (
     SampleResults,
     Watch,
-    new_draws,
     new_results,
     new_watch,
     simulate_range,
-    with_sizes,
 )
 from agglom_mpi.simulation.sample_room import (
     capacity_of,
@@ -42,7 +45,6 @@ from agglom_mpi.simulation.sample_room import (
     without_law,
 )
 from agglom_mpi.simulation.scene import Scene
-from agglom_mpi.simulation.stream_states import STATE_WORDS, WritableStream, fill_states
 from agglom_mpi.simulation.trajectory import new_observer, observe_particles, store_frame
 
 
@@ -140,7 +142,7 @@ def simulate_scene(
     if frames is not None:
         return _with_frames(scene, random, particles, abort, frames), particles
     prepared = prepared_scene(scene)
-    room = kept_room(prepared)._replace(particles=particles)
+    room = kept_room(prepared, particles)
     draws = with_sizes(new_draws(), [drawn_sizes(scene, random)])
     simulate_range(prepared.scene, room, random, draws, new_watch(abort), new_results(1))
     return room.record.copy()[0], particles
@@ -161,17 +163,6 @@ def _with_frames(
     else:
         out["reason"] = result.FailureReason.PLACEMENT_JAMMED
     return out[0]
-
-
-MAX_DRAWN_GRAINS: Final = 65_536
-"""Maximum number of grains whose sizes are drawn for the samples of one call."""
-
-
-def samples_at_once(scene: Scene) -> int:
-    """Return the maximum number of samples of one call of `simulate_samples`."""
-    if not _stream().is_open:
-        return 1
-    return sys.maxsize if scene.sizes is None else max(1, MAX_DRAWN_GRAINS // scene.particles)
 
 
 def simulate_samples(
@@ -200,64 +191,13 @@ def simulate_samples(
     Exception
         Whatever a law of sizes of the user's raises for the first sample.
     """
-    stream, states = _stream(), np.empty((len(results.records), STATE_WORDS), np.uint64)
-    fill_states(words, np.uint64(first), states)
-    draws = new_draws(stream.words, states)
-    if scene.sizes is not None:
-        draws = with_sizes(draws, list(_drawn_in_order(scene, stream, states)))
-        results = results._replace(records=results.records[: len(draws.radii)])
-    if not stream.is_open:
-        if scene.sizes is None:
-            stream.set(states[0])
-        draws = draws._replace(states=states[:0])
+    stream = thread_stream()
+    draws, count = draws_of(scene, stream, words, first, len(results.records))
+    results = results._replace(records=results.records[:count])
     prepared = prepared_scene(scene)
     room = kept_room(prepared)
     cut: bool = simulate_range(prepared.scene, room, stream.random, draws, watch, results)
     return cut
-
-
-def _drawn_in_order(
-    scene: Scene, stream: WritableStream, states: npt.NDArray[np.uint64]
-) -> Iterator[tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]]:
-    """Yield radii and masses of the grains of each sample, and leave what its stream goes on with.
-
-    They end before a sample for which the law raises, unless it is the first.
-    """
-    for k, state in enumerate(states):
-        stream.set(state)
-        try:
-            drawn = drawn_sizes(scene, stream.random)
-        except Exception:
-            if k == 0:
-                raise
-            return
-        state[:] = stream.get()
-        assert drawn is not None
-        yield drawn
-
-
-def drawn_sizes(
-    scene: Scene, random: np.random.Generator
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]] | None:
-    """Return radii in m and masses in kg of the grains, shape (N,) each, the largest first.
-
-    None where all are equal, and nothing is drawn.
-    """
-    if scene.sizes is None:
-        return None
-    radii = scene.radius * draw_radii(scene.sizes, random, scene.particles)
-    return radii, scene.mass * (radii / scene.radius) ** 3
-
-
-_per_thread = threading.local()
-
-
-def _stream() -> WritableStream:
-    """Return the stream of this thread."""
-    if not hasattr(_per_thread, "stream"):
-        _per_thread.stream = WritableStream()
-    stream: WritableStream = _per_thread.stream
-    return stream
 
 
 def initial_radii(

@@ -4,7 +4,6 @@ Placement, engine and measurement are kernels of their own, compiled by two proc
 loop calls their machine code. Between samples it reads the clocks and looks whether it is to end.
 """
 
-from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -42,26 +41,6 @@ BUDGET: Final = 1
 
 TIMES: Final = np.dtype([("seconds", "f8"), ("cpu_seconds", "f8"), ("finished", "f8")])
 """Wall-clock and processor time of a sample in s, and when it was finished, in s since 1970."""
-
-
-class Draws(NamedTuple):
-    """Random numbers of n samples.
-
-    Attributes
-    ----------
-    words
-        State of the generator, in place; see `WritableStream`.
-    states
-        State that each sample begins with, shape (n, `STATE_WORDS`); (0, …): the generator's own.
-    radii, masses
-        Those of the grains of each sample, the largest first, m and kg, shape (n, N); (0, 0) where
-        all grains are equal.
-    """
-
-    words: NDArray[np.uint64]
-    states: NDArray[np.uint64]
-    radii: NDArray[np.float64]
-    masses: NDArray[np.float64]
 
 
 class Watch(NamedTuple):
@@ -102,29 +81,6 @@ class SampleResults(NamedTuple):
     records: NDArray[Any]
     times: NDArray[Any]
     finished: NDArray[np.int64]
-
-
-def new_draws(
-    words: NDArray[np.uint64] | None = None, states: NDArray[np.uint64] | None = None
-) -> Draws:
-    """Return draws of equal grains; without states those of one sample, from any generator."""
-    return Draws(
-        np.zeros(STATE_WORDS, np.uint64) if words is None else words,
-        np.zeros((0, STATE_WORDS), np.uint64) if states is None else states,
-        np.zeros((0, 0)),
-        np.zeros((0, 0)),
-    )
-
-
-def with_sizes(
-    draws: Draws, drawn: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]] | None]
-) -> Draws:
-    """Return draws with radii and masses of the grains of each sample; of None as they are."""
-    different = [sizes for sizes in drawn if sizes is not None]
-    if not different:
-        return draws
-    radii, masses = (np.array(each) for each in zip(*different, strict=True))
-    return draws._replace(radii=radii, masses=masses)
 
 
 def new_watch(

@@ -53,10 +53,10 @@ class Room(NamedTuple):
     callees: NDArray[Any]
 
 
-def new_room(scene: Scene, engine_state: Any) -> Room:
+def new_room(scene: Scene, engine_state: Any, particles: Particles) -> Room:
     """Return room for the samples of a scene; `engine_state` from `new_engine_state`."""
     return Room(
-        new_particles(scene, capacity_of(scene)),
+        particles,
         new_ledger(),
         engine_state,
         np.zeros(1, INITIAL),
@@ -159,15 +159,29 @@ def prepared_scene(scene: Scene) -> PreparedScene:
     return prepared
 
 
-def kept_room(prepared: PreparedScene) -> Room:
-    """Return the room of this thread's last samples for those of a scene, or a new one."""
+def kept_room(prepared: PreparedScene, particles: Particles | None = None) -> Room:
+    """Return the room of this thread's last samples for those of a scene, or a new one.
+
+    Parameters
+    ----------
+    prepared
+        The scene.
+    particles
+        Those to simulate with, which the caller keeps; by default those of the samples before.
+    """
     scene, kind, template = prepared
     if getattr(_kept, "kind", None) != kind:
-        room = new_room(scene, kept_engine_state(scene, capacity_of(scene)))
+        _kept.kind, _kept.particles = None, None
+        state, none = kept_engine_state(scene, capacity_of(scene)), new_particles(scene, 0)
+        room = new_room(scene, state, none)
         kernels = called_kernels(scene, room)
         callees = np.array([callee_of(*kernels[name]) for name in CALLED])
         _kept.room, _kept.kind = room._replace(callees=callees), kind
-    room = _kept.room
+    if particles is None:
+        if _kept.particles is None:
+            _kept.particles = new_particles(scene, capacity_of(scene))
+        particles = _kept.particles
+    room = _kept.room._replace(particles=particles)
     room.template[:] = template
     return room
 

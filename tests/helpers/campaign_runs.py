@@ -75,6 +75,7 @@ HANGS = """
 import time
 from types import SimpleNamespace
 
+import agglom_mpi.runtime.abort_flag as abort_flag
 import agglom_mpi.runtime.sample_runner as simulator
 
 simulate, now = simulator.SampleTask._simulate, 0.0
@@ -88,12 +89,12 @@ def hang(self, sample, seconds):
     return simulate(self, sample, seconds)
 
 simulator.SampleTask._simulate, simulator.MAX_AT_ONCE = hang, 1
-simulator.time = SimpleNamespace(monotonic=lambda: now, time=time.time)
+abort_flag.time = SimpleNamespace(monotonic=lambda: now)
 """
 """The samples (string, sample) in PAIRS take too long, on any machine no others do."""
 HANGS_REPLACES = [
     "agglom_mpi.runtime.sample_runner.SampleTask._simulate",
-    "agglom_mpi.runtime.sample_runner.time",
+    "agglom_mpi.runtime.abort_flag.time",
 ]
 FINAL = "{strings: 6, samples: 12}"
 TINY = {"generations": 1, "max_samples": 5, "population": 4, "parents": 2}

@@ -16,6 +16,7 @@ from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import COLUMNS, COMPLETED, FAILED, FailureReason
 from agglom_mpi.runtime import sample_runner as module
 from agglom_mpi.runtime import simulation_thread as thread_module
+from agglom_mpi.runtime.abort_flag import AbortFlag
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.messages import (
     FAILED_SAMPLE,
@@ -25,7 +26,7 @@ from agglom_mpi.runtime.messages import (
     failed_sample,
     storable,
 )
-from agglom_mpi.runtime.sample_runner import AbortFlag, SampleRunner
+from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.runtime.simulation_thread import MAX_DELAY, SimulationThread
 from agglom_mpi.runtime.wakeup import Wakeup
 from agglom_mpi.scheduling.interface import task_type

@@ -14,8 +14,8 @@ from scenes import breaking_event_periodic, event_periodic, fixed_periodic
 from agglom_mpi.outcome import COMPLETED, FAILED, FailureReason
 from agglom_mpi.physics.size_distributions import LognormalDistribution, SizeDistribution
 from agglom_mpi.random_streams import generator, key_words
-from agglom_mpi.simulation import sample
-from agglom_mpi.simulation.sample import samples_at_once, simulate_samples, simulate_scene
+from agglom_mpi.simulation.sample import simulate_samples, simulate_scene
+from agglom_mpi.simulation.sample_draws import samples_at_once, thread_stream
 from agglom_mpi.simulation.sample_range import new_results, new_watch
 
 KEY = (7, 1, 2, 3)
@@ -167,8 +167,8 @@ def test_where_the_generator_cannot_be_written_samples_come_one_by_one(monkeypat
     scene = SCENES[name]
     wanted = [alone(scene, k).tobytes() for k in range(2)]
     assert samples_at_once(scene) > 1000
-    monkeypatch.setattr(sample._stream(), "is_open", False)
-    monkeypatch.setattr(sample._stream(), "words", np.zeros(4, np.uint64))
+    monkeypatch.setattr(thread_stream(), "is_open", False)
+    monkeypatch.setattr(thread_stream(), "words", np.zeros(4, np.uint64))
     assert samples_at_once(scene) == 1
     for k in range(2):
         assert in_a_range(scene, k, 1)[0].records[0].tobytes() == wanted[k]
