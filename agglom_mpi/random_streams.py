@@ -32,6 +32,27 @@ def generator(*key: int) -> np.random.Generator:
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence(key)))
 
 
+def key_words(key: tuple[int, ...]) -> NDArray[np.uint64]:
+    """Return the words of 32 bits that NumPy makes of a key, with room for a sample's number.
+
+    Parameters
+    ----------
+    key
+        What precedes the number of the sample, none negative.
+
+    Returns
+    -------
+    array, shape (w + 2,)
+        The last two are 0.
+    """
+    words: list[int] = []
+    for number in key:
+        words.append(number & 0xFFFFFFFF)
+        while number := number >> 32:
+            words.append(number & 0xFFFFFFFF)
+    return np.array([*words, 0, 0], np.uint64)
+
+
 def search_stream(seed: int, *key: int) -> np.random.Generator:
     """Return the random generator of one purpose of the search.
 
@@ -46,10 +67,8 @@ def search_stream(seed: int, *key: int) -> np.random.Generator:
     return generator(seed, *key)
 
 
-def sample_stream(
-    seed: int, parameters: NDArray[np.float64], sample: int, common: bool = False
-) -> np.random.Generator:
-    """Return the random generator of one sample, keyed by seed, string and sample number.
+def sample_key(seed: int, parameters: NDArray[np.float64], common: bool = False) -> tuple[int, ...]:
+    """Return what the keys of all samples of a string begin with; the sample's number follows.
 
     Parameters
     ----------
@@ -57,13 +76,20 @@ def sample_stream(
         Seed of the campaign, not negative.
     parameters
         Numbers that the string's samples depend on, in SI units, shape (k,).
-    sample
-        Sample number from 0.
     common
         Whether all strings share configurations; the key then leaves the parameters out.
     """
     if common:
-        return generator(seed, COMMON_SAMPLE, sample)
+        return seed, COMMON_SAMPLE
     digest = hashlib.blake2b(np.asarray(parameters, "<f8").tobytes(), digest_size=16).digest()
-    words = np.frombuffer(digest, "<u4").tolist()
-    return generator(seed, SAMPLE, *words, sample)
+    return seed, SAMPLE, *np.frombuffer(digest, "<u4").tolist()
+
+
+def sample_stream(
+    seed: int, parameters: NDArray[np.float64], sample: int, common: bool = False
+) -> np.random.Generator:
+    """Return the random generator of one sample, keyed by seed, string and sample number.
+
+    Arguments as for `sample_key`, and the sample's number from 0.
+    """
+    return generator(*sample_key(seed, parameters, common), sample)

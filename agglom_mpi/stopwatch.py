@@ -24,6 +24,10 @@ class TimeSpent(NamedTuple):
     wall: float
     cpu: float
 
+    def less(self, part: "TimeSpent") -> "TimeSpent":
+        """Return the time without that of a part of the work."""
+        return TimeSpent(self.wall - part.wall, self.cpu - part.cpu)
+
 
 class Stopwatch:
     """Measures the time since it was made; only the thread that made it may read it."""

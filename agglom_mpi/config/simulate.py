@@ -17,7 +17,7 @@ from agglom_mpi.config.user_function import (
 )
 from agglom_mpi.errors import named_error
 from agglom_mpi.outcome import FinalParticles, final_particles
-from agglom_mpi.random_streams import sample_stream
+from agglom_mpi.random_streams import sample_key, sample_stream
 from agglom_mpi.simulation.compilation import ensure_compiled
 from agglom_mpi.simulation.finished import finished_sample
 from agglom_mpi.simulation.frames import new_frames, without_temperatures
@@ -119,8 +119,16 @@ def random_numbers(
     campaign: "CampaignSections", parameters: npt.NDArray[np.float64], sample: int
 ) -> np.random.Generator:
     """Return the random numbers of a sample of a string, (k,), from their beginning."""
-    key = campaign.variables.stream_key(parameters)
-    return sample_stream(campaign.seed, key, sample, campaign.common_configurations)
+    numbers = campaign.variables.stream_key(parameters)
+    return sample_stream(campaign.seed, numbers, sample, campaign.common_configurations)
+
+
+def stream_key(
+    campaign: "CampaignSections", parameters: npt.NDArray[np.float64]
+) -> tuple[int, ...]:
+    """Return the key of the random numbers of a string, (k,), which a sample's number ends."""
+    numbers = campaign.variables.stream_key(parameters)
+    return sample_key(campaign.seed, numbers, campaign.common_configurations)
 
 
 class FunctionValue(NamedTuple):

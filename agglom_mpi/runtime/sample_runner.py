@@ -1,16 +1,19 @@
 """From tasks to results on one rank: simulation of samples, timeouts and exceptions."""
 
+import math
 import time
 import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.config.simulate import evaluate_function, random_numbers
+from agglom_mpi.config.simulate import evaluate_function, random_numbers, stream_key
 from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, FailureReason, final_particles
+from agglom_mpi.random_streams import key_words
+from agglom_mpi.runtime.abort_flag import AbortFlag
 from agglom_mpi.runtime.experiment import Experiment, SampleSetup
 from agglom_mpi.runtime.messages import (
     FAILED_SAMPLE,
@@ -18,14 +21,24 @@ from agglom_mpi.runtime.messages import (
     RankMessage,
     failed_sample,
 )
+from agglom_mpi.scheduling.interface import MOST_SAMPLES
 from agglom_mpi.simulation.compilation import compile_kernels
 from agglom_mpi.simulation.frames import frame_times, new_frames
-from agglom_mpi.simulation.sample import simulate_scene
+from agglom_mpi.simulation.sample import simulate_samples, simulate_scene
+from agglom_mpi.simulation.sample_draws import samples_at_once
+from agglom_mpi.simulation.sample_range import TIMES, SampleResults, new_results
 from agglom_mpi.simulation.scene import Scene
 from agglom_mpi.stopwatch import Stopwatch, TimeSpent
 from agglom_mpi.storage.particle_tables import final_row, frame_rows
 from agglom_mpi.storage.schema import TOOK_TOO_LONG, samples_schema
-from agglom_mpi.storage.table import concatenated
+from agglom_mpi.storage.table import checksums, concatenated
+
+MAX_AT_ONCE: Final = MOST_SAMPLES
+"""Maximum number of samples of one call of compiled code, those of a message; with 1 each is
+simulated by `simulate_scene`."""
+
+MAX_SCENES: Final = 256
+"""Maximum number of strings whose scenes are kept: their samples come in turn, a few at a time."""
 
 _NO_TIME: Final = TimeSpent(0.0, 0.0)
 
@@ -60,7 +73,7 @@ class SampleRunner:
         self.grains = experiment.table_sizes.grains
         self.quantities = dict(experiment.table_sizes.quantities)
         self.result_dtype = samples_schema(self.quantities).dtype
-        self._scene: tuple[tuple[int, bytes], Scene] | None = None
+        self._strings: dict[tuple[int, bytes], StringScene] = {}
 
     def warm_up(self, show: Callable[[str], None] = lambda line: None) -> None:
         """Compile, or load from the cache, every kernel that samples of this experiment need.
@@ -75,12 +88,36 @@ class SampleRunner:
         """Return the task of a record of `task_type`, with no sample simulated yet."""
         return FrameTask(self, task) if task["frames"] else SampleTask(self, task)
 
-    def scene_of(self, string: int, setup: SampleSetup, parameters: NDArray[np.float64]) -> Scene:
-        """Return the scene of a string; that of the last one is kept."""
+    def string_scene(self, string: int, parameters: NDArray[np.float64]) -> "StringScene":
+        """Return the scene of a string, shape (k,); those of the last strings are kept."""
         key = string, parameters.tobytes()
-        if self._scene is None or self._scene[0] != key:
-            self._scene = key, scene_of(setup, parameters)
-        return self._scene[1]
+        kept = self._strings.pop(key, None)
+        if kept is None:
+            setup = self.experiment.setup(string)
+            words = key_words(stream_key(setup.campaign, parameters))
+            kept = StringScene(setup, scene_of(setup, parameters), words)
+            if len(self._strings) == MAX_SCENES:
+                del self._strings[next(iter(self._strings))]
+        self._strings[key] = kept
+        return kept
+
+
+class StringScene(NamedTuple):
+    """What all samples of a string have in common.
+
+    Attributes
+    ----------
+    setup
+        How they are simulated.
+    scene
+        Their scene.
+    words
+        Key of their random streams, from `key_words`.
+    """
+
+    setup: SampleSetup
+    scene: Scene
+    words: NDArray[np.uint64]
 
 
 def scene_of(setup: SampleSetup, parameters: NDArray[np.float64]) -> Scene:
@@ -88,67 +125,8 @@ def scene_of(setup: SampleSetup, parameters: NDArray[np.float64]) -> Scene:
     return setup.campaign.at(parameters).build(setup.engine)
 
 
-class AbortFlag:
-    """Ends samples early, from another thread than the one that simulates.
-
-    All of them on `stop`, one that takes too long on `check_time`, any one on `interrupt`.
-
-    Parameters
-    ----------
-    max_seconds
-        Longest time of a sample in s; None without a limit.
-
-    Attributes
-    ----------
-    abort
-        Read by kernels, shape (1,); anything but 0 ends them.
-    stopped
-        Whether no more samples are wanted.
-    """
-
-    def __init__(self, max_seconds: float | None) -> None:
-        self.abort = np.zeros(1, np.uint8)
-        self.stopped = False
-        self.max_seconds = max_seconds
-        self._begun: float | None = None
-
-    def stop(self) -> None:
-        """End all samples, from now on."""
-        self.stopped = True
-        self.abort[0] = 1
-
-    def check_time(self) -> None:
-        """End the sample under way if it has taken too long."""
-        if self._late:
-            self.abort[0] = 1
-
-    def interrupt(self) -> None:
-        """End the sample under way, if there is one; it may be simulated again."""
-        self.abort[0] = 1
-
-    def begin(self) -> None:
-        """Start the clock of a sample."""
-        if self.max_seconds is not None:
-            self._begun = time.monotonic()
-
-    def end(self) -> tuple[bool, bool]:
-        """Stop the clock; return if the sample took too long, and if it may be cut off."""
-        late, self._begun = self._late, None
-        interrupted = bool(self.abort[0])
-        if interrupted and not self.stopped:
-            self.abort[0] = 0
-            if self.stopped:  # just now
-                self.abort[0] = 1
-        return late, interrupted
-
-    @property
-    def _late(self) -> bool:
-        begun, most = self._begun, self.max_seconds
-        return begun is not None and most is not None and time.monotonic() - begun > most
-
-
 class Task(ABC):
-    """Consecutive samples of one string, simulated one by one.
+    """Consecutive samples of one string, simulated in order.
 
     Parameters
     ----------
@@ -168,34 +146,45 @@ class Task(ABC):
         self._parameters = np.array(task["parameters"])
         self._done = 0
         self._wasted = _NO_TIME  # of a sample that was interrupted
+        self._stopwatch = Stopwatch()  # of a call of `simulate_next`
+        self._accounted = _NO_TIME  # of it, by the samples that are kept
         self._failures: list[NDArray[np.void]] = []
 
-    def simulate_next(self) -> bool:
-        """Simulate the next sample; return whether there is another one to simulate.
+    def simulate_next(self, seconds: float = math.inf) -> bool:
+        """Simulate samples, at least one; return whether there is another one to simulate.
 
         One that is ended by `AbortFlag.stop` leaves nothing. One that is ended by an interrupt, or
         by a check of the time that was meant for the sample before, is simulated again. Times are
         those of the thread that calls this.
+
+        Parameters
+        ----------
+        seconds
+            Time after which no further sample is begun, in s.
         """
-        stopwatch, text, reason = Stopwatch(), "", 0
+        text, reason = "", 0
+        self._stopwatch, self._accounted = Stopwatch(), _NO_TIME
         self._abort_flag.begin()
         try:
-            self._simulate(self._first + self._done)
+            is_open = self._simulate(self._first + self._done, seconds)
         except Exception:
-            text, reason = traceback.format_exc(), FailureReason.EXCEPTION
+            text, reason, is_open = traceback.format_exc(), FailureReason.EXCEPTION, True
         late, interrupted = self._abort_flag.end()
         if self._abort_flag.stopped:
             return False
+        if not is_open:
+            return self._done < self._count
+        spent = self._time_left()
         if late:
             text = f"{TOOK_TOO_LONG} {self._abort_flag.max_seconds:g} s"
             reason = FailureReason.TIMED_OUT
         elif interrupted:
-            self._wasted = stopwatch.read()
+            self._wasted = spent
             return True
         if reason:
             sample, rank = self._first + self._done, self._runner.rank
             self._failures.append(failed_sample(self._string, sample, rank, text, self._frames))
-        self._keep(reason, stopwatch.read())
+        self._keep(reason, spent)
         self._done += 1
         return self._done < self._count
 
@@ -212,8 +201,11 @@ class Task(ABC):
         return self._finished()._replace(failures=concatenated(failures, FAILED_SAMPLE))
 
     @abstractmethod
-    def _simulate(self, sample: int) -> None:
-        """Simulate a sample."""
+    def _simulate(self, sample: int, seconds: float) -> bool:
+        """Simulate a sample, or several from it on; return whether the last one is still open.
+
+        What that is worth is decided when its time has been checked. Those before it are kept.
+        """
 
     @abstractmethod
     def _keep(self, reason: int, spent: TimeSpent) -> None:
@@ -223,15 +215,20 @@ class Task(ABC):
     def _finished(self) -> RankMessage:
         """Return what was kept since the last call."""
 
-    def _start(self, sample: int) -> tuple[SampleSetup, Scene, np.random.Generator]:
-        setup = self._runner.experiment.setup(self._string)
-        scene = self._runner.scene_of(self._string, setup, self._parameters)
-        number = setup.first_sample + sample
-        return setup, scene, random_numbers(setup.campaign, self._parameters, number)
+    def _time_left(self) -> TimeSpent:
+        """Return the time of this call that no sample accounts for."""
+        return self._stopwatch.read().less(self._accounted)
+
+    def _string_scene(self) -> StringScene:
+        return self._runner.string_scene(self._string, self._parameters)
 
 
 class SampleTask(Task):
-    """Samples whose results are recorded."""
+    """Samples whose results are recorded.
+
+    All are simulated by one call of compiled code, as far as it gets in the time, unless something
+    in Python follows each.
+    """
 
     def __init__(self, runner: SampleRunner, task: np.void) -> None:
         super().__init__(runner, task)
@@ -240,7 +237,7 @@ class SampleTask(Task):
         self._records = self._rows[list(OUTCOME.names or ())]  # a view
         self._rows["string"], self._rows["rank"] = self._string, runner.rank
         self._rows["sample"] = np.arange(self._first, self._first + self._count)
-        self._times = self._rows[["seconds", "cpu_seconds", "finished"]]  # a view
+        self._times = self._rows[list(TIMES.names or ())]  # a view
         self._final: NDArray[np.void] | None = None
         self._finals: list[NDArray[np.void]] = []
 
@@ -252,14 +249,45 @@ class SampleTask(Task):
             campaign = self._runner.experiment.setup(self._string).campaign
             objective = campaign.objective_at(self._parameters)
             rows["objective"][completed] = objective.of_samples(rows)[completed]
+        rows["crc"] = checksums(rows)
         finals, self._finals = self._finals, []
         final = concatenated(finals, finals[0].dtype) if finals else None
         return RankMessage(self._runner.rank, rows, final_particles=final)
 
-    def _simulate(self, sample: int) -> None:
+    def _simulate(self, sample: int, seconds: float) -> bool:
+        setup, scene, words = self._string_scene()
+        if MAX_AT_ONCE == 1 or self._runner.stores_particles or setup.campaign.user_function:
+            self._simulate_one(setup, scene, sample)
+            return True
+        count = min(self._count - self._done, MAX_AT_ONCE, samples_at_once(scene))
+        results, watch = new_results(count), self._abort_flag.watch(seconds)
+        try:
+            is_cut = simulate_samples(scene, words, setup.first_sample + sample, watch, results)
+        finally:
+            self._keep_finished(results)
+        if not is_cut:  # what was done in Python is a part of the last sample
+            rest = self._time_left()
+            self._rows["seconds"][self._done - 1] += rest.wall
+            self._rows["cpu_seconds"][self._done - 1] += rest.cpu
+        else:
+            self._abort_flag.interrupt()  # whatever has cut it off, it has no result
+        return is_cut
+
+    def _keep_finished(self, results: SampleResults) -> None:
+        """Keep the results of the samples that are finished."""
+        count = int(results.finished[0])
+        times = results.times[:count]
+        here = slice(self._done, self._done + count)
+        self._records[here], self._times[here] = results.records[:count], times
+        self._accounted = TimeSpent(times["seconds"].sum(), times["cpu_seconds"].sum())
+        self._done += count
+
+    def _simulate_one(self, setup: SampleSetup, scene: Scene, sample: int) -> None:
+        """Simulate one sample, and do what is asked for with its particles."""
         self._final = None
-        setup, scene, random = self._start(sample)
-        record, code = self._records[self._done], setup.campaign.user_function
+        number, code = setup.first_sample + sample, setup.campaign.user_function
+        random = random_numbers(setup.campaign, self._parameters, number)
+        record = self._records[self._done]
         self._records[self._done], particles = simulate_scene(scene, random, self._abort_flag.abort)
         stores = self._runner.stores_particles
         if record["state"] != COMPLETED or not (stores or code):
@@ -268,7 +296,7 @@ class SampleTask(Task):
         if stores:
             self._final = final_row(self._string, sample, final, scene.particles)
         if code and not self._abort_flag.abort[0]:  # one that was cut short is not finished
-            number, done = setup.first_sample + sample, (scene, record, final)
+            done = scene, record, final
             found = evaluate_function(setup.campaign, self._parameters, number, done)
             for name, value in {"objective": found.objective, **found.quantities}.items():
                 self._rows[name][self._done] = value
@@ -297,13 +325,16 @@ class FrameTask(Task):
         frames, self._kept = tuple(self._kept), []
         return RankMessage(self._runner.rank, frames=frames)
 
-    def _simulate(self, sample: int) -> None:
+    def _simulate(self, sample: int, seconds: float) -> bool:
         self._sample_rows = None
-        _, scene, random = self._start(sample)
+        setup, scene, _ = self._string_scene()
+        number = setup.first_sample + sample
+        random = random_numbers(setup.campaign, self._parameters, number)
         frames = new_frames(frame_times(self._frames, scene.end_time), scene.particles)
         # A sample that fails has no particles in the frames after that.
         simulate_scene(scene, random, self._abort_flag.abort, frames)
         self._sample_rows = frame_rows(self._string, sample, frames)
+        return True
 
     def _keep(self, reason: int, spent: TimeSpent) -> None:
         if not reason and self._sample_rows is not None:

@@ -103,7 +103,7 @@ class SimulationThread:
         for record in tasks:
             task = self._runner.begin(record)
             self._under_way = number, int(record["string"])
-            while self._simulate_next(task):
+            while self._simulate_next(task, max(0.0, begun + MAX_DELAY - time.monotonic())):
                 if time.monotonic() - begun > MAX_DELAY:
                     self._hand_over([*finished, task.collect()])
                     finished, begun = [], time.monotonic()
@@ -113,14 +113,14 @@ class SimulationThread:
         self._under_way = number, -1
         self._hand_over(finished)
 
-    def _simulate_next(self, task: Task) -> bool:
+    def _simulate_next(self, task: Task, seconds: float) -> bool:
         if self._abort_flag.stopped:  # what was abandoned before has no answer, so this has none
             return False
         number, string = self._under_way
         if self.cancelled.get(string, 0) >= number:
             task.cancel()
             return False
-        return task.simulate_next()
+        return task.simulate_next(seconds)
 
     def _hand_over(self, finished: list[RankMessage]) -> None:
         message = merged(self._runner.rank, finished)

@@ -23,21 +23,33 @@ import numpy as np
 from agglom_mpi.compilation.kernels import cache_folder, code_key, compile_ahead, runs_compiled
 from agglom_mpi.compilation.stages import law_of
 from agglom_mpi.formatting import pluralise
-from agglom_mpi.outcome import OUTCOME
 from agglom_mpi.physics.pair import ContactPair
-from agglom_mpi.simulation import initial_state, sample, trajectory
+from agglom_mpi.simulation import initial_state, sample_kernels, sample_range, trajectory
 from agglom_mpi.simulation.event_driven.prefetching import new_winners
 from agglom_mpi.simulation.event_driven.state import rebuild
 from agglom_mpi.simulation.impact import solve_impact
 from agglom_mpi.simulation.own_laws import check_own_laws
-from agglom_mpi.simulation.particles import new_ledger, new_particles
+from agglom_mpi.simulation.particles import new_particles
+from agglom_mpi.simulation.sample_draws import new_draws
+from agglom_mpi.simulation.sample_range import new_results, new_watch, simulate_range
+from agglom_mpi.simulation.sample_room import (
+    ENGINE,
+    MEASUREMENT,
+    PLACEMENT,
+    called_kernels,
+    new_room,
+    without_law,
+)
 from agglom_mpi.simulation.scene import Scene, new_engine_state
+from agglom_mpi.simulation.stream_states import STATE_WORDS, fill_states
 
-PLACEMENT: Final = "placement"
-MEASUREMENT: Final = "measurement"
-ENGINE: Final = "engine"
+RANGE: Final = "sequence"
 FRAMES: Final = "frames"
-"""Kernels of a scene; the last one is for frames at set times."""
+"""Kernels of a scene; `RANGE` calls the first three for one sample after another, the last one is
+for frames at set times."""
+
+STREAMS: Final = "streams"
+"""Kernel that seeds random generators, one for all scenes."""
 
 CONTACT: Final = "contact"
 CELLS: Final = "cells"
@@ -97,12 +109,12 @@ def compile_kernels(
     if not runs_compiled():
         return 0.0
     begin, together, compiled = time.perf_counter(), not is_compiled(scene), False
-    names = [PLACEMENT, MEASUREMENT, ENGINE, *([FRAMES] if frames else [])]
+    names = [PLACEMENT, MEASUREMENT, RANGE, ENGINE, *([FRAMES] if frames else [])]
     is_new = {name: not is_compiled(scene, name == FRAMES) for name in names}
     if new := [name for name in names if is_new[name]]:
         show(f"compiling {pluralise(len(new), 'kernel')} of a new kind of scene: {', '.join(new)}")
     with engine_compiled_elsewhere(scene) if together else nullcontext(_nothing) as finish:
-        for name in [*_called(scene), *names]:
+        for name in [*_called(scene), *names, STREAMS]:
             if name == ENGINE:
                 finish()
             compiled |= _compile(name, scene)
@@ -150,31 +162,27 @@ def _called(scene: Scene) -> list[str]:
 
 def _example(name: str, scene: Scene) -> tuple[Any, tuple[Any, ...]]:
     """Return a kernel and arguments of the types that it is called with."""
-    count, scene = scene.particles, sample.without_law(scene._replace(particles=1))
-    particles, ledger, initial = new_particles(scene, 1), new_ledger(), np.zeros(1, sample.INITIAL)
-    state: Any = new_engine_state(scene.engine, scene, 1)
+    if name == STREAMS:
+        words, states = np.zeros(3, np.uint64), np.zeros((1, STATE_WORDS), np.uint64)
+        return fill_states, (words, np.uint64(0), states)
+    count, scene = scene.particles, without_law(scene._replace(particles=1))
+    state = new_engine_state(scene.engine, scene, 1)
+    room = new_room(scene, state, new_particles(scene, 1))
     if law_of(scene.engine).uses_linked_cells:
-        state = state._replace(winners=new_winners(count))
-    if name == ENGINE:
-        run = scene, particles, ledger, state, initial
-        return sample.run_engine, (*run, scene.end_time, np.zeros(1, np.uint8))
+        room = room._replace(engine_state=room.engine_state._replace(winners=new_winners(count)))
     if name == CONTACT:
         return solve_impact, (scene.laws, ContactPair(*[1.0] * len(ContactPair._fields)))
     if name == CELLS:
-        return rebuild, (scene, particles, state, 0.0)
-    if name == MEASUREMENT:
-        out = np.zeros(1, OUTCOME)
-        return sample.measure_sample, (scene, particles, ledger, initial, scene.end_time, out)
+        return rebuild, (scene, room.particles, room.engine_state, 0.0)
     if name == FRAMES:
         observer = trajectory.new_observer(scene, 1)
-        return trajectory.observe_particles, (scene, particles, state, observer, scene.end_time)
-    random = np.random.default_rng()
-    sizes: Any = initial_state.EqualSizes(2.0 * scene.radius)
-    if scene.sizes is not None:
-        sizes = initial_state.DifferentSizes(np.full(1, scene.radius), scene.radius)
-    laws, vectors = (scene.escape, scene.velocities), np.empty((2, 3, 1))
-    abort = np.zeros(1, np.uint8)
-    return initial_state.scatter, (*laws, random, sizes, scene.half_width, *vectors, abort)
+        shown = scene, room.particles, room.engine_state, observer, scene.end_time
+        return trajectory.observe_particles, shown
+    if name == RANGE:
+        watch = new_watch(np.zeros(1, np.uint8))
+        random = np.random.default_rng()
+        return simulate_range, (scene, room, random, new_draws(), watch, new_results(1))
+    return called_kernels(scene, room)[name]
 
 
 def _nothing() -> None:
@@ -220,7 +228,7 @@ def engine_compiled_elsewhere(scene: Scene) -> Iterator[Callable[[], object]]:
 
 
 def compile_for_parent() -> None:
-    """Compile the engine of the scene on standard input, as the other process; see above.
+    """Compile the engine of the scene on standard input, and `STREAMS`; see above.
 
     It ends when its parent does, however that ends: standard input is closed then.
     """
@@ -231,12 +239,16 @@ def compile_for_parent() -> None:
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
-    compile_ahead(*_example(ENGINE, scene))
+    for name in (ENGINE, STREAMS):
+        compile_ahead(*_example(name, scene))
     os._exit(0)
 
 
 def mark_of(scene: Scene, what: str) -> Path:
     """Return the file that says that kernels of a kind of scene were compiled."""
-    sources = [Path(str(module.__file__)) for module in (initial_state, sample, trajectory)]
+    sources = [
+        Path(str(module.__file__))
+        for module in (initial_state, sample_kernels, sample_range, trajectory)
+    ]
     text = f"{code_key(sources)} {kind_of(scene)} {what}"
     return cache_folder() / f"{hashlib.sha256(text.encode()).hexdigest()}.compiled"

@@ -1,45 +1,50 @@
-"""One sample: a pure function of scene and random stream, from placement to result.
+"""Samples: each a pure function of scene and random stream, from placement to result."""
 
-Three kernels, so that two processes can compile them at once: placement, which depends on little
-of a scene; the engine; what is measured at the end.
-"""
-
-import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-import agglom_mpi.simulation.event_driven.engine
-import agglom_mpi.simulation.time_driven.steppers  # noqa: F401  (all register their engines)
 from agglom_mpi import outcome as result
-from agglom_mpi.compilation.kernels import kernel
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.outcome import FinalParticles
 from agglom_mpi.physics.size_distributions import draw_radii
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.simulation.frames import Frames
 from agglom_mpi.simulation.initial_state import DifferentSizes, EqualSizes, scatter
-from agglom_mpi.simulation.measurement import (
-    is_finite,
-    measure,
-    measure_initial,
-    measure_ledger,
-)
 from agglom_mpi.simulation.particles import (
     BREAKUPS,
-    EXHAUSTED,
     MERGES,
     Ledger,
     Particles,
     new_ledger,
     new_particles,
 )
-from agglom_mpi.simulation.reference_frame import to_box_frame, to_mass_frame
-from agglom_mpi.simulation.scene import Scene, advance_to, begin, finish, new_engine_state
-from agglom_mpi.simulation.temperature import cool_until
+from agglom_mpi.simulation.sample_draws import (
+    drawn_sizes,
+    draws_of,
+    new_draws,
+    thread_stream,
+    with_sizes,
+)
+from agglom_mpi.simulation.sample_kernels import INITIAL, measure_sample, run_engine
+from agglom_mpi.simulation.sample_range import (
+    SampleResults,
+    Watch,
+    new_results,
+    new_watch,
+    simulate_range,
+)
+from agglom_mpi.simulation.sample_room import (
+    capacity_of,
+    kept_engine_state,
+    kept_room,
+    prepared_scene,
+    without_law,
+)
+from agglom_mpi.simulation.scene import Scene
 from agglom_mpi.simulation.trajectory import new_observer, observe_particles, store_frame
 
 
@@ -111,71 +116,6 @@ class Outcome(metaclass=PublicFace, internal=["measured"]):
         return measured._replace(objective=self.objective, quantities=returned)
 
 
-INITIAL: Final = np.dtype(
-    [("begun", "u1"), ("drift", "f8", 3), ("momentum", "f8", 3)]
-    + [(name, "f8") for name in ("energy", "momentum_scale", "heat")]
-)
-"""State when a run begins, SI: the velocity of the frame of reference that the engine works in; in
-it momentum, kinetic energy and sum of m|v|; heat above the scene's temperature."""
-
-
-@kernel
-def run_engine(scene, particles, ledger, engine_state, initial, until, abort):
-    """Run particles on to a time; return the time reached in s.
-
-    A run begins where `initial` says that it has not begun, and ends where `until` is the scene's
-    end or the run ends earlier.
-
-    Parameters
-    ----------
-    scene : Scene
-    particles : Particles; at the end of the run, those at the time reached
-    ledger : Ledger, added to
-    engine_state : what `new_engine_state` returned for the scene
-    initial : array of `INITIAL`, shape (1,), filled when the run begins
-    until : float, s
-    abort : uint8 array, shape (1,); anything but 0 ends the run early
-    """
-    begun = initial[0]["begun"]
-    while True:
-        # Compiled first, while another process compiles what a run begins with.
-        if begun:
-            time = advance_to(scene.engine, scene, particles, ledger, engine_state, until, abort)
-            if until >= scene.end_time or time < until:
-                finish(scene.engine, scene, particles, ledger, engine_state, time)
-            return time
-        measure_initial(scene, particles, to_mass_frame(scene, particles), initial[0])
-        begin(scene.engine, scene, particles, engine_state)
-        begun = initial[0]["begun"]
-
-
-@kernel
-def measure_sample(scene, particles, ledger, initial, end, out):
-    """Return particles at the time `end` in s to the frame of the box, and measure them.
-
-    Parameters
-    ----------
-    scene, particles, ledger, initial
-        As `run_engine` left them.
-    end : float, s
-    out : array of `OUTCOME`, shape (1,), filled
-    """
-    record = out[0]
-    record["end_time"] = end
-    for i in range(particles.size[0]):
-        cool_until(scene.cooling, scene, particles.records[i], ledger, end)
-    if ledger.counts[EXHAUSTED] > 0:
-        record["reason"] = result.FailureReason.BUDGET_EXCEEDED
-        return
-    if not is_finite(particles):
-        record["reason"] = result.FailureReason.NON_FINITE
-        return
-    measure(scene, particles, record)
-    measure_ledger(scene, particles, ledger, initial[0], record)
-    to_box_frame(scene, particles, initial[0]["drift"], end)
-    record["state"] = result.COMPLETED
-
-
 def simulate_scene(
     scene: Scene,
     random: np.random.Generator,
@@ -197,16 +137,67 @@ def simulate_scene(
 
     `final_particles` makes arrays of SI values of the particles.
     """
+    particles = new_particles(scene, capacity_of(scene))
+    abort = np.zeros(1, np.uint8) if abort is None else abort
+    if frames is not None:
+        return _with_frames(scene, random, particles, abort, frames), particles
+    prepared = prepared_scene(scene)
+    room = kept_room(prepared, particles)
+    draws = with_sizes(new_draws(), [drawn_sizes(scene, random)])
+    simulate_range(prepared.scene, room, random, draws, new_watch(abort), new_results(1))
+    return room.record.copy()[0], particles
+
+
+def _with_frames(
+    scene: Scene,
+    random: np.random.Generator,
+    particles: Particles,
+    abort: npt.NDArray[np.uint8],
+    frames: Frames,
+) -> Any:
+    """Run one sample and fill its frames; return its `OUTCOME` record."""
     out = np.zeros(1, result.OUTCOME)
     out["state"] = result.FAILED
-    capacity = (1 if scene.laws.fragmentation is None else 2) * scene.particles
-    particles = new_particles(scene, capacity)
-    abort = np.zeros(1, np.uint8) if abort is None else abort
     if place_grains(scene, random, particles, abort):
         carry_to_end(without_law(scene), particles, abort, out, frames)
     else:
         out["reason"] = result.FailureReason.PLACEMENT_JAMMED
-    return out[0], particles
+    return out[0]
+
+
+def simulate_samples(
+    scene: Scene, words: npt.NDArray[np.uint64], first: int, watch: Watch, results: SampleResults
+) -> bool:
+    """Simulate consecutive samples; return whether the last one that began was cut off.
+
+    Each is bit for bit that of `simulate_scene` with its own stream.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    words
+        Key of the streams, from `key_words`.
+    first
+        Number of the first sample.
+    watch
+        Ends the samples.
+    results
+        From `new_results` for the number of samples, at most `samples_at_once`. Those that are not
+        finished, although none was cut off, were not begun.
+
+    Raises
+    ------
+    Exception
+        Whatever a law of sizes of the user's raises for the first sample.
+    """
+    stream = thread_stream()
+    draws, count = draws_of(scene, stream, words, first, len(results.records))
+    results = results._replace(records=results.records[:count])
+    prepared = prepared_scene(scene)
+    room = kept_room(prepared)
+    cut: bool = simulate_range(prepared.scene, room, stream.random, draws, watch, results)
+    return cut
 
 
 def initial_radii(
@@ -227,21 +218,13 @@ def count_changes(scene: Scene, random: np.random.Generator, until: float) -> in
 
     The sample is that of `simulate_scene` with the same stream; it is not carried further.
     """
-    capacity = (1 if scene.laws.fragmentation is None else 2) * scene.particles
+    capacity = capacity_of(scene)
     particles, ledger = new_particles(scene, capacity), new_ledger()
     abort = np.zeros(1, np.uint8)
     if place_grains(scene, random, particles, abort):
         state, initial = kept_engine_state(scene, capacity), np.zeros(1, INITIAL)
         run_engine(without_law(scene), particles, ledger, state, initial, until, abort)
     return int(ledger.counts[MERGES] + ledger.counts[BREAKUPS])
-
-
-def without_law(scene: Scene) -> Scene:
-    """Return a scene that says whether grains differ in size, but not by which law.
-
-    So one machine code serves all of them once the grains are placed.
-    """
-    return scene if scene.sizes is None else scene._replace(sizes=True)
 
 
 def place_grains(
@@ -256,12 +239,12 @@ def place_grains(
     """
     placed, velocity = np.empty((2, 3, scene.particles))
     sizes: EqualSizes | DifferentSizes = EqualSizes(2.0 * scene.radius)
-    if scene.sizes is not None:
-        radii = scene.radius * draw_radii(scene.sizes, random, scene.particles)
+    if (drawn := drawn_sizes(scene, random)) is not None:
+        radii, masses = drawn
         if not radii[0] < scene.half_width:
             return False
         particles.radius[: scene.particles] = radii
-        particles.mass[: scene.particles] = scene.mass * (radii / scene.radius) ** 3
+        particles.mass[: scene.particles] = masses
         sizes = DifferentSizes(radii, float(radii[0]))
     if not scatter(
         scene.escape, scene.velocities, random, sizes, scene.half_width, placed, velocity, abort
@@ -308,20 +291,6 @@ def carry_to_end(
         for f in np.flatnonzero(frames.times >= scene.end_time).tolist():
             store_frame(frames, f, scene, particles)
     return ledger
-
-
-_kept = threading.local()
-
-
-def kept_engine_state(scene: Scene, capacity: int) -> Any:
-    """Return the engine state of this thread's last sample, or a new one if that was not alike.
-
-    To make it anew takes a tenth of the time of a sample: a system gives back large arrays at once.
-    """
-    key = type(scene.engine), scene.particles, capacity
-    if getattr(_kept, "key", None) != key:
-        _kept.key, _kept.state = key, new_engine_state(scene.engine, scene, capacity)
-    return _kept.state
 
 
 def run_with_frames(

@@ -54,6 +54,7 @@ def path(tmp_path_factory):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sample_runner, "simulate_scene", doubled)
+        patch.setattr(sample_runner, "MAX_AT_ONCE", 1)
         finish(folder, "even.yaml", "-q")
     return folder / "even.h5"
 

@@ -78,8 +78,8 @@ def test_a_simulation_says_what_it_compiles_beside_its_json_and_only_once(unmark
     for done in runs:
         assert json.loads(done.stdout)["samples"] == 1
     lines = [[line for line in done.stderr.splitlines() if "compil" in line] for done in runs]
-    assert lines[0][0].startswith("compiling 3 kernels of a new kind of scene: placement, ")
-    assert len(lines[0]) == 4
+    assert lines[0][0].startswith("compiling 4 kernels of a new kind of scene: placement, ")
+    assert len(lines[0]) == 5
     assert lines[1] == []
 
 

@@ -89,13 +89,14 @@ def stop_after(monkeypatch):
     def after(samples):
         simulate_next, left = simulator.Task.simulate_next, samples
 
-        def signalled(task):
+        def signalled(task, seconds):
             nonlocal left
             left -= 1
             if left == 0:
                 os.kill(os.getpid(), signal.SIGUSR1)
-            return simulate_next(task) if left > 0 else not task._abort_flag.stopped
+            return simulate_next(task, seconds) if left > 0 else not task._abort_flag.stopped
 
+        monkeypatch.setattr(simulator, "MAX_AT_ONCE", 1)
         monkeypatch.setattr(simulator.Task, "simulate_next", signalled)
         return lambda: monkeypatch.setattr(simulator.Task, "simulate_next", simulate_next)
 
@@ -145,6 +146,7 @@ def test_a_failed_campaign_is_sound(tmp_path, monkeypatch):
         return simulate_scene(scene, random, abort, frames)
 
     monkeypatch.setattr(simulator, "simulate_scene", never)
+    monkeypatch.setattr(simulator, "MAX_AT_ONCE", 1)
     write_campaign(tmp_path / "small.yaml", **SMALL, max_failures=5)
     assert invert(tmp_path, "small.yaml").returncode == 1
     assert state(tmp_path / "small.h5")[0] == "failed"

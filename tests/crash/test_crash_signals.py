@@ -31,7 +31,7 @@ def never(*arguments):
     Path(__file__).with_name("begun").touch()
     time.sleep(1e6)
 
-simulator.simulate_scene = never
+simulator.simulate_scene, simulator.MAX_AT_ONCE = never, 1
 """
 """A sample that neither ends nor notices that it is to end."""
 

@@ -45,7 +45,7 @@ def slowly(*arguments):
     time.sleep(0.02)
     return at_once(*arguments)
 
-simulator.simulate_scene = slowly
+simulator.simulate_scene, simulator.MAX_AT_ONCE = slowly, 1
 """
 """What makes a campaign last on any machine, so that it can be caught in the act."""
 HELD = """
@@ -69,31 +69,32 @@ def held(scene, random, abort, frames=None):
         time.sleep(0.01)
     return let_through(scene, random, abort, frames)
 
-simulator.simulate_scene = held
+simulator.simulate_scene, simulator.MAX_AT_ONCE = held, 1
 """
 HANGS = """
 import time
 from types import SimpleNamespace
 
+import agglom_mpi.runtime.abort_flag as abort_flag
 import agglom_mpi.runtime.sample_runner as simulator
 
 simulate, now = simulator.SampleTask._simulate, 0.0
 
-def hang(self, sample):
+def hang(self, sample, seconds):
     global now
     if (self._string, sample) in PAIRS:
         now += 1e9
         while self._abort_flag.max_seconds is not None and not self._abort_flag.abort[0]:
             time.sleep(0.01)
-    simulate(self, sample)
+    return simulate(self, sample, seconds)
 
-simulator.SampleTask._simulate = hang
-simulator.time = SimpleNamespace(monotonic=lambda: now, time=time.time)
+simulator.SampleTask._simulate, simulator.MAX_AT_ONCE = hang, 1
+abort_flag.time = SimpleNamespace(monotonic=lambda: now)
 """
 """The samples (string, sample) in PAIRS take too long, on any machine no others do."""
 HANGS_REPLACES = [
     "agglom_mpi.runtime.sample_runner.SampleTask._simulate",
-    "agglom_mpi.runtime.sample_runner.time",
+    "agglom_mpi.runtime.abort_flag.time",
 ]
 FINAL = "{strings: 6, samples: 12}"
 TINY = {"generations": 1, "max_samples": 5, "population": 4, "parents": 2}

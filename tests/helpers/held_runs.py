@@ -7,6 +7,7 @@ import os
 import time
 from pathlib import Path
 
+from agglom_mpi.runtime import sample_runner
 from agglom_mpi.runtime.sample_runner import Task
 
 _CODE = """
@@ -37,7 +38,7 @@ def hold(pace):
     """
     simulate_next, done = Task.simulate_next, 0
 
-    def simulate_if_allowed(task):
+    def simulate_if_allowed(task, seconds):
         nonlocal done
         try:
             allowed = int(Path("allowed").read_text())
@@ -48,9 +49,9 @@ def hold(pace):
             return not task._abort_flag.stopped
         time.sleep(pace)
         done += 1
-        return simulate_next(task)
+        return simulate_next(task, seconds)
 
-    Task.simulate_next = simulate_if_allowed
+    Task.simulate_next, sample_runner.MAX_AT_ONCE = simulate_if_allowed, 1
 
 
 def held(folder, pace=0.0, text=""):

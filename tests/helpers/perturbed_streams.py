@@ -1,8 +1,8 @@
 """`pytest --perturb K`: all samples, searches and generators of tests draw other random numbers.
 
 An expectation that holds for one lucky realisation alone fails under some K. The switch is one of
-the tests: the package knows nothing of it. `perturb` replaces the one function of the package that
-makes random streams, NumPy's `default_rng`, and the version that campaign files name.
+the tests: the package knows nothing of it. `perturb` replaces the two functions of the package that
+make random streams of keys, NumPy's `default_rng`, and the version that campaign files name.
 Programs that tests start do the same when Python starts (`perturbed/sitecustomize.py`).
 """
 
@@ -31,9 +31,13 @@ def perturbed_path(path):
 
 
 def _perturb_streams(module, k):
-    from numpy.random import PCG64, Generator, SeedSequence
+    generator, key_words = module.generator, module.key_words
 
-    module.generator = lambda *key: Generator(PCG64(SeedSequence(key, spawn_key=(k,))))
+    def other(seed):
+        return seed + (k << 64)
+
+    module.generator = lambda seed, *key: generator(other(seed), *key)
+    module.key_words = lambda key: key_words((other(key[0]), *key[1:]))
 
 
 def _perturb_numpy(module, k):

@@ -34,7 +34,7 @@ def once(scene, random, abort, frames=None):
         raise ArithmeticError("injected")
     return simulate_scene(scene, random, abort, frames)
 
-simulator.simulate_scene = once
+simulator.simulate_scene, simulator.MAX_AT_ONCE = once, 1
 """
 
 EVERY_SAMPLE_RAISES = f"""{RANK}
@@ -47,7 +47,7 @@ def never(scene, random, abort, frames=None):
         raise ArithmeticError("injected")
     return simulate_scene(scene, random, abort, frames)
 
-simulator.simulate_scene = never
+simulator.simulate_scene, simulator.MAX_AT_ONCE = never, 1
 """
 
 SIMULATOR_BREAKS = f"""{RANK}

@@ -8,10 +8,12 @@ from processes import wait_for
 from agglom_mpi import stopwatch
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, FailureReason
+from agglom_mpi.runtime import abort_flag
 from agglom_mpi.runtime import sample_runner as module
+from agglom_mpi.runtime.abort_flag import AbortFlag
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.messages import NOT_NEEDED, storable
-from agglom_mpi.runtime.sample_runner import AbortFlag, SampleRunner
+from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.runtime.simulation_thread import SimulationThread
 from agglom_mpi.runtime.wakeup import Wakeup
 from agglom_mpi.scheduling.interface import task_type
@@ -35,7 +37,7 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch):
     clock = Clock()
-    for each in (module, stopwatch):
+    for each in (module, abort_flag, stopwatch):
         monkeypatch.setattr(each, "time", clock)
     return clock
 
@@ -58,6 +60,7 @@ class Scenes:
     def __init__(self, monkeypatch, *acts):
         self.acts, self.seen = list(acts), 0
         monkeypatch.setattr(module, "simulate_scene", self)
+        monkeypatch.setattr(module, "MAX_AT_ONCE", 1)
 
     def __call__(self, scene, random, abort, frames=None):
         act = self.acts.pop(0) if self.acts else None

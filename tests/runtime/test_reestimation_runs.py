@@ -52,12 +52,13 @@ import agglom_mpi.runtime.sample_runner as simulator
 
 do = simulator.SampleTask._simulate
 
-def careless(self, sample):
-    do(self, sample)
+def careless(self, sample, seconds):
+    is_open = do(self, sample, seconds)
     if sample == 13:
         raise ArithmeticError("injected")
+    return is_open
 
-simulator.SampleTask._simulate = careless
+simulator.SampleTask._simulate, simulator.MAX_AT_ONCE = careless, 1
 """
 SAMPLE_TASK = "agglom_mpi.runtime.sample_runner.SampleTask._simulate"
 

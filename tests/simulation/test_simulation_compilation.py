@@ -17,13 +17,14 @@ from agglom_mpi.simulation.engines import EventDriven, FixedSteps
 from agglom_mpi.simulation.frames import new_frames
 from agglom_mpi.simulation.initial_state import scatter
 from agglom_mpi.simulation.sample import measure_sample, run_engine, simulate_scene
+from agglom_mpi.simulation.sample_range import simulate_range
 from agglom_mpi.simulation.trajectory import observe_particles
 
 pytestmark = pytest.mark.skipif(
     os.environ.get("NUMBA_DISABLE_JIT", "0") != "0", reason="nothing is compiled then"
 )
 SCENE = event_periodic(0.9, particles=12, size_ratio=0.3, end_time=1e-4)
-KERNELS = (scatter, run_engine, measure_sample, observe_particles)
+KERNELS = (scatter, run_engine, measure_sample, simulate_range, observe_particles)
 
 
 JOB = Path(__file__).parents[2] / "jobs" / "agglomeration_2004.yaml"
@@ -78,16 +79,17 @@ def test_what_is_compiled_is_said_and_marked(unmarked):
     assert not is_compiled(SCENE)
     assert compile_kernels(SCENE, frames=False, show=lines.append) > 0.0
     assert lines[0] == (
-        "compiling 3 kernels of a new kind of scene: placement, measurement, engine"
+        "compiling 4 kernels of a new kind of scene: placement, measurement, sequence, engine"
     )
-    assert [line.split()[0] for line in lines[1:]] == ["placement", "measurement", "engine"]
+    compiled = [line.split()[0] for line in lines[1:]]
+    assert compiled == ["placement", "measurement", "sequence", "engine"]
     assert is_compiled(SCENE)
     assert not is_compiled(SCENE, frames=True)
     compile_kernels(SCENE, frames=True, show=lines.append)
-    assert lines[4] == "compiling 1 kernel of a new kind of scene: frames"
+    assert lines[5] == "compiling 1 kernel of a new kind of scene: frames"
     assert is_compiled(SCENE, frames=True)
     assert compile_kernels(SCENE, frames=True, show=lines.append) == 0.0
-    assert len(lines) == 6
+    assert len(lines) == 7
 
 
 @pytest.mark.parametrize("child", ["raise SystemExit(3)", "import os; os.kill(os.getpid(), 9)"])

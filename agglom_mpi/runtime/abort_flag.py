@@ -1,0 +1,74 @@
+"""How samples are ended early by another thread than the one that simulates them."""
+
+import math
+import time
+
+import numpy as np
+
+from agglom_mpi.simulation.sample_range import Watch, new_watch
+
+
+class AbortFlag:
+    """Ends samples early, from another thread than the one that simulates.
+
+    All of them on `stop`, one that takes too long on `check_time`, any one on `interrupt`.
+
+    Parameters
+    ----------
+    max_seconds
+        Longest time of a sample in s; None without a limit.
+
+    Attributes
+    ----------
+    abort
+        Read by kernels, shape (1,); anything but 0 ends them.
+    begun
+        When the sample under way began, by `time.monotonic`, shape (1,), s; nan between samples.
+        Kernels write it, too.
+    stopped
+        Whether no more samples are wanted.
+    """
+
+    def __init__(self, max_seconds: float | None) -> None:
+        self.abort = np.zeros(1, np.uint8)
+        self.stopped = False
+        self.max_seconds = max_seconds
+        self.begun = np.full(1, np.nan)
+
+    def stop(self) -> None:
+        """End all samples, from now on."""
+        self.stopped = True
+        self.abort[0] = 1
+
+    def check_time(self) -> None:
+        """End the sample under way if it has taken too long."""
+        if self._late:
+            self.abort[0] = 1
+
+    def interrupt(self) -> None:
+        """End the sample under way, if there is one; it may be simulated again."""
+        self.abort[0] = 1
+
+    def begin(self) -> None:
+        """Start the clock of a sample."""
+        self.begun[0] = time.monotonic()
+
+    def watch(self, seconds: float) -> Watch:
+        """Return the watch of samples in compiled code, the last begun within `seconds`."""
+        most = math.inf if self.max_seconds is None else self.max_seconds
+        return new_watch(self.abort, self.begun, most, seconds)
+
+    def end(self) -> tuple[bool, bool]:
+        """Stop the clock; return if the sample took too long, and if it may be cut off."""
+        late, self.begun[0] = self._late, np.nan
+        interrupted = bool(self.abort[0])
+        if interrupted and not self.stopped:
+            self.abort[0] = 0
+            if self.stopped:  # just now
+                self.abort[0] = 1
+        return late, interrupted
+
+    @property
+    def _late(self) -> bool:
+        begun, most = float(self.begun[0]), self.max_seconds
+        return most is not None and time.monotonic() - begun > most

@@ -1,0 +1,225 @@
+"""Consecutive samples of one scene in one call of compiled code: the loop, its clocks, its room.
+
+Placement, engine and measurement are kernels of their own, compiled by two processes at once; the
+loop calls their machine code. Between samples it reads the clocks and looks whether it is to end.
+"""
+
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglom_mpi import outcome as result
+from agglom_mpi.compilation.kernel_calls import (
+    CLOCKS,
+    DATE,
+    PROCESSOR,
+    WALL,
+    kernel_call,
+    read_clock,
+)
+from agglom_mpi.compilation.kernels import kernel
+from agglom_mpi.compilation.stages import inlined
+from agglom_mpi.simulation.initial_state import DifferentSizes, EqualSizes, scatter
+from agglom_mpi.simulation.particles import set_position, set_velocity
+from agglom_mpi.simulation.sample_kernels import measure_sample, run_engine
+from agglom_mpi.simulation.sample_room import CALLED, ENGINE, MEASUREMENT, PLACEMENT
+from agglom_mpi.simulation.scene import is_aborted
+from agglom_mpi.simulation.stream_states import STATE_WORDS
+
+_PLACEMENT: Final = CALLED.index(PLACEMENT)
+_ENGINE: Final = CALLED.index(ENGINE)
+_MEASUREMENT: Final = CALLED.index(MEASUREMENT)
+
+call_placement: Final[Any] = kernel_call(scatter, bool)
+call_engine: Final[Any] = kernel_call(run_engine, float)
+call_measurement: Final[Any] = kernel_call(measure_sample, None)
+
+MAX_SECONDS: Final = 0
+BUDGET: Final = 1
+"""Places in `Watch.limits`."""
+
+TIMES: Final = np.dtype([("seconds", "f8"), ("cpu_seconds", "f8"), ("finished", "f8")])
+"""Wall-clock and processor time of a sample in s, and when it was finished, in s since 1970."""
+
+
+class Watch(NamedTuple):
+    """How a loop over samples is watched and ended.
+
+    Attributes
+    ----------
+    abort
+        Shape (1,); anything but 0 ends the sample under way, and the loop.
+    begun
+        When the sample under way began, by `time.monotonic`, shape (1,), s.
+    limits
+        Longest time of a sample (`MAX_SECONDS`), and time after which no other one is begun
+        (`BUDGET`), s; inf without a limit.
+    clocks
+        `CLOCKS`.
+    """
+
+    abort: NDArray[np.uint8]
+    begun: NDArray[np.float64]
+    limits: NDArray[np.float64]
+    clocks: NDArray[np.int32]
+
+
+class SampleResults(NamedTuple):
+    """What n samples give, as far as they are finished.
+
+    Attributes
+    ----------
+    records
+        `OUTCOME` of each, shape (n,).
+    times
+        `TIMES` of each, shape (n,).
+    finished
+        Number of samples that are finished, shape (1,).
+    """
+
+    records: NDArray[Any]
+    times: NDArray[Any]
+    finished: NDArray[np.int64]
+
+
+def new_watch(
+    abort: NDArray[np.uint8],
+    begun: NDArray[np.float64] | None = None,
+    max_seconds: float = np.inf,
+    budget: float = np.inf,
+) -> Watch:
+    """Return a watch; times in s."""
+    begun = np.zeros(1) if begun is None else begun
+    return Watch(abort, begun, np.array([max_seconds, budget]), CLOCKS)
+
+
+def new_results(count: int) -> SampleResults:
+    """Return room for the results of `count` samples, none of them finished."""
+    records, times = np.zeros(count, result.OUTCOME), np.zeros(count, TIMES)
+    return SampleResults(records, times, np.zeros(1, np.int64))
+
+
+@kernel
+def simulate_range(scene, room, random, draws, watch, results):
+    """Simulate samples one after another; return whether the last one that began was cut off.
+
+    That is so where it was aborted, or took longer than the limit; it has no result then.
+
+    Parameters
+    ----------
+    scene : Scene, without its law of sizes
+    room : Room
+    random : numpy.random.Generator
+    draws : Draws
+    watch : Watch
+    results : SampleResults, filled in order
+    """
+    now = read_clock(watch.clocks[WALL], room.timespec)
+    processor = read_clock(watch.clocks[PROCESSOR], room.timespec)
+    start = now
+    for k in range(len(results.records)):
+        watch.begun[0] = now
+        if len(draws.states) > 0:
+            for i in range(STATE_WORDS):
+                draws.words[i] = draws.states[k, i]
+        room.record[0] = results.records[k]  # without a result
+        room.record[0]["state"] = result.FAILED
+        simulate_one(scene, room, random, draws, k, watch.abort)
+        begun, begun_processor = now, processor
+        now = read_clock(watch.clocks[WALL], room.timespec)
+        processor = read_clock(watch.clocks[PROCESSOR], room.timespec)
+        if is_aborted(watch.abort) or now - begun > watch.limits[MAX_SECONDS]:
+            return True
+        results.records[k] = room.record[0]
+        times = results.times[k]
+        times["seconds"] = now - begun
+        times["cpu_seconds"] = processor - begun_processor
+        times["finished"] = read_clock(watch.clocks[DATE], room.timespec)
+        results.finished[0] = k + 1
+        if now - start > watch.limits[BUDGET]:
+            break
+    return False
+
+
+@inlined
+def simulate_one(scene, room, random, draws, k, abort):
+    """Simulate sample k of a range; its result is in `room.record`."""
+    reset(room, scene.particles)
+    record = room.record[0]
+    if not place(scene.sizes, scene, room, room.callees[_PLACEMENT], random, draws, k, abort):
+        record["reason"] = result.FailureReason.PLACEMENT_JAMMED
+        return
+    put_grains(room.particles, room.placed, room.velocity)
+    particles, ledger, initial = room.particles, room.ledger, room.initial
+    run = (scene, particles, ledger, room.engine_state, initial, scene.end_time, abort)
+    end = call_engine(room.callees[_ENGINE], run)
+    call_measurement(
+        room.callees[_MEASUREMENT], (scene, particles, ledger, initial, end, room.record)
+    )
+
+
+@inlined
+def reset(room, grains):
+    """Begin a sample: nothing is summed up yet, and every particle is as new."""
+    ledger = room.ledger
+    for i in range(len(ledger.energy)):
+        ledger.energy[i] = 0.0
+    for i in range(len(ledger.counts)):
+        ledger.counts[i] = 0
+    ledger.residual[0] = 0.0
+    room.initial[0]["begun"] = 0
+    particles = room.particles
+    particles.size[0] = grains
+    particles.labels_given[0] = grains
+    for i in range(len(particles.records)):
+        particles.records[i] = room.template[0]
+        particle = particles.records[i]
+        particle["label"] = i
+        if i >= grains:
+            particle["radius"] = 0.0
+            particle["mass"] = 0.0
+
+
+@inlined
+def place(sizes, scene, room, callee, random, draws, k, abort):
+    """Draw places and velocities of the grains of sample k; return whether all have a place."""
+    placed, velocity, half_width = room.placed, room.velocity, scene.half_width
+    if sizes is None:
+        equal = EqualSizes(2.0 * scene.radius)
+        return call_placement(
+            callee,
+            (scene.escape, scene.velocities, random, equal, half_width, placed, velocity, abort),
+        )
+    else:  # noqa: RET505  (types decide this one when it is compiled)
+        radii = draws.radii[k]
+        largest = radii[0]
+        if not largest < half_width:
+            return False
+        for i in range(len(radii)):
+            grain = room.particles.records[i]
+            grain["radius"] = radii[i]
+            grain["mass"] = draws.masses[k, i]
+        different = DifferentSizes(radii, largest)
+        return call_placement(
+            callee,
+            (
+                scene.escape,
+                scene.velocities,
+                random,
+                different,
+                half_width,
+                placed,
+                velocity,
+                abort,
+            ),
+        )
+
+
+@inlined
+def put_grains(particles, placed, velocity):
+    """Give the grains their positions and velocities."""
+    for i in range(placed.shape[1]):
+        particle = particles.records[i]
+        set_position(particle, (placed[0, i], placed[1, i], placed[2, i]))
+        set_velocity(particle, (velocity[0, i], velocity[1, i], velocity[2, i]))
