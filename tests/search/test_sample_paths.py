@@ -1,0 +1,136 @@
+"""Ensembles that are given many samples at once do, bit for bit, what they do one by one."""
+
+import numpy as np
+import pytest
+from examples import examples
+from goals import growth_target, maximum_growth
+from hypothesis import strategies as st
+from rules import difference, ensemble_of, fixed, half_width, settled_moments
+from search_fakes import PARTICLES, completed, failed
+from summary_rows import rows_of
+
+from agglom_mpi.outcome import summaries
+from agglom_mpi.search.ensemble import Ensemble
+from agglom_mpi.search.inversion import gaps
+from agglom_mpi.search.sample_paths import NewSamples, SampleBatch, SamplePart, extend
+from agglom_mpi.statistics import PlainMean, RunningMean
+
+RULES = (
+    difference(1e-3),
+    difference(1e-2, "mean_radius"),
+    half_width(0.05),
+    settled_moments(0.05, 3),
+    fixed(17),
+)
+OBJECTIVES = growth_target(2.0), maximum_growth(PARTICLES)
+
+
+def ensemble_by(rule, objective, most):
+    if rule in (RULES[-1],):
+        return Ensemble(rule, objective, PARTICLES)
+    return ensemble_of(rule, objective, PARTICLES, 2, most)
+
+
+def outcomes_of(seed, count, failing):
+    """Return outcomes of samples, of which a share fails; many repeat, so that rules hold."""
+    chance = np.random.default_rng(seed)
+    ratios = chance.choice(chance.normal(2.0, 0.2, 5), count)
+    left = chance.integers(1, PARTICLES, count)
+    fails = chance.random(count) < failing
+    return [
+        failed() if fail else completed(ratio, int(particles), (0.1, 0.01, 0.03))
+        for ratio, particles, fail in zip(ratios, left, fails, strict=True)
+    ]
+
+
+def one_by_one(ensemble, outcomes):
+    for outcome in outcomes:
+        if ensemble.finished:
+            break
+        ensemble.add(outcome)
+    return ensemble
+
+
+def in_parts(ensembles, outcomes, sizes):
+    """Give each ensemble its outcomes in parts of these sizes, all ensembles together."""
+    rows = [rows_of(each) for each in outcomes]
+    begin = 0
+    for size in sizes:
+        batch = SampleBatch(
+            np.concatenate([each[begin : begin + size] for each in rows]), summaries
+        )
+        starts = np.cumsum([0, *(len(each[begin : begin + size]) for each in rows)]).tolist()
+        extend(
+            [
+                NewSamples(ensemble, [SamplePart(batch, start, stop)])
+                for ensemble, start, stop in zip(ensembles, starts, starts[1:], strict=False)
+                if not ensemble.finished and stop > start
+            ]
+        )
+        begin += size
+    return ensembles
+
+
+@examples(
+    200,
+    st.integers(0, 10**6),
+    st.sampled_from(RULES),
+    st.sampled_from(OBJECTIVES),
+    st.sampled_from([0.0, 0.0, 0.03, 0.2]),
+    st.lists(st.integers(1, 30), min_size=1, max_size=8),
+    st.integers(3, 80),
+)
+def test_many_samples_at_once_give_the_bits_of_one_by_one(
+    seed, rule, objective, failing, sizes, most
+):
+    outcomes = [outcomes_of(seed + string, sum(sizes), failing) for string in range(3)]
+    singly = [one_by_one(ensemble_by(rule, objective, most), each) for each in outcomes]
+    together = in_parts([ensemble_by(rule, objective, most) for _ in outcomes], outcomes, sizes)
+    for one, other in zip(singly, together, strict=True):
+        assert repr(one.result()) == repr(other.result())
+        assert (one.finished, one.completed) == (other.finished, other.completed)
+
+
+@examples(50, st.integers(0, 10**6), st.integers(1, 20), st.sampled_from(RULES))
+def test_an_ensemble_goes_on_one_by_one_after_a_path(seed, first, rule):
+    outcomes = outcomes_of(seed, 60, 0.0)
+    single = one_by_one(ensemble_by(rule, OBJECTIVES[0], 50), outcomes)
+    [ensemble] = in_parts([ensemble_by(rule, OBJECTIVES[0], 50)], [outcomes], [first])
+    assert repr(one_by_one(ensemble, outcomes[first:]).result()) == repr(single.result())
+
+
+def test_a_resampled_ensemble_follows_paths_from_where_it_was():
+    outcomes, more = outcomes_of(1, 20, 0.0), outcomes_of(2, 9, 0.0)
+    rule = fixed(len(outcomes))
+    single = one_by_one(Ensemble(rule, OBJECTIVES[0], PARTICLES), outcomes).resample(9)
+    many = one_by_one(Ensemble(rule, OBJECTIVES[0], PARTICLES), outcomes).resample(9)
+    in_parts([many], [more], [4, 5])
+    assert repr(many.result()) == repr(one_by_one(single, more).result())
+
+
+@pytest.mark.parametrize("mean", [RunningMean, PlainMean])
+def test_a_path_of_a_mean_has_the_bits_of_its_steps(mean):
+    values = np.random.default_rng(3).normal(5.0, 2.0, 40).tolist()
+    singly, at_once = mean(), mean()
+    steps = []
+    for value in values:
+        singly.add(value)
+        steps.append(singly.mean)
+    for part in (values[:1], values[1:2], values[2:30], values[30:]):
+        path = at_once.path(part)
+        columns = path if isinstance(path, tuple) else (path,)
+        assert columns[0][1:] == steps[at_once.count : at_once.count + len(part)]
+        at_once.move(len(part), *(column[-1] for column in columns))
+    assert vars(singly) == vars(at_once)
+
+
+@examples(200, st.lists(st.tuples(st.integers(0, 40), st.integers(1, 9))), st.integers(0, 30))
+def test_gaps_are_what_no_run_holds(given, begin):
+    batch = SampleBatch(rows_of([completed(2.0)]), summaries)
+    runs, held = {}, set()
+    for first, size in given:
+        if held.isdisjoint(range(first, first + size)):
+            runs[first] = SamplePart(batch, 100 + first, 100 + first + size)
+            held |= {*range(first, first + size)}
+    found = [sample for part in gaps(begin, begin + 12, runs) for sample in range(*part)]
+    assert found == [sample for sample in range(begin, begin + 12) if sample not in held]
