@@ -241,7 +241,7 @@ class ClusterSimulator:
                 now = self._assign(scheduler, now)
                 arrival, rank = self._next_arrival()
             now = self._receive(scheduler, max(now, arrival), rank)
-            if self._assigned > most and self.path.used:
+            if self._simulated > most and self.path.used:
                 break
             if self._number % PROGRESS_MESSAGES == 0:
                 show(self.inversion.generation, self._assigned)
@@ -352,7 +352,8 @@ class ClusterSimulator:
         return self.path.used | {string: count for string, count in begun.items() if count}
 
     def _forecast(self, seconds: float) -> Forecast:
-        self._count_in_flight(seconds)
+        if self.inversion.finished:  # of a part, what is in flight belongs to the rest
+            self._count_in_flight(seconds)
         used = self._used()
         needed = {string: self._drawn[string].seconds[: used[string]] for string in used}
         return Forecast(

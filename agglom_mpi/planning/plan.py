@@ -100,8 +100,9 @@ def forecast_all(
     costs = measured_costs(experiment, workload, show)
     pilot = pilot_summary(samples, options.source)
     report = ForecastReport(campaign, options.campaign, pilot, costs, [], [])
-    most = FORECAST_SAMPLES / (1 + len(options.ranks))
-    known = samples_needed(experiment, workload, most)
+    part = FORECAST_SAMPLES / (1 + len(options.ranks))
+    known = samples_needed(experiment, workload, part)
+    most = part if known else math.inf
     for ranks in options.ranks:
         inversion, lag = experiment.inversion(restore=None), campaign.search.lag
         cluster = ClusterSimulator(inversion, workload, ranks, costs, lag, known)
