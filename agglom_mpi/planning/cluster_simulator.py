@@ -181,6 +181,8 @@ class ClusterSimulator:
         Costs of messages and decisions; a lone rank does not wait for messages.
     lag
         Generation g depends on the results of generations up to g - `lag`.
+    known
+        Samples that strings have used before, from which the scheduler has learnt.
 
     Attributes
     ----------
@@ -197,8 +199,10 @@ class ClusterSimulator:
         ranks: int,
         costs: MessageCosts = FREE,
         lag: int = 1,
+        known: Sequence[int] = (),
     ) -> None:
         self.path = CriticalPath(lag)
+        self._known = known
         self.inversion = inversion
         self._workload = workload
         self._costs = costs if ranks > 1 else costs._replace(latency=0.0)
@@ -227,7 +231,8 @@ class ClusterSimulator:
             Called with the generation and the number of samples from time to time.
         """
         self.path.record(self.inversion.start())
-        scheduler = Scheduler(self.inversion, self._propose_ahead, len(self._ranks))
+        ranks = len(self._ranks)
+        scheduler = Scheduler(self.inversion, self._propose_ahead, ranks, used=self._known)
         scheduler.batch_sizer.round_trip = 2.0 * (self._costs.latency + self._costs.message)
         now = 0.0
         while not self.inversion.finished:
@@ -236,16 +241,11 @@ class ClusterSimulator:
                 now = self._assign(scheduler, now)
                 arrival, rank = self._next_arrival()
             now = self._receive(scheduler, max(now, arrival), rank)
-            if self._assigned > most and self.path.used:
+            if self._simulated > most and self.path.used:
                 break
             if self._number % PROGRESS_MESSAGES == 0:
                 show(self.inversion.generation, self._assigned)
         return self._forecast(now)
-
-    @property
-    def samples_per_string(self) -> float:
-        """Mean number of samples that complete strings have used."""
-        return sum(self.path.used.values()) / len(self.path.used)
 
     @property
     def samples_used(self) -> int:
@@ -352,7 +352,8 @@ class ClusterSimulator:
         return self.path.used | {string: count for string, count in begun.items() if count}
 
     def _forecast(self, seconds: float) -> Forecast:
-        self._count_in_flight(seconds)
+        if self.inversion.finished:  # of a part, what is in flight belongs to the rest
+            self._count_in_flight(seconds)
         used = self._used()
         needed = {string: self._drawn[string].seconds[: used[string]] for string in used}
         return Forecast(

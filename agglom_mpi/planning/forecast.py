@@ -20,8 +20,8 @@ ROUND_SECONDS: Final = 300.0
 MAX_SIMULATED: Final = 2_000_000
 """Number of samples after which a forecast without a complete string is given up."""
 
-FORECAST_SAMPLES: Final = 600_000
-"""Number of samples that all forecasts of a plan simulate together, about; they take some 15 s.
+FORECAST_SAMPLES: Final = 300_000
+"""Number of samples that all forecasts of a plan simulate together, about; they take some 10 s.
 What is left is taken to be like it."""
 
 WORK: Final = "work"

@@ -112,7 +112,7 @@ def _footer(report: ForecastReport) -> list[str]:
         lines.append("rough: there are few samples of each string; simulate for more --seconds")
     if shares := [f.share for f in report.forecasts if f.share < 1.0]:
         lines.append(
-            f"simulated: {min(shares):.1%} of the samples or more; the others are taken to be alike"
+            f"simulated: {min(shares):.2g} of the samples or more; the others are taken to be alike"
         )
     if report.not_forecast:
         ranks = ", ".join(map(str, report.not_forecast))

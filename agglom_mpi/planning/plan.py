@@ -1,6 +1,7 @@
 """Forecasting the run time of a campaign: pilot samples, then the scheduler on simulated ranks."""
 
 import logging
+import math
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -99,15 +100,18 @@ def forecast_all(
     costs = measured_costs(experiment, workload, show)
     pilot = pilot_summary(samples, options.source)
     report = ForecastReport(campaign, options.campaign, pilot, costs, [], [])
-    most = FORECAST_SAMPLES / (1 + len(options.ranks))
-    needed: float | None = None
+    part = FORECAST_SAMPLES / (1 + len(options.ranks))
+    known = samples_needed(experiment, workload, part)
+    most = part if known else math.inf
     for ranks in options.ranks:
-        inversion = experiment.inversion(restore=None)
-        cluster = ClusterSimulator(inversion, workload, ranks, costs, campaign.search.lag)
+        inversion, lag = experiment.inversion(restore=None), campaign.search.lag
+        cluster = ClusterSimulator(inversion, workload, ranks, costs, lag, known)
         try:
-            forecast = cluster.run(most, partial(_show_progress, show, campaign, ranks))
-            if not inversion.finished:
-                needed = needed or samples_needed(experiment, workload, most)
+            forecast = cluster.run(
+                most if known else math.inf, partial(_show_progress, show, campaign, ranks)
+            )
+            if known:
+                needed = sum(known) / len(known) * campaign.max_strings
                 generations = campaign.stopping.generations / (inversion.generation + 1)
                 forecast = forecast.extended(min(1.0, cluster.samples_used / needed), generations)
         except TooManySamples:
@@ -125,15 +129,19 @@ def _show_progress(
     show(f"forecasting {pluralise(ranks, 'rank')}: {samples} samples, {progress}")
 
 
-def samples_needed(experiment: Experiment, workload: Workload, most: float) -> float:
-    """Return the number of samples that all strings need, by the strings that come first.
+def samples_needed(experiment: Experiment, workload: Workload, most: float) -> list[int]:
+    """Return the samples that strings need of a campaign with more than `most`; else nothing.
 
-    One rank completes them in their order. Of many ranks those would be complete first that need
-    few samples.
+    These are the strings that come first: one rank completes them in their order. Of many ranks
+    those would be complete first that need few samples.
     """
-    cluster = ClusterSimulator(experiment.inversion(restore=None), workload, ranks=1)
-    cluster.run(most)
-    return cluster.samples_per_string * experiment.campaign.max_strings
+    inversion = experiment.inversion(restore=None)
+    cluster = ClusterSimulator(inversion, workload, ranks=1)
+    try:
+        cluster.run(most)
+    except TooManySamples:  # as with any number of ranks
+        return []
+    return [] if inversion.finished else list(cluster.path.used.values())
 
 
 def reestimation_seconds(

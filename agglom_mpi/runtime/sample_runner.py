@@ -255,22 +255,41 @@ class SampleTask(Task):
         return RankMessage(self._runner.rank, rows, final_particles=final)
 
     def _simulate(self, sample: int, seconds: float) -> bool:
-        setup, scene, words = self._string_scene()
-        if MAX_AT_ONCE == 1 or self._runner.stores_particles or setup.campaign.user_function:
-            self._simulate_one(setup, scene, sample)
+        setup, scene, _ = self._string_scene()
+        stores, code = self._runner.stores_particles, setup.campaign.user_function
+        if MAX_AT_ONCE > 1 and not (stores or code):
+            return self._simulate_range(sample, seconds)
+        self._final = None
+        number, record = setup.first_sample + sample, self._records[self._done]
+        random = random_numbers(setup.campaign, self._parameters, number)
+        self._records[self._done], particles = simulate_scene(scene, random, self._abort_flag.abort)
+        if record["state"] != COMPLETED or not (stores or code):
             return True
+        final = final_particles(scene, particles)
+        if stores:
+            self._final = final_row(self._string, sample, final, scene.particles)
+        if code and not self._abort_flag.abort[0]:  # one that was cut short is not finished
+            done = scene, record, final
+            found = evaluate_function(setup.campaign, self._parameters, number, done)
+            for name, value in {"objective": found.objective, **found.quantities}.items():
+                self._rows[name][self._done] = value
+        return True
+
+    def _simulate_range(self, sample: int, seconds: float) -> bool:
+        """Simulate samples by one call of compiled code, as `_simulate`."""
+        setup, scene, words = self._string_scene()
         count = min(self._count - self._done, MAX_AT_ONCE, samples_at_once(scene))
         results, watch = new_results(count), self._abort_flag.watch(seconds)
         try:
             is_cut = simulate_samples(scene, words, setup.first_sample + sample, watch, results)
         finally:
             self._keep_finished(results)
-        if not is_cut:  # what was done in Python is a part of the last sample
+        if is_cut:
+            self._abort_flag.interrupt()  # whatever has cut it off, it has no result
+        else:  # what was done in Python is a part of the last sample
             rest = self._time_left()
             self._rows["seconds"][self._done - 1] += rest.wall
             self._rows["cpu_seconds"][self._done - 1] += rest.cpu
-        else:
-            self._abort_flag.interrupt()  # whatever has cut it off, it has no result
         return is_cut
 
     def _keep_finished(self, results: SampleResults) -> None:
@@ -281,25 +300,6 @@ class SampleTask(Task):
         self._records[here], self._times[here] = results.records[:count], times
         self._accounted = TimeSpent(times["seconds"].sum(), times["cpu_seconds"].sum())
         self._done += count
-
-    def _simulate_one(self, setup: SampleSetup, scene: Scene, sample: int) -> None:
-        """Simulate one sample, and do what is asked for with its particles."""
-        self._final = None
-        number, code = setup.first_sample + sample, setup.campaign.user_function
-        random = random_numbers(setup.campaign, self._parameters, number)
-        record = self._records[self._done]
-        self._records[self._done], particles = simulate_scene(scene, random, self._abort_flag.abort)
-        stores = self._runner.stores_particles
-        if record["state"] != COMPLETED or not (stores or code):
-            return
-        final = final_particles(scene, particles)
-        if stores:
-            self._final = final_row(self._string, sample, final, scene.particles)
-        if code and not self._abort_flag.abort[0]:  # one that was cut short is not finished
-            done = scene, record, final
-            found = evaluate_function(setup.campaign, self._parameters, number, done)
-            for name, value in {"objective": found.objective, **found.quantities}.items():
-                self._rows[name][self._done] = value
 
     def _keep(self, reason: int, spent: TimeSpent) -> None:
         at = self._done

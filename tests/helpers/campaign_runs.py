@@ -246,9 +246,12 @@ def inject(folder, text):
 
 @contextmanager
 def injected(text, *replaced):
-    """Execute code in this process for a block; what it replaces, by dotted names, is put back."""
+    """Execute code in this process for a block; what it replaces, by dotted names, is put back.
+
+    The number of samples of one compiled call is, too, which much of such code sets to 1.
+    """
     with pytest.MonkeyPatch.context() as patch:
-        for name in replaced:
+        for name in (*replaced, "agglom_mpi.runtime.sample_runner.MAX_AT_ONCE"):
             patch.setattr(name, locate(name))
         exec(text, {})
         yield
