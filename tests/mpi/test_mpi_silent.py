@@ -59,7 +59,9 @@ def telling(self, text):
     error(self, text)
 
 pool.decoded, Display.error = decoding, telling
-pool.time = coordinator.time = SimpleNamespace(monotonic=told, sleep=time.sleep)
+pool.time = coordinator.time = SimpleNamespace(
+    monotonic=told, sleep=time.sleep, thread_time=time.thread_time
+)
 """
 """Rank 0 goes by a clock that the test sets, and notes whom it hears and what it says."""
 

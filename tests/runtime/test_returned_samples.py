@@ -1,5 +1,7 @@
 """What is new among the samples that ranks return, and whose it was."""
 
+from itertools import chain
+
 import numpy as np
 import pytest
 
@@ -57,8 +59,9 @@ def test_samples_of_several_ranks_are_told_apart_by_what_each_was_to_do():
     scheduler = Handed({1: [SampleRange(5, 0, 3), SampleRange(4, 7, 1)], 2: [SampleRange(5, 3, 2)]})
     found = first_returns(scheduler, samples)
     assert found.strings == [5, 4]
-    assert sum(keys(found), []) == [(5, 3), (5, 4), (5, 0), (5, 1), (5, 2), (4, 7)]
-    assert all((part.string, part.first) == rows[0] for part, rows in zip(found.parts, keys(found)))
+    each = keys(found)
+    assert [*chain(*each)] == [(5, 3), (5, 4), (5, 0), (5, 1), (5, 2), (4, 7)]
+    assert [(part.string, part.first) for part in found.parts] == [part[0] for part in each]
     assert len(found.rows) == 6
     assert not len(found.skipped)
 
@@ -88,5 +91,5 @@ def test_fresh_samples_are_split_off_with_the_ranks_that_they_came_from():
 
 def test_a_rank_that_sends_something_else_than_it_was_to_do_is_refused():
     scheduler = Handed({3: [SampleRange(5, 1, 1)]})
-    with pytest.raises(RuntimeError, match="rank 3 .*5, 0.*5, 1"):
+    with pytest.raises(RuntimeError, match=r"rank 3 .*5, 0.*5, 1"):
         first_returns(scheduler, returned((3, rows(5, 0, 1))))
