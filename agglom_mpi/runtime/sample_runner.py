@@ -162,11 +162,11 @@ class Task(ABC):
         seconds
             Time after which no further sample is begun, in s.
         """
-        text, reason = "", 0
+        text, reason, sample = "", 0, self._first + self._done
         self._stopwatch, self._accounted = Stopwatch(), _NO_TIME
         self._abort_flag.begin()
         try:
-            is_open = self._simulate(self._first + self._done, seconds)
+            is_open = self._simulate(sample, seconds)
         except Exception:
             text, reason, is_open = traceback.format_exc(), FailureReason.EXCEPTION, True
         late, interrupted = self._abort_flag.end()
@@ -269,8 +269,8 @@ class SampleTask(Task):
         if stores:
             self._final = final_row(self._string, sample, final, scene.particles)
         if code and not self._abort_flag.abort[0]:  # one that was cut short is not finished
-            done = scene, record, final
-            found = evaluate_function(setup.campaign, self._parameters, number, done)
+            campaign, string, done = setup.campaign, self._parameters, (scene, record, final)
+            found = evaluate_function(campaign, string, number, done)
             for name, value in {"objective": found.objective, **found.quantities}.items():
                 self._rows[name][self._done] = value
         return True
