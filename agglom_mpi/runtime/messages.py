@@ -180,15 +180,25 @@ def heartbeat(wakeup: bytes) -> NDArray[np.void]:
 def failed_sample(
     string: int, sample: int, rank: int, text: str, frames: int = 0
 ) -> NDArray[np.void]:
-    """Return the `FAILED_SAMPLE` record, shape (1,), of an exception; of a long text the end."""
+    """Return the `FAILED_SAMPLE` record, shape (1,), of an exception.
+
+    Of a long text it has the first line, as of a traceback, and the last ones.
+    """
     record = np.zeros(1, FAILED_SAMPLE)
     record["string"], record["sample"], record["rank"] = string, sample, rank
     record["frames"] = frames
     record["host"] = _host()
     # What is no text, as half of a surrogate pair, is written as Python writes it.
-    encoded = text.encode(errors="backslashreplace")
-    record["text"] = encoded[-FAILED_SAMPLE["text"].itemsize :].decode(errors="ignore").encode()
+    encoded, room = text.encode(errors="backslashreplace"), FAILED_SAMPLE["text"].itemsize
+    if len(encoded) > room:
+        head = encoded[: encoded.find(b"\n") + 1][: room // 2] + _LEFT_OUT
+        encoded = head + encoded[len(head) - room :].decode(errors="ignore").encode()
+    record["text"] = encoded
     return record
+
+
+_LEFT_OUT: Final = b"  ...\n"
+"""Line in place of those that a text has no room for."""
 
 
 def _host() -> bytes:

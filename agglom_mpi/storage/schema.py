@@ -246,7 +246,7 @@ FAILURES: Final = TableSchema(
         Column("sample", "i8", "", "number of the sample in its string, from 0"),
         Column("rank", "i4", "", "MPI rank that simulated it"),
         Column("host", "S64", "", "machine of that rank"),
-        Column("text", "S1000", "", "the exception; of a long text the end"),
+        Column("text", "S1000", "", "the exception; of a long text the first line and the end"),
         CRC,
     ),
 )

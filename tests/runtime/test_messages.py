@@ -73,3 +73,15 @@ def test_counts_and_the_last_message_are_decoded():
 def test_a_rank_that_cannot_write_is_an_error_with_its_number():
     with pytest.raises(OSError, match=r"rank 3 on .*: disc full"):
         decoded(3, UNWRITTEN, failed_sample(-1, -1, 3, "disc full"))
+
+
+def test_of_a_long_text_the_first_line_and_the_end_are_kept():
+    lines = ["Traceback (most recent call last):", *["  ä deep"] * 300, "ValueError: too warm"]
+    [record] = failed_sample(1, 2, 0, "\n".join(lines))
+    kept = record["text"].decode().split("\n")
+    assert (kept[0], kept[-1]) == (lines[0], lines[-1])
+    assert 950 < len(record["text"]) <= 1000
+    [record] = failed_sample(1, 2, 0, "ä" * 900)
+    assert record["text"].decode().endswith("ä" * 400)
+    [record] = failed_sample(1, 2, 0, "short")
+    assert record["text"] == b"short"
