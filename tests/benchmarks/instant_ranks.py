@@ -2,10 +2,11 @@
 
     mpirun -n RANKS python instant_ranks.py CAMPAIGN.yaml SECONDS_OF_A_SAMPLE
 
-Every rank answers at once, with made-up results that follow from string and sample, and states that
-each sample took so long: by that the scheduler sets the length of messages. All else is the real
-program, from the message to the row in the file. Prints samples, messages, and of rank 0's main
-thread the processor time. Plain, without mpirun, rank 0 alone answers.
+Every rank but 0 answers at once, with made-up results that follow from string and sample, and
+states that each sample took so long: by that the scheduler sets the length of messages. The thread
+of rank 0 that simulates sleeps. All else is the real program, from the message to the row in the
+file. Prints samples, messages and the processor time of rank 0's main thread, as JSON. Runs with
+earlier versions, too.
 """
 
 import json
@@ -47,6 +48,8 @@ class InstantTask:
         )
 
     def simulate_next(self, *_):
+        if not self._runner.rank:
+            time.sleep(0.05)
         return False
 
     def cancel(self):
@@ -85,9 +88,13 @@ class InstantRunner(SampleRunner):
 
 
 class CountingPool(WorkerPool):
-    """Counts messages with results."""
+    """Counts messages with results, and ranges of tasks."""
 
-    messages = samples = 0
+    messages = samples = ranges = 0
+
+    def send(self, rank, tasks):
+        self.ranges += len(tasks)
+        super().send(rank, tasks)
 
     def poll(self):
         for message in super().poll():
@@ -112,24 +119,16 @@ def serve(world, experiment, seconds, folder):
         end = coordinator.run(pool, stop)
         spent, wall = time.thread_time() - begun, time.perf_counter() - wall
         coordinator.shut_down(pool, end)
-    return {
-        "ranks": pool.size,
-        "samples": pool.samples,
-        "messages": pool.messages,
-        "seconds": spent,
-        "wall": wall,
-    }
+    found = {"samples": pool.samples, "messages": pool.messages, "seconds": spent, "wall": wall}
+    return found | {"ranges": pool.ranges}
 
 
 def main():
-    name, seconds = sys.argv[1], float(sys.argv[2])
-    world = None
-    if len(sys.argv) > 3:
-        from mpi4py import MPI
+    from mpi4py import MPI
 
-        world = MPI.COMM_WORLD
+    name, seconds, world = sys.argv[1], float(sys.argv[2]), MPI.COMM_WORLD
     experiment = InversionExperiment(load_campaign(name))
-    if world is not None and world.rank:
+    if world.rank:
         serve_coordinator(world, InstantRunner(experiment, world.rank, seconds), None)
         return
     with tempfile.TemporaryDirectory() as folder:
