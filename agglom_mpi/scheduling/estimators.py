@@ -177,7 +177,8 @@ class BatchSizer:
             Number of samples in a message.
         """
         work = size * self.mean_seconds
-        busy = ranks * self.message_seconds / work if work else 0.0
+        cost = self._costs.message + size * self._costs.sample
+        busy = ranks * cost / work if work else 0.0
         return 1.0 + (ranks - 1) * min(1.0, busy / BUSY_SHARE)
 
     def batches_per_rank(self, size: int) -> int:

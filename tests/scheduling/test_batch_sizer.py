@@ -121,3 +121,20 @@ def test_samples_that_cost_too_much_by_themselves_do_not_make_messages_long():
     for length in [1, 40] * 1000:
         sizer.learn_cost(50e-6 + length * 40e-6, 1, length)
     assert sizer.batch_size(1.0, 100, 1e4) < 20
+
+
+@examples(100, SECONDS, st.floats(0.0, 1e-2), st.integers(1, 10_000), st.integers(1, 1000))
+def test_rank_0_counts_as_one_rank_while_it_keeps_up_and_as_all_that_wait(
+    seconds, cost, ranks, size
+):
+    weight = costly_sizer(seconds, cost).range_weight(ranks, size)
+    assert 1.0 <= weight <= ranks
+    if 2.0 * ranks * cost < BUSY_SHARE * size * seconds:
+        assert weight <= 1.0 + 0.5 * ranks
+    if ranks * cost > size * seconds:
+        assert weight == ranks
+
+
+def test_where_messages_cost_nothing_rank_0_counts_as_one_rank():
+    assert sizer_of(1e-3, 0.0).range_weight(100, 10) == 1.0
+    assert BatchSizer().range_weight(100, 10) == 1.0
