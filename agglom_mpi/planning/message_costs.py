@@ -50,6 +50,13 @@ MEASURED_SECONDS: Final = 0.5
 """Time for each number of ranks, s."""
 
 
+OUTLIER: Final = 4.0
+"""Maximum excess of a poll's cost over the fit, relative to the median deviation from it."""
+
+ROUNDING: Final = 1e-6
+"""Excess relative to a cost that is only rounding."""
+
+
 class PollCost(NamedTuple):
     """Processor time of rank 0, s, for what one poll has brought, and how much that was."""
 
@@ -230,6 +237,10 @@ def fitted_costs(costs: list[PollCost]) -> MessageCosts:
     What a generation costs is no part of them: it does not depend on messages.
     """
     table = np.array(costs, float).reshape(-1, len(PollCost._fields))
+    found, _ = nnls(table[:, 1:], table[:, 0])
+    # What is computed or loaded for the first time, and another process, cost much once.
+    excess = table[:, 0] - table[:, 1:] @ found
+    table = table[excess <= OUTLIER * np.median(np.abs(excess)) + ROUNDING * table[:, 0]]
     found, _ = nnls(table[:, 1:], table[:, 0])
     message, part, sample, _ = found.tolist()
     return MessageCosts(LATENCY, message / 2.0 + MPI_SECONDS, sample, part)

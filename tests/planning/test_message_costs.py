@@ -41,6 +41,17 @@ def test_costs_are_those_that_polls_are_made_of():
     assert (costs.part, costs.sample) == pytest.approx((5e-6, 1e-6), rel=1e-3)
 
 
+def test_polls_that_cost_much_once_hardly_count():
+    chance = random.Random(2)
+    lengths = [(chance.randint(1, 4), chance.randint(1, 100)) for _ in range(200)]
+    polls = [PollCost(50e-6 * m + 1e-6 * m * n, m, m, m * n, 0) for m, n in lengths]
+    noisy = [poll._replace(seconds=poll.seconds * chance.uniform(0.8, 1.2)) for poll in polls]
+    noisy[0] = noisy[0]._replace(seconds=0.1)
+    costs = fitted_costs(noisy)
+    assert 2.0 * (costs.message - MPI_SECONDS) + costs.part == pytest.approx(50e-6, rel=0.2)
+    assert costs.sample == pytest.approx(1e-6, rel=0.2)
+
+
 def test_no_cost_is_negative():
     polls = [PollCost(1e-3 / n, n, n, n, 0) for n in range(1, 9)]
     assert min(fitted_costs(polls)) >= 0.0
