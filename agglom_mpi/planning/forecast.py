@@ -8,6 +8,9 @@ from agglom_mpi.config.campaign import Campaign
 WELL_USED: Final = 0.5
 """Minimum share of the ranks' time spent on needed samples for a number of ranks to be advised."""
 
+SATURATED: Final = 0.9
+"""Minimum share of its time that a saturated rank 0 spends on messages."""
+
 WALLTIME_MARGIN: Final = 2.0
 """Ratio of the advised walltime to the forecast: pilot strings are faster or slower than others."""
 
@@ -169,11 +172,10 @@ class PilotSummary(NamedTuple):
 
 
 class Saturation(NamedTuple):
-    """Ranks that rank 0 can just serve, its samples per s, and the mean time of a sample, s."""
+    """Fewest ranks of a forecast that fill rank 0's time, and the samples per s that it takes."""
 
-    ranks: float
+    ranks: int
     samples_per_second: float
-    mean_seconds: float
 
 
 class Advice(NamedTuple):
@@ -213,18 +215,12 @@ class ForecastReport(NamedTuple):
 
     @property
     def saturation(self) -> Saturation | None:
-        """Saturation of rank 0 by the forecast for the most ranks; None without a forecast.
-
-        The messages are as long as they are there.
-        """
-        if not self.forecasts:
+        """Saturation of rank 0 by the first row that shows it; None if none does."""
+        full = [f for f in self.forecasts if f.master >= SATURATED]
+        if not full:
             return None
-        most = max(self.forecasts, key=lambda f: f.ranks)
-        served = most.master * most.seconds
-        if not served:
-            return None
-        rate, mean_seconds = most.simulated / served, most.work / most.used
-        return Saturation(mean_seconds * rate, rate, mean_seconds)
+        first = min(full, key=lambda f: f.ranks)
+        return Saturation(first.ranks, first.simulated / first.seconds)
 
     @property
     def advice(self) -> Advice | None:

@@ -122,8 +122,8 @@ def _footer(report: ForecastReport) -> list[str]:
         )
     if (full := report.saturation) is not None:
         lines.append(
-            f"rank 0 is saturated near {max(1.0, full.ranks):.0f} ranks: it serves "
-            f"{full.samples_per_second:.0f} samples/s of {format_duration(full.mean_seconds)}"
+            f"rank 0 is saturated with {full.ranks} ranks: it takes "
+            f"{full.samples_per_second:.0f} samples/s, used or not"
         )
     again = any(f.again for f in report.forecasts)
     return [*lines, EXPLANATION, *([AGAIN] if again else []), *_advice(report)]

@@ -39,8 +39,8 @@ MPI_SECONDS: Final = 8e-6
 ARRIVED_TOGETHER: Final = 4
 """Number of messages that rank 0 finds when it polls."""
 
-SHORT_SECONDS: Final = 1e-5
-"""Time that samples are said to take, s, so that many are a batch."""
+SHORT_SECONDS: Final = 4e-4
+"""Time that samples are said to take, s: one rank gets up to fifty in a batch."""
 
 INSTANT_RANKS: Final = (64, 4, 1)
 """Numbers of ranks that answer at once. The fewer there are, the longer are the batches that the
@@ -53,8 +53,19 @@ MEASURED_SECONDS: Final = 0.5
 OUTLIER: Final = 4.0
 """Maximum excess of a poll's cost over the fit, relative to the median deviation from it."""
 
+REFITS: Final = 3
+"""Number of fits without the polls that are outliers of the one before."""
+
 ROUNDING: Final = 1e-6
 """Excess relative to a cost that is only rounding."""
+
+
+WARM_UP_POLLS: Final = 8
+"""Number of polls that are not measured: at its start, rank 0 proposes strings of several
+generations and puts them into its queues."""
+
+LEAST_POLLS: Final = 20
+"""Minimum number of measured polls of a campaign, or all polls count: it has few samples."""
 
 
 class PollCost(NamedTuple):
@@ -82,6 +93,8 @@ class InstantRanks:
         Row type of the results.
     ranks
         Number of ranks.
+    drawn
+        Samples by string, which later measurements of the same campaign use again.
 
     Attributes
     ----------
@@ -93,7 +106,12 @@ class InstantRanks:
     database_seconds = 0.0
 
     def __init__(
-        self, workload: Workload, inversion: Inversion, dtype: np.dtype, ranks: int
+        self,
+        workload: Workload,
+        inversion: Inversion,
+        dtype: np.dtype,
+        ranks: int,
+        drawn: dict[int, DrawnSamples],
     ) -> None:
         self.size = ranks
         self.hosts: dict[int, str] = {}
@@ -102,7 +120,7 @@ class InstantRanks:
         self._workload = workload
         self._inversion = inversion
         self._dtype = dtype
-        self._drawn: dict[int, DrawnSamples] = {}
+        self._drawn = drawn
         self._held: deque[tuple[int, NDArray[np.void]]] = deque()
         self._brought: tuple[int, int, int] = 0, 0, 0
         self._generation = 0
@@ -163,16 +181,23 @@ class InstantRanks:
 
 
 class _Limit(StopRequest):
-    """Ends a measurement after some time, or when all is decided."""
+    """Ends a measurement some time after the first polls, or when all is decided."""
 
-    def __init__(self, inversion: Inversion) -> None:
-        super().__init__(MEASURED_SECONDS)
+    def __init__(self, inversion: Inversion, ranks: InstantRanks) -> None:
+        super().__init__()
         self._inversion = inversion
+        self._ranks = ranks
+        self._begun: float | None = None
 
     @property
     def reason(self) -> str:
         """The reason to stop, as text."""
-        return "all is decided" if self._inversion.finished else super().reason
+        if self._inversion.finished:
+            return "all is decided"
+        if self._begun is None and len(self._ranks.costs) >= WARM_UP_POLLS:
+            self._begun = time.monotonic()
+        late = self._begun is not None and time.monotonic() - self._begun > MEASURED_SECONDS
+        return "enough is measured" if late else ""
 
 
 class _Unseen:
@@ -211,13 +236,16 @@ def measured_costs(
         If there is no room for a temporary campaign file.
     """
     costs: list[PollCost] = []
+    drawn: dict[int, DrawnSamples] = {}
     for ranks in INSTANT_RANKS:
         show("measuring what messages cost rank 0")
-        costs += poll_costs(experiment, workload, ranks)
+        costs += poll_costs(experiment, workload, ranks, drawn)
     return fitted_costs(costs)
 
 
-def poll_costs(experiment: Experiment, workload: Workload, ranks: int) -> list[PollCost]:
+def poll_costs(
+    experiment: Experiment, workload: Workload, ranks: int, drawn: dict[int, DrawnSamples]
+) -> list[PollCost]:
     """Return what each poll costs rank 0 with so many ranks."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "costs.h5"
@@ -226,9 +254,10 @@ def poll_costs(experiment: Experiment, workload: Workload, ranks: int) -> list[P
             coordinator = Coordinator(experiment, file, writer, _Unseen())
             inversion, dtype = coordinator.inversion, samples_schema(file.quantities).dtype
             coordinator.replay(StopRequest())
-            pool = InstantRanks(workload, inversion, dtype, ranks)
-            coordinator.run(cast(WorkerPool, pool), _Limit(inversion))
-    return pool.costs
+            pool = InstantRanks(workload, inversion, dtype, ranks, drawn)
+            coordinator.run(cast(WorkerPool, pool), _Limit(inversion, pool))
+    measured = pool.costs[WARM_UP_POLLS:]
+    return measured if len(measured) >= LEAST_POLLS else pool.costs
 
 
 def fitted_costs(costs: list[PollCost]) -> MessageCosts:
@@ -238,9 +267,9 @@ def fitted_costs(costs: list[PollCost]) -> MessageCosts:
     """
     table = np.array(costs, float).reshape(-1, len(PollCost._fields))
     found, _ = nnls(table[:, 1:], table[:, 0])
-    # What is computed or loaded for the first time, and another process, cost much once.
-    excess = table[:, 0] - table[:, 1:] @ found
-    table = table[excess <= OUTLIER * np.median(np.abs(excess)) + ROUNDING * table[:, 0]]
-    found, _ = nnls(table[:, 1:], table[:, 0])
+    for _ in range(REFITS):  # without what cost much once, as what is loaded for the first time
+        excess = table[:, 0] - table[:, 1:] @ found
+        table = table[excess <= OUTLIER * np.median(np.abs(excess)) + ROUNDING * table[:, 0]]
+        found, _ = nnls(table[:, 1:], table[:, 0])
     message, part, sample, _ = found.tolist()
     return MessageCosts(LATENCY, message / 2.0 + MPI_SECONDS, sample, part)

@@ -9,6 +9,7 @@ from rich.console import Console
 
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.planning.forecast import (
+    SATURATED,
     WELL_USED,
     Forecast,
     ForecastReport,
@@ -59,12 +60,13 @@ def test_the_advice_agrees_with_the_table(rows):
         assert (advice.ranks, advice.needed) in {(f.ranks, f.needed) for f in forecasts}
 
 
-def test_rank_0_is_saturated_where_its_time_in_the_row_of_the_most_ranks_ends():
-    busy = forecast(10, 20.0, work=100.0)._replace(master=0.25, simulated=50, used=40)
-    full = planned(forecast(1, 100.0), busy).saturation
-    assert full.samples_per_second == pytest.approx(50 / (0.25 * 20.0))
-    assert full.ranks == pytest.approx(full.samples_per_second * 100.0 / 40)
-    assert planned(forecast(1, 100.0)).saturation is None
+def test_rank_0_is_saturated_from_the_first_row_on_that_shows_it():
+    rows = [
+        forecast(ranks, 20.0)._replace(master=master, simulated=50)
+        for ranks, master in ((100, 1.0), (1, 0.1), (10, SATURATED))
+    ]
+    assert planned(*rows).saturation == (10, 2.5)
+    assert planned(rows[1]).saturation is None
 
 
 def test_the_walltime_is_twice_the_forecast_and_a_start_in_whole_five_minutes():

@@ -58,7 +58,7 @@ def test_no_cost_is_negative():
 
 
 def test_ranks_that_answer_at_once_take_a_campaign_to_its_end(measured):
-    polls = poll_costs(*measured, ranks=3)
+    polls = poll_costs(*measured, ranks=3, drawn={})
     assert all(1 <= poll.messages <= poll.parts <= poll.samples for poll in polls)
     assert min(poll.seconds for poll in polls) >= 0.0
     table = measured[0].table_sizes
