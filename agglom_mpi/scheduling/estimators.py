@@ -232,6 +232,8 @@ class SampleCountModel:
         sample
             Number of the sample in question, at least `used`.
         """
+        if sample == used:
+            return 1.0
         counts = self._used
         strings = len(counts)
         more_than_used = strings - bisect_right(counts, used)

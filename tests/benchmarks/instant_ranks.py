@@ -1,12 +1,13 @@
 """A campaign whose samples take no time, through the real rank 0: what it takes for them.
 
-    mpirun -n RANKS python instant_ranks.py CAMPAIGN.yaml SECONDS_OF_A_SAMPLE
+    mpirun -n RANKS python instant_ranks.py CAMPAIGN.yaml SECONDS_OF_A_SAMPLE [asleep]
 
 Every rank but 0 answers at once, with made-up results that follow from string and sample, and
 states that each sample took so long: by that the scheduler sets the length of messages. The thread
 of rank 0 that simulates sleeps. All else is the real program, from the message to the row in the
 file. Prints samples, messages and the processor time of rank 0's main thread, as JSON. Runs with
-earlier versions, too.
+earlier versions, too. `asleep` lets all ranks sleep for as long as they state, so that many have
+room on a few cores.
 """
 
 import json
@@ -48,7 +49,9 @@ class InstantTask:
         )
 
     def simulate_next(self, *_):
-        if not self._runner.rank:
+        if self._runner.asleep:
+            time.sleep(self._count * self._runner.seconds)
+        elif not self._runner.rank:
             time.sleep(0.05)
         return False
 
@@ -69,6 +72,7 @@ class InstantRunner(SampleRunner):
 
     def __init__(self, experiment, rank, seconds):
         super().__init__(experiment, rank)
+        self.seconds, self.asleep = seconds, "asleep" in sys.argv
         chance, rows = np.random.default_rng(1), np.zeros(RESULTS, RESULT)
         rows["state"] = 1
         rows["mean_radius_ratio"] = chance.normal(2.0, 0.1, RESULTS)
