@@ -27,6 +27,9 @@ from agglom_mpi.storage.finished_counts import finished_reason
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.writer import CampaignWriter
 
+FIRST_MESSAGES: Final = 50
+"""Number of messages whose costs count for nothing: what is done for the first time takes longer."""
+
 TICK: Final = 0.5
 """Seconds between updates of the display."""
 
@@ -74,6 +77,7 @@ class Coordinator:
         self._stored = file
         self._fresh = file.fresh_from, file.max_samples
         self._last_tick, self._may_assign = time.monotonic(), True
+        self._messages = 0  # with results
         self._spent = 0.0  # processor time on messages whose cost is not learnt yet, in s
         self._failures = FailureLog(writer, file, listener)
         self.silent: set[int] = set()
@@ -221,7 +225,9 @@ class Coordinator:
             self._spent += time.thread_time() - begun
             sizes = [len(message.results) for message in messages if len(message.results)]
             if sizes:
-                scheduler.batch_sizer.learn_cost(self._spent, len(sizes), sum(sizes))
+                self._messages += len(sizes)
+                if self._messages > FIRST_MESSAGES:
+                    scheduler.batch_sizer.learn_cost(self._spent, len(sizes), sum(sizes))
                 self._spent = 0.0
 
     def _assign(

@@ -191,14 +191,18 @@ def failed_sample(
     # What is no text, as half of a surrogate pair, is written as Python writes it.
     encoded, room = text.encode(errors="backslashreplace"), FAILED_SAMPLE["text"].itemsize
     if len(encoded) > room:
-        head = encoded[: encoded.find(b"\n") + 1][: room // 2] + _LEFT_OUT
+        first = encoded.partition(b"\n")[0]
+        head = first + _LEFT_OUT if len(first) <= _FIRST_LINE else b""
         encoded = head + encoded[len(head) - room :].decode(errors="ignore").encode()
     record["text"] = encoded
     return record
 
 
-_LEFT_OUT: Final = b"  ...\n"
-"""Line in place of those that a text has no room for."""
+_LEFT_OUT: Final = b"\n  ...\n"
+"""End of the first line of a text, and a line in place of those that it has no room for."""
+
+_FIRST_LINE: Final = 100
+"""Maximum length of a first line, such as that of a traceback, that a shortened text has."""
 
 
 def _host() -> bytes:

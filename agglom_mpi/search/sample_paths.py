@@ -79,8 +79,10 @@ class SampleBatch:
         """Return the grains per particle left of each sample, (n,), that began with `particles`."""
         found = self._grains.get(particles)
         if found is None:
-            with np.errstate(divide="ignore"):  # a failed sample has none; nobody asks for its
-                found = (particles / self.particles).tolist()
+            without = self.particles == 0
+            if (without & (self._rows["state"] == COMPLETED)).any():
+                raise ZeroDivisionError("a completed sample has no particles")
+            found = (particles / np.where(without, 1, self.particles)).tolist()
             self._grains[particles] = found
         return found
 
