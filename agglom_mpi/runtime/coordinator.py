@@ -28,7 +28,7 @@ from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.writer import CampaignWriter
 
 FIRST_MESSAGES: Final = 50
-"""Number of messages whose costs count for nothing: what is done for the first time takes longer."""
+"""Number of messages whose costs do not count: what is done for the first time takes longer."""
 
 TICK: Final = 0.5
 """Seconds between updates of the display."""
