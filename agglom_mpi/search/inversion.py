@@ -20,6 +20,7 @@ from agglom_mpi.search.methods.method import RunningSearch
 from agglom_mpi.search.proposals import AGAIN, Evaluations, Proposals
 from agglom_mpi.search.racing import RaceEntry, Racing
 from agglom_mpi.search.sample_paths import NewSamples, SampleBatch, SamplePart, extend
+from agglom_mpi.search.waiting_samples import WaitingSamples
 
 
 class Inversion:
@@ -98,7 +99,7 @@ class Inversion:
         self._open: dict[int, Ensemble] = {}
         self._ahead: dict[int, Ensemble] = {}
         self._ended: dict[int, Ensemble] = {}
-        self._waiting: dict[int, dict[int, SamplePart]] = {}  # by string and first sample
+        self._waiting = WaitingSamples()
         self._samples_used = 0
 
     @property
@@ -228,13 +229,7 @@ class Inversion:
             used = ensemble.samples_used
             if self.finished or ensemble.finished:
                 return False
-        runs = self._waiting.setdefault(string, {})
-        if runs or first < used:
-            size = part.end - part.begin
-            for start, stop in list(gaps(max(first, used), first + size, runs)):
-                runs[start] = part.part(start - first, stop - first)
-        else:
-            runs[first] = part
+        self._waiting.add(string, first, part, used)
         return True
 
     def _live(self, string: int) -> Ensemble | None:
@@ -275,23 +270,11 @@ class Inversion:
         for string in strings:
             ensemble = self._live(string)
             if ensemble is not None and not ensemble.finished:
-                parts = self._next_samples(string, ensemble.samples_used)
+                parts = self._waiting.take(string, ensemble.samples_used, self._limit(string))
                 if parts:
                     batches.append(NewSamples(ensemble, parts))
         if batches:
             extend(batches)
-
-    def _next_samples(self, string: int, used: int) -> list[SamplePart]:
-        """Take those samples that wait and follow the `used` ones without a gap."""
-        runs, limit, parts = self._waiting.get(string, {}), self._limit(string), []
-        while used < limit and (part := runs.pop(used, None)) is not None:
-            size = part.end - part.begin
-            if used + size > limit:
-                allowed = int(limit) - used
-                runs[int(limit)], part = part.part(allowed, size), part.part(0, allowed)
-            parts.append(part)
-            used += size
-        return parts
 
     def _limit(self, string: int) -> float:
         """Return how many samples a string may use before the others have caught up."""
@@ -308,7 +291,7 @@ class Inversion:
 
     def _close(self, string: int, ensemble: Ensemble) -> StringEvaluated:
         del self._open[string]
-        self._waiting.pop(string, None)
+        self._waiting.drop(string)
         self.results[string] = ensemble.result()
         self._ended[string] = ensemble
         self._samples_used += ensemble.samples_used
@@ -370,18 +353,6 @@ class Inversion:
             np.array([self._signed(result) for result in results]),
             np.array([self._ended[string].completed for string in self._numbers.tolist()]),
         )
-
-
-def gaps(begin: int, end: int, runs: Mapping[int, SamplePart]) -> Iterator[tuple[int, int]]:
-    """Yield begin and end of the parts of a range of samples that no run, by its first, holds."""
-    for first in sorted(runs):
-        if first >= end:
-            break
-        if begin < first:
-            yield begin, first
-        begin = max(begin, first + runs[first].end - runs[first].begin)
-    if begin < end:
-        yield begin, end
 
 
 def _race_entry(ensemble: Ensemble) -> RaceEntry:

@@ -11,7 +11,6 @@ from summary_rows import rows_of
 
 from agglom_mpi.outcome import summaries
 from agglom_mpi.search.ensemble import Ensemble
-from agglom_mpi.search.inversion import gaps
 from agglom_mpi.search.sample_paths import NewSamples, SampleBatch, SamplePart, extend
 from agglom_mpi.statistics import PlainMean, RunningMean
 
@@ -122,15 +121,3 @@ def test_a_path_of_a_mean_has_the_bits_of_its_steps(mean):
         assert columns[0][1:] == steps[at_once.count : at_once.count + len(part)]
         at_once.move(len(part), *(column[-1] for column in columns))
     assert vars(singly) == vars(at_once)
-
-
-@examples(200, st.lists(st.tuples(st.integers(0, 40), st.integers(1, 9))), st.integers(0, 30))
-def test_gaps_are_what_no_run_holds(given, begin):
-    batch = SampleBatch(rows_of([completed(2.0)]), summaries)
-    runs, held = {}, set()
-    for first, size in given:
-        if held.isdisjoint(range(first, first + size)):
-            runs[first] = SamplePart(batch, 100 + first, 100 + first + size)
-            held |= {*range(first, first + size)}
-    found = [sample for part in gaps(begin, begin + 12, runs) for sample in range(*part)]
-    assert found == [sample for sample in range(begin, begin + 12) if sample not in held]
