@@ -40,7 +40,7 @@ ARRIVED_TOGETHER: Final = 4
 """Number of messages that rank 0 finds when it polls."""
 
 SHORT_SECONDS: Final = 4e-4
-"""Time that samples are said to take, s: one rank gets up to fifty in a batch."""
+"""Stated time of a sample, s: one rank gets up to fifty in a batch."""
 
 INSTANT_RANKS: Final = (64, 4, 1)
 """Numbers of ranks that answer at once. The fewer there are, the longer are the batches that the
@@ -246,7 +246,7 @@ def measured_costs(
 def poll_costs(
     experiment: Experiment, workload: Workload, ranks: int, drawn: dict[int, DrawnSamples]
 ) -> list[PollCost]:
-    """Return what each poll costs rank 0 with so many ranks."""
+    """Return what each poll costs rank 0, with a number of ranks that answer at once."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "costs.h5"
         file = prepare(path, experiment, accept_code_change=False)
