@@ -29,7 +29,7 @@ def strings_of(found):
 
 def test_sobol_points_of_all_generations_are_one_scrambled_sequence():
     strings = strings_of(batches(sobol_search(unit_box(), 5, 7), 9))
-    scramble = search_stream(5, SOBOL_SCRAMBLE)
+    scramble = search_stream(5, SOBOL_SCRAMBLE, 0)
     wanted = qmc.Sobol(TEN.count, bits=SOBOL_BITS, rng=scramble).random(64)
     assert np.array_equal(strings[:63], wanted[:63])
 
