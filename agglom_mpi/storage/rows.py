@@ -22,12 +22,19 @@ _SHORT: Final = 1 << 16
 class Rows:
     """Reading and writing of ranges of one dataset.
 
-    A file that this process alone writes is read and written through HDF5's descriptor, but past
-    HDF5, which takes ten times as long to find that it has nothing to convert. Elsewhere the
-    low-level calls take a fifteenth of the time of `dataset[a:b] = rows`.
+    HDF5's low-level calls take a fifteenth of the time of `dataset[a:b] = rows`.
+
+    Parameters
+    ----------
+    dataset, path
+        The dataset, and the name of its file.
+    direct
+        Read and write through HDF5's descriptor, but past HDF5, which takes ten times as long to
+        find that it has nothing to convert. Only in a file that this process alone has open for
+        writing: to find the driver of a file that ranks have open together is a collective call.
     """
 
-    def __init__(self, dataset: h5py.Dataset, path: Path) -> None:
+    def __init__(self, dataset: h5py.Dataset, path: Path, *, direct: bool = False) -> None:
         self.name: str = dataset.name
         self.dtype: np.dtype = dataset.dtype
         self.capacity: int = dataset.shape[0]
@@ -36,7 +43,7 @@ class Rows:
         self._id = dataset.id
         self._type = dataset.id.get_type()
         self._space = dataset.id.get_space()
-        self._begin = _offset(dataset) if dataset.file.mode == "r+" else None
+        self._begin = _offset(dataset) if direct else None
         self._descriptor = -1 if self._begin is None else dataset.file.id.get_vfd_handle()
 
     def read(self, first: int, count: int) -> np.ndarray:

@@ -134,6 +134,8 @@ class SampleWriter:
         Measures the time spent on writing.
     check
         Called before rows are written; may raise an OSError.
+    direct
+        Whether this process alone has the file open for writing; see `Rows`.
 
     Attributes
     ----------
@@ -147,16 +149,18 @@ class SampleWriter:
         path: Path,
         clock: WriteClock,
         check: Callable[[], None] = lambda: None,
+        *,
+        direct: bool = False,
     ) -> None:
         self.written = 0
         self._check = check
         self._clock = clock
         room = {"string": int(file.attrs["strings"]), "sample": int(file.attrs["max_samples"])}
-        self._table = Table(file, "samples", path)
+        self._table = Table(file, "samples", path, direct=direct)
         self._buffer = RowBuffer(room, self._table.dtype)
         self._finals: Table | None = None
         if "final_particles" in file:
-            self._finals = Table(file, "final_particles", path)
+            self._finals = Table(file, "final_particles", path, direct=direct)
             self._waiting_finals = RowBuffer(room, self._finals.dtype)
 
     def put(self, records: np.ndarray, finals: np.ndarray | None = None) -> None:

@@ -34,6 +34,8 @@ class ValidRows(NamedTuple):
 class Table:
     """A dataset of rows with checksums, and the dataset of their done bytes.
 
+    `direct` is that of `Rows`.
+
     Attributes
     ----------
     dtype
@@ -44,9 +46,9 @@ class Table:
         The done bytes.
     """
 
-    def __init__(self, file: h5py.File, name: str, path: Path) -> None:
-        self.rows = Rows(file[name], path)
-        self.done = Rows(file[f"{name}_done"], path)
+    def __init__(self, file: h5py.File, name: str, path: Path, *, direct: bool = False) -> None:
+        self.rows = Rows(file[name], path, direct=direct)
+        self.done = Rows(file[f"{name}_done"], path, direct=direct)
         self.dtype = self.rows.dtype
         if file.attrs["format_version"] < FORMAT_VERSION:
             now = table_schemas({**file.attrs, "format_version": FORMAT_VERSION})

@@ -91,9 +91,11 @@ class CampaignWriter:
     def _open(self, file: h5py.File) -> None:
         self._file = file
         self._fingerprint = Fingerprint(file, self.path, self._descriptor)
-        self.samples = SampleWriter(file, self.path, self.clock, self._check_file)
+        alone = not self.parallel
+        self.samples = SampleWriter(file, self.path, self.clock, self._check_file, direct=alone)
         self._tables = {
-            name: Table(file, name, self.path) for name in ("strings", "results", "generations")
+            name: Table(file, name, self.path, direct=alone)
+            for name in ("strings", "results", "generations")
         }
         self.frames = FrameWriter(file, self.path, self._writing)
         self.log = RunLog(file, self.path, self._writing)
