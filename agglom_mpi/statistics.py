@@ -31,29 +31,26 @@ class PlainMean:
         self.count += 1
         self.mean = value if self.count == 1 else self.mean + (value - self.mean) / self.count
 
-    def path(self, values: Sequence[float]) -> list[float]:
-        """Return the mean as it is now and after each of n further values, (n + 1,); add none."""
-        count, mean = self.count, self.mean
-        means = [mean]
-        for value in values:
-            count += 1
-            mean = mean + (value - mean) / count if count > 1 else value
-            means.append(mean)
-        return means
-
-    def move(self, values: int, mean: float) -> None:
-        """Go on to a point of `path`, a number of values further."""
-        self.count += values
-        self.mean = mean
+    def set(self, count: int, mean: float) -> None:
+        """Go on from the mean of a number of values, which has been computed elsewhere."""
+        self.count, self.mean = count, mean
 
 
 class RunningMean:
-    """Mean and standard error of the values so far (Welford, Technometrics 4, 1962, 419)."""
+    """Mean and standard error of the values so far (Welford, Technometrics 4, 1962, 419).
+
+    Attributes
+    ----------
+    count, mean
+        Number of values so far, and their mean; nan without any.
+    squares
+        Sum of the squared distances of the values from their mean.
+    """
 
     def __init__(self) -> None:
         self.count = 0
         self.mean = math.nan
-        self._squares = 0.0
+        self.squares = 0.0
 
     def add(self, value: float) -> None:
         """Add one value."""
@@ -63,38 +60,18 @@ class RunningMean:
             return
         step = value - self.mean
         self.mean += step / self.count
-        self._squares += step * (value - self.mean)
+        self.squares += step * (value - self.mean)
 
-    def path(self, values: Sequence[float]) -> tuple[list[float], list[float]]:
-        """Return mean and sum of squares as they are now and after each of n further values.
-
-        Both are of n + 1 numbers, with the bits that `add` gives. No value is added.
-        """
-        count, mean, squares = self.count, self.mean, self._squares
-        means, sums = [mean], [squares]
-        for value in values:
-            count += 1
-            if count == 1:
-                mean = value
-            else:
-                step = value - mean
-                mean += step / count
-                squares += step * (value - mean)
-            means.append(mean)
-            sums.append(squares)
-        return means, sums
-
-    def move(self, values: int, mean: float, squares: float) -> None:
-        """Go on to a point of `path`, a number of values further."""
-        self.count += values
-        self.mean, self._squares = mean, squares
+    def set(self, count: int, mean: float, squares: float) -> None:
+        """Go on from mean and squares of a number of values, which were computed elsewhere."""
+        self.count, self.mean, self.squares = count, mean, squares
 
     @property
     def standard_error(self) -> float:
         """Standard error of the mean; nan below two values."""
         if self.count < 2:
             return math.nan
-        return math.sqrt(self._squares / (self.count - 1) / self.count)
+        return math.sqrt(self.squares / (self.count - 1) / self.count)
 
 
 class PooledMoments:

@@ -32,6 +32,7 @@ _KERNEL_SOURCES: Final = (
     "declaration/*.py",
     "outcome.py",
     "physics/*.py",
+    "search/mean_paths.py",
     "simulation/**/*.py",
 )
 
@@ -78,7 +79,7 @@ LOG: Final = logging.getLogger(__name__)
 
 @functools.cache
 def sources_digest() -> str:
-    """Return a hash of all sources that decide what a sample computes: 64 hexadecimal digits."""
+    """Return a hash of all sources that end up in kernels: 64 hexadecimal digits."""
     digest = hashlib.sha256()
     for pattern in _KERNEL_SOURCES:
         for path in sorted(_PACKAGE.glob(pattern)):

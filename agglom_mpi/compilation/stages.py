@@ -56,6 +56,11 @@ def attach(compiler: Any) -> None:
     _WAITING.clear()
 
 
+def compiler_is_loaded() -> bool:
+    """Return whether a kernel has been declared, for which the compiler is loaded."""
+    return bool(_COMPILERS)
+
+
 def _give(declare: Callable[[Any], None]) -> None:
     if _COMPILERS:
         declare(_COMPILERS[0])

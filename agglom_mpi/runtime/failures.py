@@ -47,7 +47,7 @@ class FailureLog:
 
     def add_samples(self, rows: NDArray[np.void]) -> None:
         """Count the failed ones among samples, rows of `/samples`, (n,)."""
-        if FAILED not in rows["state"].tolist():
+        if FAILED not in rows["state"].tobytes():
             return
         for row in rows[rows["state"] == FAILED]:
             if row["reason"] in (FailureReason.EXCEPTION, FailureReason.TIMED_OUT):

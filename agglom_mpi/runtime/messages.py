@@ -214,6 +214,6 @@ def storable(results: NDArray[np.void]) -> NDArray[np.void]:
 
     A sample that took too long may be tried again, and one that was left out has no result.
     """
-    if _NOT_FINAL.isdisjoint(results["reason"].tolist()):
+    if _NOT_FINAL.isdisjoint(results["reason"].tobytes()):
         return results
     return results[~np.isin(results["reason"], list(_NOT_FINAL))]

@@ -26,9 +26,9 @@ from agglom_mpi.storage.table import (
     concatenated,
     generation_digest,
     make_row,
+    places_used,
     rows_at,
     runs_of,
-    used_samples,
 )
 from agglom_mpi.storage.writer import CampaignWriter, GenerationRow
 
@@ -110,9 +110,10 @@ class DigestAccumulator:
         results = concatenated([self._results[string] for string in strings], RESULTS.dtype)
         samples = concatenated(self._samples, self._schema.dtype)
         self._samples = [rows_at(samples, samples["string"] > strings[-1])]
-        used = used_samples(samples, results)
-        used = rows_at(used, used["reason"] != FailureReason.TIMED_OUT)  # they are in no row
-        return generation_digest(self._parameters, results, used, self._version, self._schema)
+        used = places_used(samples, results)
+        stored = samples["reason"][used] != FailureReason.TIMED_OUT  # these are in no row
+        rows = rows_at(samples, used[stored])
+        return generation_digest(self._parameters, results, rows, self._version, self._schema)
 
 
 class RunRecorder:

@@ -38,7 +38,7 @@ class ReturnedSamples(NamedTuple):
 
     def split(self, fresh_from: int) -> tuple["ReturnedSamples | None", "ReturnedSamples | None"]:
         """Split into samples of the search and fresh ones, numbered from `fresh_from` on."""
-        if max(self.rows["sample"].tolist()) < fresh_from:
+        if self.rows["sample"].max() < fresh_from:
             return self, None
         fresh = self.rows["sample"] >= fresh_from
         return self._where(~fresh), self._where(fresh)
@@ -90,14 +90,14 @@ def first_returns(
         If a rank sent something else than what it was to do next.
     """
     rows = returned.rows
-    done = [reason != NOT_NEEDED for reason in rows["reason"].tolist()]
+    done = _done(rows)
     scheduler.batch_sizer.learn(list(compress(rows["seconds"].tolist(), done)))
-    strings, samples = rows["string"].tolist(), rows["sample"].tolist()
+    strings, samples = rows["string"], rows["sample"]
     found: dict[int, None] = {}
     parts, begin = [], 0
     for rank, count in returned.counts:
         for part, new in scheduler.returned(rank, done[begin : begin + count]):
-            check_order(rank, part, (strings[begin], samples[begin]))
+            check_order(rank, part, (strings.item(begin), samples.item(begin)))
             found[part.string] = None
             for where in new:
                 first = part.first + where.start
@@ -106,6 +106,14 @@ def first_returns(
     if sum(part.end - part.begin for part in parts) == len(rows):
         return FirstReturns(list(found), parts, rows, rows[:0])
     return FirstReturns(list(found), *_only(rows, parts), rows[rows["reason"] == NOT_NEEDED])
+
+
+def _done(rows: Rows) -> list[bool]:
+    """Return whether each of some samples was simulated, not left out as unnecessary."""
+    reasons = rows["reason"].tobytes()
+    if NOT_NEEDED not in reasons:
+        return [True] * len(rows)
+    return [reason != NOT_NEEDED for reason in reasons]
 
 
 def _only(rows: Rows, parts: list[NewPart]) -> tuple[list[NewPart], Rows]:

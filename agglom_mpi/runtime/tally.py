@@ -97,7 +97,7 @@ class RunTally:
         """Count samples, rows of `/samples`, (n,), each once."""
         self.samples += len(results)
         self.count_skipped(results)
-        self._failed += results["state"].tolist().count(FAILED)
+        self._failed += results["state"].tobytes().count(FAILED)
 
     def count_fresh(self, results: NDArray[np.void]) -> None:
         """Count samples that no decision is made from, (n,), each once."""
@@ -107,8 +107,8 @@ class RunTally:
 
     def count_skipped(self, results: NDArray[np.void]) -> None:
         """Count the time of samples, (n,), that were begun at most, being unnecessary."""
-        self.busy_seconds += sum(results["seconds"].tolist())
-        self.cpu_seconds += sum(results["cpu_seconds"].tolist())
+        self.busy_seconds += float(results["seconds"].sum())
+        self.cpu_seconds += float(results["cpu_seconds"].sum())
 
 
 def _seconds_of_legs(data: CampaignData) -> float:

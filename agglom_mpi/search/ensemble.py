@@ -33,27 +33,19 @@ class EnsembleResult(NamedTuple):
     """Mean over samples of grains per particle left, which is not `growth_number`."""
 
 
-class EnsemblePath(NamedTuple):
-    """States of an ensemble, now and after each of n further samples: lists of n + 1 numbers.
-
-    Attributes
-    ----------
-    completed
-        Number of completed samples now.
-    ratios
-        Means of b^f/b⁰ over samples.
-    deviations, squares
-        Means over samples of the quantity whose magnitude is the objective, and sums of the squared
-        distances from them.
-    grains
-        Means over samples of the grains per particle left.
-    """
+class EnsembleMeans(NamedTuple):
+    """Running means of an ensemble: after each completed sample, they lead to the next ones."""
 
     completed: int
-    ratios: list[float]
-    deviations: list[float]
-    squares: list[float]
-    grains: list[float]
+    """Number of completed samples."""
+    ratio: float
+    """Mean of b^f/b⁰ over samples; nan without any, as the other means."""
+    deviation: float
+    """Mean over samples of the quantity whose magnitude is the objective."""
+    squares: float
+    """Sum of the squared distances from that mean."""
+    grains: float
+    """Mean over samples of the grains per particle left."""
 
 
 class Ensemble:
@@ -119,61 +111,48 @@ class Ensemble:
         self.finished = self._converged or given_up or self.samples_used >= self.max_samples
 
     @property
-    def follows_paths(self) -> bool:
-        """Whether completed samples may be added by `path` and `follow`, not one by one.
+    def follows_means(self) -> bool:
+        """Whether completed samples may be added by `means` and `follow`, not one by one.
 
         The objective must be one of the mean radius, the rule one without higher moments. Failed
-        samples may end an ensemble, so that it takes no path after them.
+        samples may end an ensemble, so that they and those after them are added one by one.
         """
         means_suffice = isinstance(self._objective, RadiusAccumulator)
         return means_suffice and not (self.rule.needs_moments or self.failed or self._before[1])
 
     @property
     def radius_objective(self) -> RadiusObjective:
-        """The objective, where the ensemble follows paths."""
+        """The objective, where the ensemble follows means."""
         assert isinstance(self._objective, RadiusAccumulator)
         return self._objective.objective
 
-    def path(
-        self, ratios: list[float], deviations: list[float], grains: list[float]
-    ) -> EnsemblePath:
-        """Return the states after each of n completed samples; none is added.
-
-        Parameters
-        ----------
-        ratios, deviations, grains
-            Of each sample the mean of b^f/b⁰, its deviation for `radius_objective`, and the grains
-            per particle left.
-        """
+    @property
+    def means(self) -> EnsembleMeans:
+        """The running means, where the ensemble follows them."""
         assert isinstance(self._objective, RadiusAccumulator)
-        return EnsemblePath(
-            self._ratio.count,
-            self._ratio.path(ratios),
-            *self._objective.mean.path(deviations),
-            self._grains.path(grains),
+        ratio, deviation = self._ratio, self._objective.mean
+        return EnsembleMeans(
+            ratio.count, ratio.mean, deviation.mean, deviation.squares, self._grains.mean
         )
 
-    def follow(self, path: EnsemblePath, samples: int, converges: bool) -> None:
-        """Add the first samples of a path, or as many of them as there may be.
+    def follow(self, means: EnsembleMeans, converged: bool) -> None:
+        """Add completed samples, at most as many as there may be.
 
         Parameters
         ----------
-        path
-            From `path`, with no sample added since.
-        samples
-            Their number.
-        converges
+        means
+            The running means with them.
+        converged
             Whether the rule holds after the last of them.
         """
         assert isinstance(self._objective, RadiusAccumulator)
-        added = min(samples, self.max_samples - self.samples_used)
-        self._converged = converges and added == samples
-        self.samples_used += added
-        self._ratio.move(added, path.ratios[added])
-        self._objective.mean.move(added, path.deviations[added], path.squares[added])
-        self._grains.move(added, path.grains[added])
+        self.samples_used += means.completed - self._ratio.count
+        self._ratio.set(means.completed, means.ratio)
+        self._objective.mean.set(means.completed, means.deviation, means.squares)
+        self._grains.set(means.completed, means.grains)
         self._last = None
-        self.finished = self._converged or self.samples_used >= self.max_samples
+        self._converged = converged
+        self.finished = converged or self.samples_used >= self.max_samples
 
     def resample(self, samples: int) -> "Ensemble":
         """Return an ensemble that continues this one with `samples` more, numbered from 0.

@@ -1,12 +1,12 @@
-"""Many samples at once: ensembles that follow the running means of arrays of samples.
+"""Many samples at once: ensembles that follow their running means through arrays of samples.
 
-An ensemble's decisions depend on its samples in their order, so the running means are computed one
-after the other, by the same operations as `RunningMean.add`. All else is done for the samples of
-many ensembles together: one call of the stopping rule decides where each of them ends.
+An ensemble's decisions depend on its samples in their order. So the running means of many ensembles
+are computed one sample after the other, by one compiled loop; then one call of the stopping rule
+decides where each of them ends.
 """
 
 from bisect import bisect_left
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from typing import NamedTuple
 
@@ -14,18 +14,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.outcome import COMPLETED, SampleSummary
-from agglom_mpi.search.ensemble import Ensemble, EnsemblePath
+from agglom_mpi.search.ensemble import Ensemble, EnsembleMeans
+from agglom_mpi.search.mean_paths import MeanPaths, mean_paths
 from agglom_mpi.search.objectives.objective import Objective, RadiusObjective
 from agglom_mpi.search.stopping import EnsembleState, StoppingRule, rows_of
 
 Rows = NDArray[np.void]
+Floats = NDArray[np.float64]
+
+RATIO, DEVIATION, GRAINS = range(3)
+"""Numbers of a sample whose means are followed; see `EnsembleMeans`."""
 
 EARLIER, LATER = slice(None, -1), slice(1, None)
 """States before and after each step of a path."""
 
 
 class SampleBatch:
-    """Samples of any strings, with the columns that ensembles need as lists.
+    """Samples of any strings.
 
     Parameters
     ----------
@@ -33,58 +38,56 @@ class SampleBatch:
         With the columns of `outcome.OUTCOME`, (n,).
     summarise
         Returns the summaries of rows, for ensembles that take one sample after the other.
-
-    Attributes
-    ----------
-    ratios, particles
-        Mean of b^f/b⁰ and number of particles left of each sample, (n,).
     """
 
     def __init__(self, rows: Rows, summarise: Callable[[Rows], list[SampleSummary]]) -> None:
-        self.ratios: NDArray[np.float64] = rows["mean_radius_ratio"]
-        self.particles: NDArray[np.int64] = rows["particles"]
         self._rows = rows
         self._summarise = summarise
-        self._deviations: dict[int, tuple[Objective, list[float]]] = {}
-        self._grains: dict[int, list[float]] = {}
+        self._numbers: dict[tuple[int, int], tuple[Objective, Floats]] = {}
 
     @cached_property
-    def all_completed(self) -> bool:
-        """Whether no sample failed."""
-        states = self._rows["state"].tolist()
-        return states.count(COMPLETED) == len(states)
+    def _all_completed(self) -> bool:
+        return self._rows["state"].tobytes().count(COMPLETED) == len(self._rows)
 
     def completed(self, begin: int, end: int) -> bool:
         """Return whether none of a range of samples failed."""
-        return self.all_completed or bool((self._rows["state"][begin:end] == COMPLETED).all())
+        return self._all_completed or bool((self._rows["state"][begin:end] == COMPLETED).all())
 
     def summaries(self, begin: int, end: int) -> list[SampleSummary]:
         """Return the summaries of a range of samples."""
         return self._summarise(self._rows[begin:end])
 
-    @cached_property
-    def ratio_list(self) -> list[float]:
-        """The same as `ratios`."""
-        return self.ratios.tolist()
+    def numbers(self, objective: RadiusObjective, particles: int) -> Floats:
+        """Return the numbers of each sample whose means an ensemble follows, (3, n).
 
-    def deviations(self, objective: RadiusObjective) -> list[float]:
-        """Return the deviation of each sample, (n,), whose ensemble mean an objective counts."""
-        found = self._deviations.get(id(objective))
+        Parameters
+        ----------
+        objective
+            That of the ensemble.
+        particles
+            Number of particles at the start of a sample.
+
+        Raises
+        ------
+        ZeroDivisionError
+            If a completed sample has no particles.
+        """
+        key = id(objective), particles
+        found = self._numbers.get(key)
         if found is None:  # with the objective, whose identity no other one gets as long as it is
-            found = objective, objective.deviation(self.ratios).tolist()
-            self._deviations[id(objective)] = found
+            found = self._numbers[key] = objective, self._compute_numbers(objective, particles)
         return found[1]
 
-    def grains(self, particles: int) -> list[float]:
-        """Return the grains per particle left of each sample, (n,), that began with `particles`."""
-        found = self._grains.get(particles)
-        if found is None:
-            without = self.particles == 0
-            if (without & (self._rows["state"] == COMPLETED)).any():
+    def _compute_numbers(self, objective: RadiusObjective, particles: int) -> Floats:
+        left, numbers = self._rows["particles"], np.empty((3, len(self._rows)))
+        numbers[RATIO] = self._rows["mean_radius_ratio"]
+        numbers[DEVIATION] = objective.deviation(numbers[RATIO])
+        if not left.all():
+            if (self._rows["state"][left == 0] == COMPLETED).any():
                 raise ZeroDivisionError("a completed sample has no particles")
-            found = (particles / np.where(without, 1, self.particles)).tolist()
-            self._grains[particles] = found
-        return found
+            left = np.where(left == 0, 1, left)
+        np.divide(particles, left, out=numbers[GRAINS])
+        return numbers
 
 
 class SamplePart(NamedTuple):
@@ -105,30 +108,31 @@ class NewSamples(NamedTuple):
     ensemble: Ensemble
     parts: list[SamplePart]
 
-    def path(self) -> EnsemblePath:
-        """Return the path of the ensemble through the samples."""
+    @property
+    def follows_means(self) -> bool:
+        """Whether the ensemble can follow its means through the samples."""
+        return self.ensemble.follows_means and all(
+            batch.completed(begin, end) for batch, begin, end in self.parts
+        )
+
+    def numbers(self) -> list[Floats]:
+        """Return the numbers whose means are followed, (3, n) of each part."""
         objective, particles = self.ensemble.radius_objective, self.ensemble.particles
-        ratios, deviations, grains = [], [], []
-        for batch, begin, end in self.parts:
-            ratios += batch.ratio_list[begin:end]
-            deviations += batch.deviations(objective)[begin:end]
-            grains += batch.grains(particles)[begin:end]
-        return self.ensemble.path(ratios, deviations, grains)
+        return [
+            batch.numbers(objective, particles)[:, begin:end] for batch, begin, end in self.parts
+        ]
 
 
 def extend(batches: Sequence[NewSamples]) -> None:
     """Add samples to ensembles, to each as many as it needs; each ensemble stands there once."""
-    by_rule: dict[int, list[tuple[Ensemble, EnsemblePath]]] = {}
+    by_rule: dict[int, list[NewSamples]] = {}
     for new in batches:
-        ensemble = new.ensemble
-        if ensemble.follows_paths and all(
-            batch.completed(begin, end) for batch, begin, end in new.parts
-        ):
-            by_rule.setdefault(id(ensemble.rule), []).append((ensemble, new.path()))
+        if new.follows_means:
+            by_rule.setdefault(id(new.ensemble.rule), []).append(new)
         else:
             _add_one_by_one(new)
     for group in by_rule.values():
-        _follow(group[0][0].rule, group)
+        _follow(group[0].ensemble.rule, group)
 
 
 def _add_one_by_one(new: NewSamples) -> None:
@@ -139,34 +143,56 @@ def _add_one_by_one(new: NewSamples) -> None:
             new.ensemble.add(outcome)
 
 
-def _follow(rule: StoppingRule, group: list[tuple[Ensemble, EnsemblePath]]) -> None:
-    """Let ensembles of one rule follow their paths, each to where the rule first holds."""
-    ends, fewest = _where_it_holds(rule, [path for _, path in group]), max(rule.min_samples, 2)
-    begin = 0
-    for ensemble, path in group:
-        samples = len(path.ratios) - 1
+def _follow(rule: StoppingRule, group: list[NewSamples]) -> None:
+    """Let ensembles of one rule follow their means, each to where the rule first holds."""
+    sizes = [sum(end - begin for _, begin, end in new.parts) for new in group]
+    paths = _paths(group, sizes)
+    ends, fewest = _where_it_holds(rule, paths), max(rule.min_samples, 2)
+    begin, states, converged = 0, [], []
+    for (ensemble, _), size in zip(group, sizes, strict=True):
         # One sample satisfies no rule.
-        place = bisect_left(ends, begin + max(0, fewest - path.completed - 1))
-        converges = place < len(ends) and ends[place] < begin + samples
-        ensemble.follow(path, ends[place] - begin + 1 if converges else samples, converges)
-        begin += samples + 1
+        place = bisect_left(ends, begin + max(0, fewest - ensemble.completed - 1))
+        added, allowed = size, ensemble.max_samples - ensemble.samples_used
+        converges = place < len(ends) and ends[place] < begin + size
+        if converges:
+            added = ends[place] - begin + 1
+        converged.append(converges and added <= allowed)
+        states.append(begin + min(added, allowed))
+        begin += size + 1
+    for (ensemble, _), means, converges in zip(
+        group, _means_at(paths, states), converged, strict=True
+    ):
+        ensemble.follow(means, converges)
 
 
-def _where_it_holds(rule: StoppingRule, paths: list[EnsemblePath]) -> list[int]:
+def _paths(group: list[NewSamples], sizes: list[int]) -> MeanPaths:
+    """Return the running means of ensembles before and after each of their new samples."""
+    numbers = [each for new in group for each in new.numbers()]
+    now = [new.ensemble.means for new in group]
+    means = np.array([(each.ratio, each.deviation, each.grains) for each in now])
+    squares = np.array([(0.0, each.squares, 0.0) for each in now])
+    counts = [each.completed for each in now]
+    return mean_paths(np.concatenate(numbers, axis=1), sizes, counts, means, squares)
+
+
+def _means_at(paths: MeanPaths, states: list[int]) -> Iterator[EnsembleMeans]:
+    """Yield the means of some states of paths."""
+    ratios, deviations, grains = paths.means[:, states].tolist()
+    counts, squares = paths.counts[states].tolist(), paths.squares[DEVIATION, states].tolist()
+    return map(EnsembleMeans, counts, ratios, deviations, squares, grains)
+
+
+def _where_it_holds(rule: StoppingRule, paths: MeanPaths) -> list[int]:
     """Return the numbers of the steps of all paths at which a rule holds, ascending.
 
-    The paths lie one behind the other: step i leads from state i to state i + 1, and the step from
-    the end of one path to the beginning of the next has no meaning.
+    Step i leads from state i to state i + 1. That from the end of one path to the beginning of the
+    next has no meaning.
     """
-    columns: tuple[list[float], ...] = [], [], [], []
-    for count, *numbers, _ in paths:
-        counts = range(count, count + len(numbers[0]))
-        for column, part in zip(columns, (counts, *numbers), strict=True):
-            column.extend(part)
-    counts, ratios, means, squares = np.array(columns)[:, :, None]
+    counts, ratios = paths.counts[:, None], paths.means[RATIO][:, None]
+    objectives = np.abs(paths.means[DEVIATION][:, None])
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        errors = np.sqrt(squares / (counts - 1.0) / counts)
-        states = EnsembleState(counts.astype(np.int64), ratios, np.abs(means), errors, None)
+        errors = np.sqrt(paths.squares[DEVIATION][:, None] / (counts - 1) / counts)
+        states = EnsembleState(counts, ratios, objectives, errors, None)
         holds = rule.holds(rows_of(states, EARLIER), rows_of(states, LATER))
     if isinstance(holds, np.ndarray):
         return np.flatnonzero(holds).tolist()

@@ -97,8 +97,7 @@ class RowBuffer:
         if not len(records):
             return
         for name, room in self._room.items():
-            numbers = records[name].tolist()
-            for number in min(numbers), max(numbers):
+            for number in records[name].min(), records[name].max():
                 if not 0 <= number < room:
                     raise IndexError(f"{name} {number}: there is room for 0 to {room - 1}")
         if not self._count:

@@ -142,7 +142,7 @@ def concatenated(parts: Sequence[np.ndarray], dtype: np.dtype) -> np.ndarray:
     """
     if len(parts) == 1:
         return parts[0]
-    return np.frombuffer(bytearray(b"".join(part.tobytes() for part in parts)), dtype)
+    return np.frombuffer(bytearray().join(part.tobytes() for part in parts), dtype)
 
 
 def rows_at(rows: np.ndarray, where: np.ndarray) -> np.ndarray:
@@ -229,14 +229,19 @@ def generation_digest(
 
 def used_samples(samples: np.ndarray, results: np.ndarray) -> np.ndarray:
     """Return the rows that the results rest on: each once, by string and sample."""
+    return rows_at(samples, places_used(samples, results))
+
+
+def places_used(samples: np.ndarray, results: np.ndarray) -> np.ndarray:
+    """Return where the rows of `used_samples` are among all, (n,) int64."""
     if not len(samples) or not len(results):
-        return samples[:0]
+        return np.zeros(0, np.int64)
     most = np.zeros(1 + max(samples["string"].max(), results["string"].max()), np.int64)
     most[results["string"]] = results["samples_used"]
     strings, numbers = samples["string"], samples["sample"]
     used = np.flatnonzero(numbers < most[strings])
     places = strings[used] * (1 + most.max()) + numbers[used]
-    return rows_at(samples, used[np.unique(places, return_index=True)[1]])
+    return used[np.unique(places, return_index=True)[1]]
 
 
 def _packed(rows: np.ndarray) -> bytes:

@@ -1,7 +1,6 @@
 """Ensembles that are given many samples at once do, bit for bit, what they do one by one."""
 
 import numpy as np
-import pytest
 from examples import examples
 from goals import growth_target, maximum_growth
 from hypothesis import strategies as st
@@ -11,8 +10,9 @@ from summary_rows import rows_of
 
 from agglom_mpi.outcome import summaries
 from agglom_mpi.search.ensemble import Ensemble
+from agglom_mpi.search.mean_paths import mean_paths
 from agglom_mpi.search.sample_paths import NewSamples, SampleBatch, SamplePart, extend
-from agglom_mpi.statistics import PlainMean, RunningMean
+from agglom_mpi.statistics import RunningMean
 
 RULES = (
     difference(1e-3),
@@ -107,17 +107,29 @@ def test_a_resampled_ensemble_follows_paths_from_where_it_was():
     assert repr(many.result()) == repr(one_by_one(single, more).result())
 
 
-@pytest.mark.parametrize("mean", [RunningMean, PlainMean])
-def test_a_path_of_a_mean_has_the_bits_of_its_steps(mean):
-    values = np.random.default_rng(3).normal(5.0, 2.0, 40).tolist()
-    singly, at_once = mean(), mean()
-    steps = []
-    for value in values:
-        singly.add(value)
-        steps.append(singly.mean)
-    for part in (values[:1], values[1:2], values[2:30], values[30:]):
-        path = at_once.path(part)
-        columns = path if isinstance(path, tuple) else (path,)
-        assert columns[0][1:] == steps[at_once.count : at_once.count + len(part)]
-        at_once.move(len(part), *(column[-1] for column in columns))
-    assert vars(singly) == vars(at_once)
+@examples(50, st.integers(0, 10**6), st.lists(st.integers(0, 40), min_size=1, max_size=5))
+def test_mean_paths_have_the_bits_of_one_value_after_the_other(seed, sizes):
+    chance = np.random.default_rng(seed)
+    values = chance.normal(5.0, 2.0, (2, sum(sizes)))
+    before = chance.integers(0, 3, len(sizes)).tolist()
+    running = [[RunningMean() for _ in values] for _ in sizes]
+    for means, count in zip(running, before, strict=True):
+        for mean in means:
+            for value in chance.normal(5.0, 2.0, count):
+                mean.add(float(value))
+    starts = [
+        np.array([[getattr(mean, name) for mean in means] for means in running])
+        for name in ("mean", "squares")
+    ]
+    paths = mean_paths(values, sizes, before, *starts)
+    begin = 0
+    for ensemble, (means, size) in enumerate(zip(running, sizes, strict=True)):
+        for number, mean in enumerate(means):
+            for step in range(size + 1):
+                state = begin + ensemble + step
+                columns = paths.counts, paths.means[number], paths.squares[number]
+                found = [column[state].item() for column in columns]
+                assert repr(found) == repr([mean.count, mean.mean, mean.squares])
+                if step < size:
+                    mean.add(float(values[number, begin + step]))
+        begin += size
