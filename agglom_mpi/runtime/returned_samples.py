@@ -11,7 +11,7 @@ from agglom_mpi.runtime.messages import NOT_NEEDED, RankMessage
 from agglom_mpi.scheduling.in_flight import SampleRange
 from agglom_mpi.scheduling.scheduler import Scheduler
 from agglom_mpi.scheduling.static_scheduler import StaticScheduler
-from agglom_mpi.storage.table import concatenated
+from agglom_mpi.storage.table import concatenated, rows_at
 
 Rows = NDArray[np.void]
 
@@ -44,9 +44,12 @@ class ReturnedSamples(NamedTuple):
         return self._where(~fresh), self._where(fresh)
 
     def _where(self, chosen: NDArray[np.bool_]) -> "ReturnedSamples | None":
-        ranks = np.repeat([rank for rank, _ in self.counts], [count for _, count in self.counts])
-        rows, ranks = self.rows[chosen], ranks[chosen]
-        return type(self)(rows, [(rank, 1) for rank in ranks.tolist()]) if len(rows) else None
+        counts, begin = [], 0
+        for rank, count in self.counts:
+            if kept := int(np.count_nonzero(chosen[begin : begin + count])):
+                counts.append((rank, kept))
+            begin += count
+        return type(self)(rows_at(self.rows, chosen), counts) if counts else None
 
 
 class NewPart(NamedTuple):

@@ -82,7 +82,7 @@ def test_fresh_samples_are_split_off_with_the_ranks_that_they_came_from():
     samples = returned((1, rows(0, 8, 3)), (2, rows(1, 0, 1), rows(1, 10, 1)))
     searched, fresh = samples.split(10)
     assert searched.rows[["string", "sample"]].tolist() == [(0, 8), (0, 9), (1, 0)]
-    assert searched.counts == [(1, 1), (1, 1), (2, 1)]
+    assert searched.counts == [(1, 2), (2, 1)]
     assert fresh.rows[["string", "sample"]].tolist() == [(0, 10), (1, 10)]
     assert fresh.counts == [(1, 1), (2, 1)]
     assert samples.split(11) == (samples, None)
