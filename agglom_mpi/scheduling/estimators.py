@@ -234,11 +234,30 @@ class SampleCountModel:
         """
         if sample == used:
             return 1.0
-        counts = self._used
-        strings = len(counts)
-        more_than_used = strings - bisect_right(counts, used)
-        more_than_sample = strings - bisect_right(counts, sample)
-        return (more_than_sample + (used + 1) / (sample + 1)) / (more_than_used + 1)
+        return self._weight(used, sample) / self._weight(used, used)
+
+    def _weight(self, used: int, sample: int) -> float:
+        """Return how many strings needed a sample, and the prior for one that has used some."""
+        return len(self._used) - bisect_right(self._used, sample) + (used + 1) / (sample + 1)
+
+    def likely_range(self, used: int, first: int, count: int, loss: float) -> int:
+        """Return how many samples are hardly less likely to be needed than the first of them.
+
+        Parameters
+        ----------
+        used
+            Samples used so far.
+        first
+            Number of the first sample, at least `used`.
+        count
+            Number of samples; it is halved until those are as likely.
+        loss
+            Maximum relative loss of the probability from the first to the last sample.
+        """
+        least = (1.0 - loss) * self._weight(used, first)
+        while count > 1 and self._weight(used, first + count - 1) < least:
+            count //= 2
+        return count
 
 
 class PriorityQueue:

@@ -227,14 +227,15 @@ class Scheduler:
         for string in list(self._next):
             self._prioritise(string)
 
-    def _prioritise(self, string: int) -> None:
-        """Put a string into its queue, or forget it if it has become complete."""
-        progress = self._demand.progress(string)
+    def _prioritise(self, string: int, progress: StringProgress | None = None) -> None:
+        """Put a string, whose progress may be known, into its queue, or forget it if complete."""
+        if progress is None:
+            progress = self._demand.progress(string)
         if progress is None:
             self._forget(string)
             return
         queue = self._urgent if string in self._open else self._speculative
-        repeated = self.duplicates.first(string)
+        repeated = self.duplicates.first(string) if self.duplicates else None
         sample = self._skip_known(string, progress.next_sample) if repeated is None else repeated
         if sample >= progress.max_samples:
             queue.remove(string)
@@ -271,12 +272,14 @@ class Scheduler:
         string = self._best_string(least)
         if string is None:
             return None
-        if self.duplicates.first(string) is not None:
+        progress = self._demand.progress(string)
+        assert progress is not None
+        if self.duplicates and self.duplicates.first(string) is not None:
             part = self.duplicates.take(string, limit)
         else:
-            part = self._next_range(string, limit)
+            part = self._next_range(string, progress, limit)
         self._next[string] = max(self._next[string], part.first + part.size)
-        self._prioritise(string)
+        self._prioritise(string, progress)
         return part
 
     def _best_string(self, least: float) -> int | None:
@@ -303,10 +306,8 @@ class Scheduler:
             self._prioritise(first[1])  # probabilities grow with what is learnt
         return 0.0, -1
 
-    def _next_range(self, string: int, limit: int) -> SampleRange:
+    def _next_range(self, string: int, progress: StringProgress, limit: int) -> SampleRange:
         """Return at most `limit` samples of a string that nobody has."""
-        progress = self._demand.progress(string)
-        assert progress is not None
         first, used = self._next[string], progress.next_sample
         count = min(limit, progress.max_samples - first)
         if string in self._open:
@@ -314,11 +315,8 @@ class Scheduler:
         known = self._known.get(string)
         if known:
             count = next((n for n in range(1, count) if first + n in known), count)
-        probability = self.sample_counts.probability
-        least = (1.0 - self._range_loss) * probability(used, first)
-        while count > 1 and probability(used, first + count - 1) < least:
-            count //= 2
-        return SampleRange(string, first, count)
+        likely = self.sample_counts.likely_range(used, first, count, self._range_loss)
+        return SampleRange(string, first, likely)
 
     def _range_limit(self, used: int) -> int:
         """Return the most samples of an open string for one rank, so that all ranks can help.
