@@ -291,7 +291,9 @@ class Coordinator:
             self._store(messages, together)
         if len(together.results):
             returned = ReturnedSamples.of(messages, together.results)
-            searched, fresh = returned.split(self._fresh[0])
+            # Before the search has ended nobody has fresh samples.
+            finished = self.inversion.finished
+            searched, fresh = returned.split(self._fresh[0]) if finished else (returned, None)
             if searched is not None:
                 self._complete(searched)
             if fresh is not None:
@@ -314,7 +316,8 @@ class Coordinator:
     def _complete(self, returned: ReturnedSamples) -> None:
         """Make the decisions that follow from samples, unless other ranks were first."""
         found = first_returns(self._scheduler, returned)
-        self.recorder.tally.count_skipped(found.skipped)
+        if len(found.skipped):
+            self.recorder.tally.count_skipped(found.skipped)
         if found.parts:
             self.recorder.count(found.rows)
             if not self._failures.incomplete:

@@ -6,7 +6,7 @@ decides where each of them ends.
 """
 
 from bisect import bisect_left
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import NamedTuple
 
@@ -148,7 +148,8 @@ def _follow(rule: StoppingRule, group: list[NewSamples]) -> None:
     sizes = [sum(end - begin for _, begin, end in new.parts) for new in group]
     paths = _paths(group, sizes)
     ends, fewest = _where_it_holds(rule, paths), max(rule.min_samples, 2)
-    begin, states, converged = 0, [], []
+    ratios, deviations, grains = paths.means
+    squares, begin = paths.squares[DEVIATION], 0
     for (ensemble, _), size in zip(group, sizes, strict=True):
         # One sample satisfies no rule.
         place = bisect_left(ends, begin + max(0, fewest - ensemble.completed - 1))
@@ -156,13 +157,11 @@ def _follow(rule: StoppingRule, group: list[NewSamples]) -> None:
         converges = place < len(ends) and ends[place] < begin + size
         if converges:
             added = ends[place] - begin + 1
-        converged.append(converges and added <= allowed)
-        states.append(begin + min(added, allowed))
+        last = begin + min(added, allowed)
+        columns = paths.counts, ratios, deviations, squares, grains
+        means = EnsembleMeans(*[column.item(last) for column in columns])
+        ensemble.follow(means, converges and added <= allowed)
         begin += size + 1
-    for (ensemble, _), means, converges in zip(
-        group, _means_at(paths, states), converged, strict=True
-    ):
-        ensemble.follow(means, converges)
 
 
 def _paths(group: list[NewSamples], sizes: list[int]) -> MeanPaths:
@@ -173,13 +172,6 @@ def _paths(group: list[NewSamples], sizes: list[int]) -> MeanPaths:
     squares = np.array([(0.0, each.squares, 0.0) for each in now])
     counts = [each.completed for each in now]
     return mean_paths(np.concatenate(numbers, axis=1), sizes, counts, means, squares)
-
-
-def _means_at(paths: MeanPaths, states: list[int]) -> Iterator[EnsembleMeans]:
-    """Yield the means of some states of paths."""
-    ratios, deviations, grains = paths.means[:, states].tolist()
-    counts, squares = paths.counts[states].tolist(), paths.squares[DEVIATION, states].tolist()
-    return map(EnsembleMeans, counts, ratios, deviations, squares, grains)
 
 
 def _where_it_holds(rule: StoppingRule, paths: MeanPaths) -> list[int]:

@@ -97,9 +97,11 @@ class RowBuffer:
         if not len(records):
             return
         for name, room in self._room.items():
-            for number in records[name].min(), records[name].max():
-                if not 0 <= number < room:
-                    raise IndexError(f"{name} {number}: there is room for 0 to {room - 1}")
+            numbers = records[name]
+            # Without their sign, negative numbers are the largest.
+            if numbers.view(np.uint64).max() >= room:
+                wrong = next(number for number in numbers.tolist() if not 0 <= number < room)
+                raise IndexError(f"{name} {wrong}: there is room for 0 to {room - 1}")
         if not self._count:
             self._since = now
         rows = records if same_type(records.dtype, self._dtype) else records.astype(self._dtype)
