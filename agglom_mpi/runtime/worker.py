@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from agglom_mpi.errors import error_text
 from agglom_mpi.runtime.messages import (
     ALIVE,
-    ALIVE_EVERY,
     CANCEL,
     FINALS,
     GOODBYE,
@@ -25,7 +24,9 @@ from agglom_mpi.runtime.messages import (
     storable,
 )
 from agglom_mpi.runtime.sample_runner import SampleRunner
+from agglom_mpi.runtime.silence import Intervals
 from agglom_mpi.runtime.simulation_thread import SimulationThread
+from agglom_mpi.runtime.under_way import SampleClock, SampleUnderWay
 from agglom_mpi.runtime.wakeup import PollBackoff, Wakeup, message_waits
 from agglom_mpi.scheduling.interface import MOST_SAMPLES, task_type
 from agglom_mpi.storage.sample_writer import RankWriter
@@ -83,7 +84,10 @@ class Worker:
         self._thread = SimulationThread(runner, self._wakeup)
         self._byte, self._status = MPI.BYTE, MPI.Status()
         self._backoff = PollBackoff()
-        self._heartbeat = heartbeat(self._wakeup.name)
+        self._alive_every = Intervals.of(world.size).alive
+        self._sample_clock = SampleClock(runner.abort_flag)
+        if file is not None:
+            file.before_write = lambda: self.send_heartbeat(writes=True)
         self._last_sent = time.monotonic()
         self._tasks = np.zeros(MOST_SAMPLES, task_type(runner.experiment.variables.count))
 
@@ -102,12 +106,15 @@ class Worker:
         if self._file is not None:
             self._file.samples.flush_due()
             self._report_written(self._file)
-        if time.monotonic() - self._last_sent >= ALIVE_EVERY:
-            self.send_heartbeat()
+        under_way = self._sample_clock.read()
+        if time.monotonic() - self._last_sent >= self._alive_every:
+            self.send_heartbeat(under_way)
 
-    def send_heartbeat(self) -> None:
-        """Send the name of this host, and that by which this rank is woken."""
-        self._send(self._heartbeat, ALIVE)
+    def send_heartbeat(
+        self, under_way: SampleUnderWay | None = None, *, writes: bool = False
+    ) -> None:
+        """Send the names of this host and of its wake-up, and what this rank is doing."""
+        self._send(heartbeat(self._wakeup.name, under_way, writes=writes), ALIVE)
 
     def report_write_error(self, error: OSError) -> None:
         """Report that this rank cannot write, and leave it to rank 0 to end the job."""

@@ -16,10 +16,13 @@ from agglom_mpi.runtime.messages import (
     RankMessage,
     decoded,
     heartbeat,
+    own_host,
     record_types,
 )
 from agglom_mpi.runtime.sample_runner import SampleRunner
+from agglom_mpi.runtime.silence import Intervals
 from agglom_mpi.runtime.simulation_thread import SimulationThread
+from agglom_mpi.runtime.under_way import SampleClock
 from agglom_mpi.runtime.wakeup import LONGEST, PollBackoff, Wakeup, message_waits
 from agglom_mpi.scheduling.estimators import ROUND_TRIP_SECONDS, WOKEN_ROUND_TRIP_SECONDS
 
@@ -55,7 +58,7 @@ class WorkerPool:
 
     def __init__(self, runner: SampleRunner, world: "Intracomm | None") -> None:
         self.size = 1 if world is None else world.size
-        self.hosts: dict[int, str] = {}
+        self.hosts: dict[int, str] = {0: own_host().decode()}
         self.database_seconds = 0.0
         self.missing: set[int] = set()
         self._shutting_down = False
@@ -64,6 +67,9 @@ class WorkerPool:
         self._wakeups: dict[int, bytes] = {}  # of ranks on this host
         self._world = world
         self._thread = SimulationThread(runner, self._wakeup)
+        self._intervals = Intervals.of(self.size)
+        self._sample_clock = SampleClock(runner.abort_flag)
+        self._own_heartbeat = time.monotonic()
         self._sends: list[tuple[Any, NDArray[Any]]] = []  # each with its buffer
         if world is not None:
             from mpi4py import MPI
@@ -92,6 +98,10 @@ class WorkerPool:
             found = True
             yield message
         self._backoff.polled(found, rung)
+        under_way, now = self._sample_clock.read(), time.monotonic()
+        if now - self._own_heartbeat > self._intervals.alive and under_way is not None:
+            self._own_heartbeat = now
+            yield RankMessage(0, under_way=under_way)
 
     @property
     def round_trip(self) -> float:
