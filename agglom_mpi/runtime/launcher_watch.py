@@ -85,7 +85,7 @@ class LauncherWatch:
 def leave(code: int) -> None:
     """End this process at once, without MPI, which would wait for others."""
     signal.alarm(5)  # nobody may read what is printed
-    for stream in (sys.stdout, sys.stderr):
+    for stream in filter(None, (sys.stdout, sys.stderr)):
         with suppress(OSError, ValueError):
             stream.flush()
     os._exit(code)

@@ -145,7 +145,7 @@ def run_worker(world: "Intracomm") -> int:
     warm_up(runner, world)
     nodes = find_nodes(world)
     file = None if path is None else open_with_rank_zero(path, world, nodes)
-    code = serve_coordinator(world, runner, file)
+    code = serve_coordinator(world, runner, file, nodes)
     if file is not None:
         file.close()
     return int(code)

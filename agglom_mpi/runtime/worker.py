@@ -7,6 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.errors import error_text
+from agglom_mpi.runtime.coordinator_watch import CoordinatorWatch, Patience
+from agglom_mpi.runtime.heart import may_call_in_turn
+from agglom_mpi.runtime.launch import Nodes
 from agglom_mpi.runtime.messages import (
     ALIVE,
     CANCEL,
@@ -35,7 +38,12 @@ if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
 
 
-def serve_coordinator(world: "Intracomm", runner: SampleRunner, file: RankWriter | None) -> int:
+def serve_coordinator(
+    world: "Intracomm",
+    runner: SampleRunner,
+    file: RankWriter | None,
+    nodes: Nodes = Nodes(1, False),  # noqa: B008  (it is a constant)
+) -> int:
     """Serve rank 0 until it sends a stop; return the exit code that comes with it.
 
     Parameters
@@ -46,13 +54,18 @@ def serve_coordinator(world: "Intracomm", runner: SampleRunner, file: RankWriter
         Of this rank.
     file
         The campaign file, where this rank writes its samples itself; None if rank 0 does.
+    nodes
+        Place of this rank.
 
     Raises
     ------
     OSError
         If the file cannot be written; rank 0 has had a report.
     """
-    worker = Worker(world, runner, file)
+    beats = file is None and may_call_in_turn()
+    patience = Patience.of(same_host=nodes.has_rank_zero, beats=beats)
+    watch = CoordinatorWatch(world.rank, patience, speaks=nodes.speaks)
+    worker = Worker(world, runner, file, watch)
     try:
         worker.send_heartbeat()  # before anything else, so that rank 0 can name this host
         while worker.exit_code is None:
@@ -60,6 +73,8 @@ def serve_coordinator(world: "Intracomm", runner: SampleRunner, file: RankWriter
     except OSError as error:
         worker.report_write_error(error)
         raise
+    finally:
+        watch.stop()
     return worker.exit_code
 
 
@@ -72,7 +87,13 @@ class Worker:
         As rank 0 has sent it with its stop; None before.
     """
 
-    def __init__(self, world: "Intracomm", runner: SampleRunner, file: RankWriter | None) -> None:
+    def __init__(
+        self,
+        world: "Intracomm",
+        runner: SampleRunner,
+        file: RankWriter | None,
+        watch: CoordinatorWatch,
+    ) -> None:
         from mpi4py import MPI
 
         self.exit_code: int | None = None
@@ -86,13 +107,15 @@ class Worker:
         self._backoff = PollBackoff()
         self._alive_every = Intervals.of(world.size).alive
         self._sample_clock = SampleClock(runner.abort_flag)
+        self._watch = watch
         if file is not None:
-            file.before_write = lambda: self.send_heartbeat(writes=True)
+            file.before_write = self._announce_write
         self._last_sent = time.monotonic()
         self._tasks = np.zeros(MOST_SAMPLES, task_type(runner.experiment.variables.count))
 
     def serve(self) -> None:
         """Wait a moment, read all messages, and send what has been simulated."""
+        self._watch.listen(True)
         rung, found = self._wakeup.wait(self._backoff.timeout(bool(self._coordinator))), False
         while message_waits(self._world, 0, self._status):
             found = True
@@ -130,7 +153,13 @@ class Worker:
             # Only now: nothing is stored that rank 0 does not know.
             self._file.samples.put(storable(message.results), message.final_particles)
 
+    def _announce_write(self) -> None:
+        """Report that this rank writes now, which may take long: meanwhile it does nothing else."""
+        self.send_heartbeat(writes=True)
+        self._watch.listen(False)
+
     def _read(self, tag: int) -> None:
+        self._watch.hear()
         if tag == TASKS:
             self._world.Recv([self._tasks, self._byte], source=0, tag=TASKS, status=self._status)
             count = self._status.Get_count(self._byte) // self._tasks.itemsize
@@ -144,7 +173,7 @@ class Worker:
         if tag == ALIVE:
             record = np.empty(1, HEARTBEAT)
             self._world.Recv([record, self._byte], source=0, tag=ALIVE)
-            self._coordinator = bytes(record["wakeup"][0])
+            self._coordinator = bytes(record["wakeup"][0]) or self._coordinator
             return
         code = np.zeros(1, np.int32)
         self._world.Recv(code, source=0, tag=tag)
