@@ -75,6 +75,8 @@ def serve_coordinator(
         raise
     finally:
         watch.stop()
+        if file is not None:
+            file.before_write = lambda: None  # rank 0 receives nothing any more
     return worker.exit_code
 
 
