@@ -2,6 +2,7 @@
 
 import threading
 import time
+from collections import deque
 from collections.abc import Collection, Iterator
 from typing import TYPE_CHECKING, Any, Final
 
@@ -77,6 +78,7 @@ class WorkerPool:
         self._sample_clock = SampleClock(runner.abort_flag)
         self._own_heartbeat = time.monotonic()
         self._sends: list[tuple[Any, NDArray[Any]]] = []  # each with its buffer
+        self._arriving: dict[int, deque[tuple[Any, int, NDArray[Any]]]] = {}  # by rank
         self._mpi = threading.RLock()  # held by whoever calls MPI
         self._heart: Heart | None = None
         if world is not None:
@@ -132,7 +134,7 @@ class WorkerPool:
     def _timeout(self) -> float:
         """Return how long to wait in s; large messages proceed only in calls of MPI."""
         self._forget_sent()
-        return self._backoff.timeout(self._all_wake and not self._sends)
+        return self._backoff.timeout(self._all_wake and not (self._sends or self._arriving))
 
     def sync(self) -> None:
         """Ask all other ranks to put on the disc what they have written; never waits.
@@ -195,16 +197,34 @@ class WorkerPool:
         while True:
             with self._mpi:
                 if not message_waits(self._world, self._any_rank, status):
-                    return
+                    break
                 rank, tag = status.Get_source(), status.Get_tag()
                 dtype = self._record_types[tag]
                 records = np.empty(status.Get_count(self._byte) // dtype.itemsize, dtype)
-                self._world.Recv([records, self._byte], source=rank, tag=tag)
+                request = self._world.Irecv([records, self._byte], source=rank, tag=tag)
+            self._arriving.setdefault(rank, deque()).append((request, tag, records))
+            yield from self._whole(rank)
+        for rank in list(self._arriving):
+            yield from self._whole(rank)
+
+    def _whole(self, rank: int) -> Iterator[RankMessage]:
+        """Yield the messages of a rank that are here, in order.
+
+        Of a long one the rest may never come, as the connection is lost: nothing waits for it.
+        """
+        arriving = self._arriving[rank]
+        while arriving:
+            request, tag, records = arriving[0]
+            with self._mpi:
+                if not request.Test():
+                    return
+            arriving.popleft()
             if tag == ALIVE:
                 self._register(rank, records)
             message = decoded(rank, tag, records)
             self.database_seconds += message.database_seconds
             yield message
+        del self._arriving[rank]
 
     def _register(self, rank: int, record: NDArray[np.void]) -> None:
         """Keep the host of a rank, and the name that it is woken by if that is in reach."""
