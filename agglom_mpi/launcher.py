@@ -6,6 +6,7 @@ import stat
 import sys
 import termios
 from collections.abc import Iterator, Mapping
+from itertools import takewhile
 from pathlib import Path
 from typing import Final
 
@@ -78,14 +79,35 @@ def started_by_a_rank(environment: Mapping[str, str] = os.environ, proc: Path = 
         return False
 
 
+def launching_process(proc: Path = PROC) -> int:
+    """Return the launcher's process that this one descends from; the parent if none is known.
+
+    Raises
+    ------
+    OSError
+        If the system does not show the processes above, or one of them has just ended.
+    """
+    above = (pid for pid in _above(os.getpid(), proc) if _launches(pid, proc))
+    return next(above, os.getppid())
+
+
 def _parents(pid: int, proc: Path) -> Iterator[int]:
     """Yield the processes above one, up to the launcher that has started it."""
+    return takewhile(lambda pid: not _launches(pid, proc), _above(pid, proc))
+
+
+def _above(pid: int, proc: Path) -> Iterator[int]:
+    """Yield all processes above one."""
     while True:
         # The name, in brackets, may hold brackets and spaces itself.
         pid = int((proc / str(pid) / "stat").read_text().rpartition(")")[2].split()[1])
-        if pid <= 1 or (proc / str(pid) / "comm").read_text().strip() in LAUNCHING:
+        if pid <= 1:
             return
         yield pid
+
+
+def _launches(pid: int, proc: Path) -> bool:
+    return (proc / str(pid) / "comm").read_text().strip() in LAUNCHING
 
 
 def _is_mpi_program(process: Path) -> bool:

@@ -22,7 +22,7 @@ INSTALL_MPI: Final = (
 )
 MPI_PROBE: Final = """
 import mpi4py
-mpi4py.rc.thread_level = "funneled"
+mpi4py.rc.thread_level = "serialized"
 from mpi4py import MPI
 world = MPI.COMM_WORLD
 levels = ("single", "funneled", "serialized", "multiple")

@@ -2,14 +2,18 @@
 
 import math
 import time
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agglom_mpi.simulation.sample_range import Watch, new_watch
 
+_NONE_FINISHED: Final = np.zeros(1, np.int64)
+
 
 class AbortFlag:
-    """Ends samples early, from another thread than the one that simulates.
+    """Ends samples early, from another thread than the one that simulates, and names them.
 
     All of them on `stop`, one that takes too long on `check_time`, any one on `interrupt`.
 
@@ -34,6 +38,8 @@ class AbortFlag:
         self.stopped = False
         self.max_seconds = max_seconds
         self.begun = np.full(1, np.nan)
+        self._first = -1, -1  # string, and number of the first sample of a call
+        self._finished = _NONE_FINISHED
 
     def stop(self) -> None:
         """End all samples, from now on."""
@@ -49,9 +55,22 @@ class AbortFlag:
         """End the sample under way, if there is one; it may be simulated again."""
         self.abort[0] = 1
 
-    def begin(self) -> None:
-        """Start the clock of a sample."""
+    def begin(self, string: int = -1, sample: int = -1) -> None:
+        """Start the clock of a sample, and name it."""
+        self._first, self._finished = (string, sample), _NONE_FINISHED
         self.begun[0] = time.monotonic()
+
+    def follow(self, finished: NDArray[np.int64]) -> None:
+        """Follow a compiled call, which has finished `finished`, (1,), of its samples so far."""
+        self._finished = finished
+
+    @property
+    def under_way(self) -> tuple[int, int] | None:
+        """String and number of the sample under way; None between samples."""
+        if math.isnan(self.begun[0]):
+            return None
+        (string, first), finished = self._first, int(self._finished[0])
+        return string, first + finished
 
     def watch(self, seconds: float) -> Watch:
         """Return the watch of samples in compiled code, the last begun within `seconds`."""

@@ -15,10 +15,12 @@ from agglom_mpi.errors import FAILURE, FINISHED, STOPPED
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.runtime.experiment import Experiment
 from agglom_mpi.runtime.failures import FailureLog
-from agglom_mpi.runtime.messages import SILENT_AFTER, RankMessage, merged, storable
+from agglom_mpi.runtime.hanging_samples import HangingSamples
+from agglom_mpi.runtime.messages import RankMessage, merged, storable
 from agglom_mpi.runtime.post_stages import FrameStage, PostStage, ReestimationStage
 from agglom_mpi.runtime.recorder import ProgressListener, RunRecorder, decided_again
 from agglom_mpi.runtime.returned_samples import ReturnedSamples, first_returns
+from agglom_mpi.runtime.silence import RankWatch
 from agglom_mpi.runtime.stop_request import StopRequest
 from agglom_mpi.runtime.worker_pool import WorkerPool
 from agglom_mpi.scheduling.scheduler import Scheduler
@@ -60,8 +62,6 @@ class Coordinator:
         The decisions.
     recorder
         Records them.
-    silent
-        Ranks that are marked silent.
     """
 
     def __init__(
@@ -76,11 +76,10 @@ class Coordinator:
         self._listener = listener
         self._stored = file
         self._fresh = file.fresh_from, file.max_samples
-        self._last_tick, self._may_assign = time.monotonic(), True
+        self._may_assign = True
         self._messages = 0  # with results
         self._spent = 0.0  # processor time on messages whose cost is not learnt yet, in s
         self._failures = FailureLog(writer, file, listener)
-        self.silent: set[int] = set()
         self.recorder = RunRecorder(
             writer, self._stored, listener, experiment.top, experiment.table_sizes.generations
         )
@@ -123,6 +122,14 @@ class Coordinator:
     def run(self, pool: WorkerPool, stop: StopRequest) -> RunEnd:
         """Simulate until the experiment is finished or something asks to stop."""
         self._pool = pool
+        self._watch = RankWatch(pool.size, pool.hosts, self._listener.error)
+        self._last_tick = self._watch.now()
+        self._hanging = HangingSamples(
+            float(self._stored.all_sample_rows()["seconds"].max(initial=0.0)),
+            self._experiment.max_seconds,
+            self._watch.name_rank,
+            self._listener.error,
+        )
         self._scheduler = Scheduler(
             self.inversion,
             self._propose_ahead,
@@ -163,7 +170,7 @@ class Coordinator:
 
     def shut_down(self, pool: WorkerPool, end: RunEnd) -> RunEnd:
         """Stop all ranks and record what they still report; return the end as it is then."""
-        for message in pool.shut_down(end.code, self.silent):
+        for message in pool.shut_down(end.code, self._watch.silent):
             self._receive([message])
         for rank in pool.missing:
             self.recorder.take_over(rank)
@@ -216,9 +223,8 @@ class Coordinator:
         messages = list(self._pool.poll())
         if messages:
             self._receive(messages)
-            self._may_assign, now = True, time.monotonic()
-            for rank in {message.rank for message in messages}:
-                self._record_heartbeat(scheduler, rank, now)
+            self._may_assign = True
+            self._watch.hear(scheduler, messages, self._watch.now())
         if scheduler is self._scheduler:
             self._cancel()
         if assigned or messages:  # else nothing but a poll
@@ -240,7 +246,7 @@ class Coordinator:
         bool
             Whether any were assigned.
         """
-        now, assigned = time.monotonic(), False
+        now, assigned = self._watch.now(), False
         if self._may_assign:
             self._may_assign = False
             scheduler.batch_sizer.round_trip = self._pool.round_trip
@@ -249,34 +255,18 @@ class Coordinator:
                 self._pool.send(rank, tasks)
         self._writer.flush_due()
         if now - self._last_tick > TICK:
-            away = now - self._last_tick > SILENT_AFTER / 2  # this rank: messages are unread
             self._last_tick, self._may_assign = now, True
             self._listener.tick(progress())
-            scheduler.heartbeat(0, now)
-            for rank in () if away else scheduler.mark_silent(now, SILENT_AFTER):
-                self._listener.error(
-                    f"{self._named(rank)} has not been heard of for {SILENT_AFTER:g} s; others do "
-                    "its work"
-                )
-                self.silent.add(rank)
-                self.recorder.take_over(rank)
+            if silent := self._watch.check(scheduler, now):
+                for rank in silent:
+                    self.recorder.take_over(rank)
+                self._writer.sync()  # the host may be lost, and this one next
         return assigned
 
     def _cancel(self) -> None:
         """Let ranks leave out samples that have turned out to be unnecessary."""
         for rank, strings in self._scheduler.cancellations():
             self._pool.cancel(rank, strings)
-
-    def _record_heartbeat(
-        self, scheduler: Scheduler | StaticScheduler, rank: int, now: float
-    ) -> None:
-        if scheduler.heartbeat(rank, now):
-            self._listener.error(f"{self._named(rank)} is back")
-        self.silent.discard(rank)
-
-    def _named(self, rank: int) -> str:
-        host = self._pool.hosts.get(rank)
-        return f"rank {rank}" if host is None else f"rank {rank} on {host}"
 
     def _receive(self, messages: Sequence[RankMessage]) -> None:
         """Record what ranks report, and make the decisions that follow."""
@@ -286,9 +276,12 @@ class Coordinator:
                 if failure["frames"]:
                     self.frame_stage.give_up(int(failure["string"]), int(failure["sample"]))
                     self.frame_stage.scheduler.done(message.rank)
+            if message.under_way is not None:
+                self._hanging.check(message.rank, message.under_way)
         together = merged(0, messages)
         if not together.empty:
             self._store(messages, together)
+            self._hanging.learn(together.results)
         if len(together.results):
             returned = ReturnedSamples.of(messages, together.results)
             # Before the search has ended nobody has fresh samples.

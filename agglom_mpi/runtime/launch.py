@@ -56,7 +56,7 @@ def connect(environment: Mapping[str, str] = os.environ) -> "Intracomm | None":
         )
     import mpi4py
 
-    mpi4py.rc.thread_level = "funneled"
+    mpi4py.rc.thread_level = "serialized"  # rank 0 has a thread for heartbeats
     # It warns on every rank; the error below is shown once.
     warnings.filterwarnings("ignore", "suspicious MPI execution", RuntimeWarning)
     try:
@@ -118,6 +118,10 @@ class Nodes(NamedTuple):
     syncs: bool
     """Whether this rank has to put on the disc what ranks of its node have written: one of each
     node does, except on that of rank 0, which does so itself."""
+    has_rank_zero: bool = True
+    """Whether rank 0 is on the node of this rank."""
+    speaks: bool = False
+    """Whether this rank is the first one of its node, not counting rank 0."""
 
 
 def find_nodes(world: "Intracomm | None") -> Nodes:
@@ -128,5 +132,8 @@ def find_nodes(world: "Intracomm | None") -> Nodes:
 
     node = world.Split_type(MPI.COMM_TYPE_SHARED, key=world.rank)
     first = node.rank == 0
+    has_rank_zero = node.bcast(world.rank) == 0
+    speaks = node.rank == int(has_rank_zero)
     node.Free()
-    return Nodes(world.allreduce(int(first)), first and world.rank > 0)
+    number = world.allreduce(int(first))
+    return Nodes(number, first and world.rank > 0, has_rank_zero, speaks)

@@ -68,7 +68,7 @@ def run_leg(
         start = leg_start(ranks, mpi_version(world), nodes=nodes, database=database)
         leg = writer.log.begin_leg(start)
         writer.set_status("running")
-        pool = WorkerPool(runner, world)
+        pool = WorkerPool(runner, world, heart_thread=not writer.parallel)
         if nodes > 1 and writer.parallel:
             recorder.synced = pool.sync
         end = coordinator.run(pool, stop)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.outcome import FailureReason
+from agglom_mpi.runtime.under_way import SampleUnderWay
 from agglom_mpi.storage.schema import final_particles_schema, frames_schema, sample_dtype
 from agglom_mpi.storage.table import concatenated
 
@@ -45,15 +46,19 @@ FAILED_SAMPLE: Final = np.dtype(
 )
 """The traceback of a sample that raised, `frames` as in its task."""
 
-HEARTBEAT: Final = np.dtype([("host", "S64"), ("wakeup", "S64")])
-"""The host of a rank, and the name that it is woken by. Rank 0 answers with its own to those that
-it can wake."""
-
-ALIVE_EVERY: Final = 5.0
-"""Seconds without another message after which a worker sends a heartbeat."""
-
-SILENT_AFTER: Final = 30.0
-"""Seconds without a message after which a rank's work is given to others, too."""
+HEARTBEAT: Final = np.dtype(
+    [
+        ("host", "S64"),
+        ("wakeup", "S64"),
+        ("string", "i8"),
+        ("sample", "i8"),
+        ("seconds", "f8"),
+        ("writes", "?"),
+    ]
+)
+"""The host of a rank, and the name that it is woken by; the sample under way, string -1 if there is
+none, and its time so far in s; whether the rank is about to write to the campaign file. Rank 0
+answers with its own to those that it can wake, and to all where it has nothing else to send."""
 
 GOODBYE: Final = np.dtype([("database_seconds", "f8")])
 """Last message of a rank that has stopped: time that it spent on the campaign file, in s."""
@@ -84,6 +89,10 @@ class RankMessage(NamedTuple):
     """Whether this is the last message of the rank."""
     database_seconds: float = 0.0
     """Time that a rank which has stopped spent on the campaign file, in s."""
+    under_way: SampleUnderWay | None = None
+    """The sample that the rank simulates, if this is a heartbeat."""
+    writes: bool = False
+    """Whether the rank is about to write to the campaign file, and may be silent for long."""
 
     @property
     def empty(self) -> bool:
@@ -169,12 +178,18 @@ def decoded(rank: int, tag: int, records: NDArray[np.void]) -> RankMessage:
     if tag == UNWRITTEN:
         host, text = (records[name][0].decode() for name in ("host", "text"))
         raise OSError(f"rank {rank} on {host}: {text}")
-    return RankMessage(rank)
+    if tag == ALIVE and records["string"][0] >= 0:
+        string, sample, seconds = records[["string", "sample", "seconds"]][0].tolist()
+        return RankMessage(rank, under_way=SampleUnderWay(string, sample, seconds))
+    return RankMessage(rank, writes=tag == ALIVE and bool(records["writes"][0]))
 
 
-def heartbeat(wakeup: bytes) -> NDArray[np.void]:
+def heartbeat(
+    wakeup: bytes, under_way: SampleUnderWay | None = None, *, writes: bool = False
+) -> NDArray[np.void]:
     """Return the `HEARTBEAT` record, shape (1,), of this rank."""
-    return np.array([(_host(), wakeup)], HEARTBEAT)
+    sample = (-1, -1, 0.0) if under_way is None else under_way
+    return np.array([(own_host(), wakeup, *sample, writes)], HEARTBEAT)
 
 
 def failed_sample(
@@ -187,7 +202,7 @@ def failed_sample(
     record = np.zeros(1, FAILED_SAMPLE)
     record["string"], record["sample"], record["rank"] = string, sample, rank
     record["frames"] = frames
-    record["host"] = _host()
+    record["host"] = own_host()
     # What is no text, as half of a surrogate pair, is written as Python writes it.
     encoded, room = text.encode(errors="backslashreplace"), FAILED_SAMPLE["text"].itemsize
     if len(encoded) > room:
@@ -205,7 +220,8 @@ _FIRST_LINE: Final = 100
 """Maximum length of a first line, such as that of a traceback, that a shortened text has."""
 
 
-def _host() -> bytes:
+def own_host() -> bytes:
+    """Return the name of this host as records have it."""
     return socket.gethostname().encode(errors="backslashreplace")[:64]
 
 

@@ -34,6 +34,7 @@ from agglom_mpi.runtime.launch import (
     find_nodes,
     taken_input,
 )
+from agglom_mpi.runtime.launcher_watch import LauncherWatch
 from agglom_mpi.runtime.leg import RunRequest, run_leg, warm_up
 from agglom_mpi.runtime.programs import (
     MixedJobError,
@@ -83,10 +84,27 @@ def run_on_all_ranks(
     int
         The exit code.
     """
+    stop = StopRequest(max_walltime)
+    if world is None:
+        return run_this_rank(read, display, finish, stop, world)
+    launcher = LauncherWatch(lambda: stop.request("the launcher is gone"))
+    code = run_this_rank(read, display, finish, stop, world)
+    launcher.end(code)
+    return code
+
+
+def run_this_rank(
+    read: Callable[[], RunRequest],
+    display: Display,
+    finish: Callable[[RunRequest], None],
+    stop: StopRequest,
+    world: "Intracomm | None",
+) -> int:
+    """Run this rank; return the exit code."""
     try:
         if world is not None and world.rank > 0:
             return run_worker(world)
-        code = run_rank_zero(read, display, finish, StopRequest(max_walltime), world)
+        code = run_rank_zero(read, display, finish, stop, world)
         if world is not None and (unread := unread_input()):
             display.error(f"warning: {taken_input(unread)}")  # also if quiet: work is left out
         return code
@@ -127,7 +145,7 @@ def run_worker(world: "Intracomm") -> int:
     warm_up(runner, world)
     nodes = find_nodes(world)
     file = None if path is None else open_with_rank_zero(path, world, nodes)
-    code = serve_coordinator(world, runner, file)
+    code = serve_coordinator(world, runner, file, nodes)
     if file is not None:
         file.close()
     return int(code)

@@ -164,7 +164,7 @@ class Task(ABC):
         """
         text, reason, sample = "", 0, self._first + self._done
         self._stopwatch, self._accounted = Stopwatch(), _NO_TIME
-        self._abort_flag.begin()
+        self._abort_flag.begin(self._string, sample)
         try:
             is_open = self._simulate(sample, seconds)
         except Exception:
@@ -280,6 +280,7 @@ class SampleTask(Task):
         setup, scene, words = self._string_scene()
         count = min(self._count - self._done, MAX_AT_ONCE, samples_at_once(scene))
         results, watch = new_results(count), self._abort_flag.watch(seconds)
+        self._abort_flag.follow(results.finished)
         try:
             is_cut = simulate_samples(scene, words, setup.first_sample + sample, watch, results)
         finally:

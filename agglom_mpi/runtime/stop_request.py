@@ -38,6 +38,10 @@ class StopRequest:
         for number in _signals():
             signal.signal(number, self._on_signal)
 
+    def request(self, reason: str) -> None:
+        """Ask for a stop, from any thread."""
+        self._reason = self._reason or reason
+
     @property
     def reason(self) -> str:
         """The reason to stop, as text; empty while there is none."""

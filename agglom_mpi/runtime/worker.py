@@ -7,9 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.errors import error_text
+from agglom_mpi.runtime.coordinator_watch import CoordinatorWatch, Patience
+from agglom_mpi.runtime.heart import may_call_in_turn
+from agglom_mpi.runtime.launch import Nodes
 from agglom_mpi.runtime.messages import (
     ALIVE,
-    ALIVE_EVERY,
     CANCEL,
     FINALS,
     GOODBYE,
@@ -25,7 +27,9 @@ from agglom_mpi.runtime.messages import (
     storable,
 )
 from agglom_mpi.runtime.sample_runner import SampleRunner
+from agglom_mpi.runtime.silence import Intervals
 from agglom_mpi.runtime.simulation_thread import SimulationThread
+from agglom_mpi.runtime.under_way import SampleClock, SampleUnderWay
 from agglom_mpi.runtime.wakeup import PollBackoff, Wakeup, message_waits
 from agglom_mpi.scheduling.interface import MOST_SAMPLES, task_type
 from agglom_mpi.storage.sample_writer import RankWriter
@@ -34,7 +38,12 @@ if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
 
 
-def serve_coordinator(world: "Intracomm", runner: SampleRunner, file: RankWriter | None) -> int:
+def serve_coordinator(
+    world: "Intracomm",
+    runner: SampleRunner,
+    file: RankWriter | None,
+    nodes: Nodes = Nodes(1, False),  # noqa: B008  (it is a constant)
+) -> int:
     """Serve rank 0 until it sends a stop; return the exit code that comes with it.
 
     Parameters
@@ -45,13 +54,18 @@ def serve_coordinator(world: "Intracomm", runner: SampleRunner, file: RankWriter
         Of this rank.
     file
         The campaign file, where this rank writes its samples itself; None if rank 0 does.
+    nodes
+        Place of this rank.
 
     Raises
     ------
     OSError
         If the file cannot be written; rank 0 has had a report.
     """
-    worker = Worker(world, runner, file)
+    beats = file is None and may_call_in_turn()
+    patience = Patience.of(same_host=nodes.has_rank_zero, beats=beats)
+    watch = CoordinatorWatch(world.rank, patience, speaks=nodes.speaks)
+    worker = Worker(world, runner, file, watch)
     try:
         worker.send_heartbeat()  # before anything else, so that rank 0 can name this host
         while worker.exit_code is None:
@@ -59,6 +73,10 @@ def serve_coordinator(world: "Intracomm", runner: SampleRunner, file: RankWriter
     except OSError as error:
         worker.report_write_error(error)
         raise
+    finally:
+        watch.stop()
+        if file is not None:
+            file.before_write = lambda: None  # rank 0 receives nothing any more
     return worker.exit_code
 
 
@@ -71,7 +89,13 @@ class Worker:
         As rank 0 has sent it with its stop; None before.
     """
 
-    def __init__(self, world: "Intracomm", runner: SampleRunner, file: RankWriter | None) -> None:
+    def __init__(
+        self,
+        world: "Intracomm",
+        runner: SampleRunner,
+        file: RankWriter | None,
+        watch: CoordinatorWatch,
+    ) -> None:
         from mpi4py import MPI
 
         self.exit_code: int | None = None
@@ -83,12 +107,17 @@ class Worker:
         self._thread = SimulationThread(runner, self._wakeup)
         self._byte, self._status = MPI.BYTE, MPI.Status()
         self._backoff = PollBackoff()
-        self._heartbeat = heartbeat(self._wakeup.name)
+        self._alive_every = Intervals.of(world.size).alive
+        self._sample_clock = SampleClock(runner.abort_flag)
+        self._watch = watch
+        if file is not None:
+            file.before_write = self._announce_write
         self._last_sent = time.monotonic()
         self._tasks = np.zeros(MOST_SAMPLES, task_type(runner.experiment.variables.count))
 
     def serve(self) -> None:
         """Wait a moment, read all messages, and send what has been simulated."""
+        self._watch.listen(True)
         rung, found = self._wakeup.wait(self._backoff.timeout(bool(self._coordinator))), False
         while message_waits(self._world, 0, self._status):
             found = True
@@ -102,12 +131,15 @@ class Worker:
         if self._file is not None:
             self._file.samples.flush_due()
             self._report_written(self._file)
-        if time.monotonic() - self._last_sent >= ALIVE_EVERY:
-            self.send_heartbeat()
+        under_way = self._sample_clock.read()
+        if time.monotonic() - self._last_sent >= self._alive_every:
+            self.send_heartbeat(under_way)
 
-    def send_heartbeat(self) -> None:
-        """Send the name of this host, and that by which this rank is woken."""
-        self._send(self._heartbeat, ALIVE)
+    def send_heartbeat(
+        self, under_way: SampleUnderWay | None = None, *, writes: bool = False
+    ) -> None:
+        """Send the names of this host and of its wake-up, and what this rank is doing."""
+        self._send(heartbeat(self._wakeup.name, under_way, writes=writes), ALIVE)
 
     def report_write_error(self, error: OSError) -> None:
         """Report that this rank cannot write, and leave it to rank 0 to end the job."""
@@ -123,7 +155,13 @@ class Worker:
             # Only now: nothing is stored that rank 0 does not know.
             self._file.samples.put(storable(message.results), message.final_particles)
 
+    def _announce_write(self) -> None:
+        """Report that this rank writes now, which may take long: meanwhile it does nothing else."""
+        self.send_heartbeat(writes=True)
+        self._watch.listen(False)
+
     def _read(self, tag: int) -> None:
+        self._watch.hear()
         if tag == TASKS:
             self._world.Recv([self._tasks, self._byte], source=0, tag=TASKS, status=self._status)
             count = self._status.Get_count(self._byte) // self._tasks.itemsize
@@ -137,7 +175,7 @@ class Worker:
         if tag == ALIVE:
             record = np.empty(1, HEARTBEAT)
             self._world.Recv([record, self._byte], source=0, tag=ALIVE)
-            self._coordinator = bytes(record["wakeup"][0])
+            self._coordinator = bytes(record["wakeup"][0]) or self._coordinator
             return
         code = np.zeros(1, np.int32)
         self._world.Recv(code, source=0, tag=tag)

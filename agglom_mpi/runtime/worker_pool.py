@@ -1,12 +1,15 @@
 """All ranks as rank 0 sees them: its own simulating thread and, under MPI, the workers."""
 
+import threading
 import time
+from collections import deque
 from collections.abc import Collection, Iterator
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.runtime.heart import Heart
 from agglom_mpi.runtime.messages import (
     ALIVE,
     CANCEL,
@@ -16,10 +19,13 @@ from agglom_mpi.runtime.messages import (
     RankMessage,
     decoded,
     heartbeat,
+    own_host,
     record_types,
 )
 from agglom_mpi.runtime.sample_runner import SampleRunner
+from agglom_mpi.runtime.silence import Intervals
 from agglom_mpi.runtime.simulation_thread import SimulationThread
+from agglom_mpi.runtime.under_way import SampleClock
 from agglom_mpi.runtime.wakeup import LONGEST, PollBackoff, Wakeup, message_waits
 from agglom_mpi.scheduling.estimators import ROUND_TRIP_SECONDS, WOKEN_ROUND_TRIP_SECONDS
 
@@ -40,6 +46,8 @@ class WorkerPool:
         Of this rank.
     world
         The MPI world; None for a plain run.
+    heart_thread
+        Whether a thread sends heartbeats; not where HDF5 calls MPI, too.
 
     Attributes
     ----------
@@ -53,9 +61,11 @@ class WorkerPool:
         Ranks that did not stop when they were asked to.
     """
 
-    def __init__(self, runner: SampleRunner, world: "Intracomm | None") -> None:
+    def __init__(
+        self, runner: SampleRunner, world: "Intracomm | None", *, heart_thread: bool = True
+    ) -> None:
         self.size = 1 if world is None else world.size
-        self.hosts: dict[int, str] = {}
+        self.hosts: dict[int, str] = {0: own_host().decode()}
         self.database_seconds = 0.0
         self.missing: set[int] = set()
         self._shutting_down = False
@@ -64,8 +74,15 @@ class WorkerPool:
         self._wakeups: dict[int, bytes] = {}  # of ranks on this host
         self._world = world
         self._thread = SimulationThread(runner, self._wakeup)
+        self._intervals = Intervals.of(self.size)
+        self._sample_clock = SampleClock(runner.abort_flag)
+        self._own_heartbeat = time.monotonic()
         self._sends: list[tuple[Any, NDArray[Any]]] = []  # each with its buffer
+        self._arriving: dict[int, deque[tuple[Any, int, NDArray[Any]]]] = {}  # by rank
+        self._mpi = threading.RLock()  # held by whoever calls MPI
+        self._heart: Heart | None = None
         if world is not None:
+            self._heart = Heart(world, self._mpi, threaded=heart_thread)
             from mpi4py import MPI
 
             self._any_rank, self._byte, self._status = MPI.ANY_SOURCE, MPI.BYTE, MPI.Status()
@@ -92,6 +109,12 @@ class WorkerPool:
             found = True
             yield message
         self._backoff.polled(found, rung)
+        if self._heart is not None:
+            self._heart.beat_if_due()
+        under_way, now = self._sample_clock.read(), time.monotonic()
+        if now - self._own_heartbeat > self._intervals.alive and under_way is not None:
+            self._own_heartbeat = now
+            yield RankMessage(0, under_way=under_way)
 
     @property
     def round_trip(self) -> float:
@@ -111,7 +134,7 @@ class WorkerPool:
     def _timeout(self) -> float:
         """Return how long to wait in s; large messages proceed only in calls of MPI."""
         self._forget_sent()
-        return self._backoff.timeout(self._all_wake and not self._sends)
+        return self._backoff.timeout(self._all_wake and not (self._sends or self._arriving))
 
     def sync(self) -> None:
         """Ask all other ranks to put on the disc what they have written; never waits.
@@ -132,8 +155,9 @@ class WorkerPool:
         self._thread.stop()
         while (own := self._thread.poll()) is not None:
             yield own
-        if self._world is None:
+        if self._world is None or self._heart is None:
             return
+        self._heart.stop()
         for rank in range(1, self.size):
             self._post(np.array([code], np.int32), rank, STOP)
         working = set(range(1, self.size))
@@ -152,29 +176,55 @@ class WorkerPool:
 
     def _post(self, records: NDArray[Any], rank: int, tag: int) -> None:
         assert self._world is not None
-        self._forget_sent()
-        self._sends.append((self._world.Isend([records, self._byte], dest=rank, tag=tag), records))
+        assert self._heart is not None
+        with self._mpi:
+            self._forget_sent()
+            request = self._world.Isend([records, self._byte], dest=rank, tag=tag)
+        self._sends.append((request, records))
+        self._heart.sent(rank)
         if rank in self._wakeups and not self._wakeup.ring_at(self._wakeups[rank]):
             del self._wakeups[rank]
 
     def _forget_sent(self) -> None:
         if self._sends:
-            self._sends = [(sent, kept) for sent, kept in self._sends if not sent.Test()]
+            with self._mpi:
+                self._sends = [(sent, kept) for sent, kept in self._sends if not sent.Test()]
 
     def _received(self) -> Iterator[RankMessage]:
         if self.size == 1 or self._world is None:
             return
         status = self._status
-        while message_waits(self._world, self._any_rank, status):
-            rank, tag = status.Get_source(), status.Get_tag()
-            dtype = self._record_types[tag]
-            records = np.empty(status.Get_count(self._byte) // dtype.itemsize, dtype)
-            self._world.Recv([records, self._byte], source=rank, tag=tag)
+        while True:
+            with self._mpi:
+                if not message_waits(self._world, self._any_rank, status):
+                    break
+                rank, tag = status.Get_source(), status.Get_tag()
+                dtype = self._record_types[tag]
+                records = np.empty(status.Get_count(self._byte) // dtype.itemsize, dtype)
+                request = self._world.Irecv([records, self._byte], source=rank, tag=tag)
+            self._arriving.setdefault(rank, deque()).append((request, tag, records))
+            yield from self._whole(rank)
+        for rank in list(self._arriving):
+            yield from self._whole(rank)
+
+    def _whole(self, rank: int) -> Iterator[RankMessage]:
+        """Yield the messages of a rank that are here, in order.
+
+        Of a long one the rest may never come, as the connection is lost: nothing waits for it.
+        """
+        arriving = self._arriving[rank]
+        while arriving:
+            request, tag, records = arriving[0]
+            with self._mpi:
+                if not request.Test():
+                    return
+            arriving.popleft()
             if tag == ALIVE:
                 self._register(rank, records)
             message = decoded(rank, tag, records)
             self.database_seconds += message.database_seconds
             yield message
+        del self._arriving[rank]
 
     def _register(self, rank: int, record: NDArray[np.void]) -> None:
         """Keep the host of a rank, and the name that it is woken by if that is in reach."""

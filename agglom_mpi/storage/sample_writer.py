@@ -237,18 +237,25 @@ class RankWriter:
         All ranks.
     syncs
         Whether this rank calls `fsync`: one rank of a node does so for all of them.
+
+    Attributes
+    ----------
+    before_write
+        Called before this rank writes, which may take long where the file system stalls.
     """
 
     def __init__(self, path: Path, world: "Intracomm", *, syncs: bool) -> None:
         self.clock = WriteClock()
+        self.before_write: Callable[[], None] = lambda: None
         self._path = path
         self._file = open_file(path, write=True, thorough=False, world=world)
         self._descriptor = os.open(path, os.O_RDONLY) if syncs else None
-        self.samples = SampleWriter(self._file, path, self.clock)
+        self.samples = SampleWriter(self._file, path, self.clock, lambda: self.before_write())
 
     def sync(self) -> None:
         """Wait until what all ranks of this node have flushed is on the disk."""
         if self._descriptor is not None:
+            self.before_write()
             with self.clock:
                 sync_descriptor(self._descriptor, self._path)
 

@@ -22,7 +22,8 @@ from campaign_runs import (
 from mpi_injections import RANK, slow
 from processes import output_of, wait_until_gone
 
-from agglom_mpi.runtime.messages import ALIVE, SILENT_AFTER, STOP
+from agglom_mpi.runtime.messages import ALIVE, STOP
+from agglom_mpi.runtime.silence import NAMED_AFTER
 from agglom_mpi.runtime.worker_pool import STOP_TIMEOUT
 from agglom_mpi.storage.reader import read_campaign
 
@@ -31,12 +32,9 @@ import time
 from pathlib import Path
 from types import SimpleNamespace
 
-import agglom_mpi.runtime.messages as messages
-
-messages.ALIVE_EVERY = 0.05
-
+import agglom_mpi.runtime.active_clock as active_clock
+import agglom_mpi.runtime.silence as silence
 import agglom_mpi.runtime.worker_pool as pool
-import agglom_mpi.runtime.coordinator as coordinator
 from agglom_mpi.display.run_display import Display
 
 here = Path(__file__).parent
@@ -48,6 +46,7 @@ def note(name, text):
 def told():
     return float((here / "clock").read_text())
 
+silence.ALIVE_EVERY, active_clock.LONGEST_STEP = 0.05, 5.0
 decoded, error = pool.decoded, Display.error
 
 def decoding(rank, tag, records):
@@ -59,9 +58,8 @@ def telling(self, text):
     error(self, text)
 
 pool.decoded, Display.error = decoding, telling
-pool.time = coordinator.time = SimpleNamespace(
-    monotonic=told, sleep=time.sleep, thread_time=time.thread_time
-)
+if rank == "0":
+    pool.time = active_clock.time = SimpleNamespace(monotonic=told, sleep=time.sleep)
 """
 """Rank 0 goes by a clock that the test sets, and notes whom it hears and what it says."""
 
@@ -129,9 +127,9 @@ class HeldRun:
     def lose(self, rank, other):
         """Stop a rank until rank 0, which hears the other one, has lost patience with it."""
         self.send(rank, signal.SIGSTOP)
-        for third in (1, 2, 3):
+        for quarter in (1, 2, 3, 4):
             self.hear(other)
-            self.set_clock(1.01 * SILENT_AFTER * third / 3)
+            self.set_clock(1.01 * NAMED_AFTER * quarter / 4)
         self.wait(lambda: f"rank {rank} on " in self.read("said"))
 
     def end(self):
@@ -164,7 +162,7 @@ def test_a_stopped_rank_is_named_and_the_campaign_finishes_without_it(undisturbe
     run.lose(1, other=2)
     said, errors = run.end()
     assert "rank 1 on " in errors
-    assert f"has not been heard of for {SILENT_AFTER:g} s; others do its work" in errors
+    assert f"has not been heard of for {NAMED_AFTER:g} s; others do its work" in errors
     assert "no answer from rank 1: the job is ended without; small.h5 is whole" in errors
     assert "finished: all 3 generations are done" in said
     assert run.process.returncode == 0
@@ -205,7 +203,7 @@ def test_a_stop_is_not_held_up_by_a_stopped_rank(undisturbed, run):
 @pytest.mark.parametrize("ranks", [2, slow(3)])
 def test_rank_0_may_be_stopped_and_continued(undisturbed, run):
     run.send(0, signal.SIGSTOP)
-    run.set_clock(10 * SILENT_AFTER)
+    run.set_clock(10 * NAMED_AFTER)
     run.send(0, signal.SIGCONT)
     _, errors = run.end()
     assert run.process.returncode == 0, errors
@@ -218,7 +216,7 @@ def test_rank_0_may_be_stopped_and_continued(undisturbed, run):
 def test_a_job_may_be_suspended_and_continued(undisturbed, run):
     for rank in run.ranks:
         run.send(rank, signal.SIGSTOP)
-    run.set_clock(10 * SILENT_AFTER)
+    run.set_clock(10 * NAMED_AFTER)
     for rank in run.ranks:
         run.send(rank, signal.SIGCONT)
     _, errors = run.end()

@@ -25,7 +25,7 @@ class Pool:
     round_trip = ROUND_TRIP_SECONDS
 
     def __init__(self, grains):
-        self.grains, self.sent = grains, []
+        self.grains, self.sent, self.hosts = grains, [], {}
 
     def send(self, rank, tasks):
         self.sent.append(tasks)

@@ -21,6 +21,7 @@ from agglom_mpi.runtime.messages import (
     merged,
     record_types,
 )
+from agglom_mpi.runtime.under_way import SampleUnderWay
 
 GRAINS = 3
 TYPES = record_types(GRAINS)
@@ -60,14 +61,21 @@ def test_a_message_of_nothing_is_a_heartbeat():
     message = merged(2, [])
     assert message.empty
     assert list(message.records()) == []
-    assert decoded(2, ALIVE, heartbeat(b"name")).empty
+    assert decoded(2, ALIVE, heartbeat(b"name")) == RankMessage(2)
     assert not RankMessage(2, np.zeros(1, RESULT)).empty
+
+
+def test_a_heartbeat_reports_what_its_rank_is_doing():
+    sample = SampleUnderWay(7, 3, 12.5)
+    assert decoded(2, ALIVE, heartbeat(b"", sample)) == RankMessage(2, under_way=sample)
+    assert decoded(2, ALIVE, heartbeat(b"", writes=True)) == RankMessage(2, writes=True)
 
 
 def test_counts_and_the_last_message_are_decoded():
     assert decoded(3, WRITTEN, np.array([7])).written == 7
     goodbye = np.array([(2.5,)], GOODBYE)
-    assert decoded(3, STOP, goodbye)[-2:] == (True, 2.5)
+    last = decoded(3, STOP, goodbye)
+    assert (last.stopped, last.database_seconds) == (True, 2.5)
 
 
 def test_a_rank_that_cannot_write_is_an_error_with_its_number():

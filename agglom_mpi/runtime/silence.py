@@ -1,0 +1,143 @@
+"""Ranks that rank 0 does not hear: others do their work, and they are named."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Final, NamedTuple, Self
+
+import numpy as np
+
+from agglom_mpi.runtime.active_clock import ActiveClock
+from agglom_mpi.runtime.messages import RankMessage
+from agglom_mpi.runtime.programs import name_ranks
+from agglom_mpi.scheduling.scheduler import Scheduler
+from agglom_mpi.scheduling.static_scheduler import StaticScheduler
+
+ALIVE_EVERY: Final = 1.5
+"""Time without another message, s, after which a rank sends a heartbeat."""
+
+REASSIGNED_AFTER: Final = 5.0
+"""Time without a message, s, after which the work of a rank is given to others, too."""
+
+NAMED_AFTER: Final = 15.0
+"""Time without a message, s, after which a rank is named."""
+
+STALLED_AFTER: Final = 600.0
+"""The same of a rank that has reported that it writes to the campaign file, s: its file system may
+stall, and the rank sends nothing then."""
+
+RANKS_AT_THIS_PACE: Final = 2000
+"""Maximum number of ranks with these intervals. Of more ranks they are longer in proportion, as
+rank 0 would be busy with heartbeats."""
+
+
+class Intervals(NamedTuple):
+    """When a rank sends heartbeats, and when it is silent, s.
+
+    Attributes
+    ----------
+    alive
+        Time without another message after which a rank sends a heartbeat.
+    reassigned
+        Time without a message after which its work is given to others.
+    named
+        Time without a message after which it is named.
+    """
+
+    alive: float
+    reassigned: float
+    named: float
+
+    @classmethod
+    def of(cls, ranks: int) -> Self:
+        """Return the intervals of so many ranks."""
+        slower = max(1.0, ranks / RANKS_AT_THIS_PACE)
+        return cls(slower * ALIVE_EVERY, slower * REASSIGNED_AFTER, slower * NAMED_AFTER)
+
+
+class RankWatch:
+    """When each rank was heard last, by a clock that stands still while rank 0 does not listen.
+
+    Parameters
+    ----------
+    ranks
+        Number of ranks.
+    hosts
+        Host of each rank, as far as it is known.
+    show
+        Shows one line.
+
+    Attributes
+    ----------
+    silent
+        Ranks that have been named and not been heard since.
+    """
+
+    def __init__(self, ranks: int, hosts: Mapping[int, str], show: Callable[[str], None]) -> None:
+        self.silent: set[int] = set()
+        self._hosts = hosts
+        self._show = show
+        self._intervals = Intervals.of(ranks)
+        self._clock = ActiveClock()
+        self._heard = np.full(ranks, self.now())
+        self._patience = np.full(ranks, self._intervals.named)
+        self._patience[0] = math.inf
+
+    def now(self) -> float:
+        """Return the time of this clock, s; to be called in every round."""
+        return self._clock.read()
+
+    def name_rank(self, rank: int) -> str:
+        """Return a rank and its host as text."""
+        host = self._hosts.get(rank)
+        return f"rank {rank}" if host is None else f"rank {rank} on {host}"
+
+    def hear(
+        self,
+        scheduler: Scheduler | StaticScheduler,
+        messages: Sequence[RankMessage],
+        now: float,
+    ) -> None:
+        """Take into account who has sent messages."""
+        for message in messages:
+            rank = message.rank
+            self._heard[rank] = now
+            if rank:
+                self._patience[rank] = STALLED_AFTER if message.writes else self._intervals.named
+            scheduler.heartbeat(rank, now)
+            if rank in self.silent:
+                self.silent.discard(rank)
+                self._show(f"{self.name_rank(rank)} is back")
+
+    def check(self, scheduler: Scheduler | StaticScheduler, now: float) -> list[int]:
+        """Let others do the work of silent ranks; name and return those silent for long."""
+        present = self._heard > now - self._patience
+        for rank in np.flatnonzero(present & (self._patience > self._intervals.named)).tolist():
+            scheduler.heartbeat(rank, now)  # it may write for long, or is this rank
+        scheduler.mark_silent(now, self._intervals.reassigned)
+        late = set(np.flatnonzero(~present).tolist()) - self.silent
+        if not late:
+            return []
+        # Of a host that is lost, the ranks were not heard last in the same moment.
+        nearly = self._heard <= now - self._patience + 2.0 * self._intervals.alive
+        hosts = {self._hosts.get(rank) for rank in late} - {None}
+        found = late | {
+            rank
+            for rank in np.flatnonzero(nearly).tolist()
+            if rank not in self.silent and self._hosts.get(rank) in hosts
+        }
+        self.silent |= found
+        for host in dict.fromkeys(self._hosts.get(rank) for rank in sorted(found)):
+            self._name([rank for rank in sorted(found) if self._hosts.get(rank) == host], host)
+        return sorted(found)
+
+    def _name(self, ranks: list[int], host: str | None) -> None:
+        """Show which ranks of a host are silent, and if it is all of them."""
+        there = {rank for rank, its in self._hosts.items() if its == host}
+        seconds = min(float(self._patience[rank]) for rank in ranks)
+        if host is not None and host != self._hosts.get(0) and there <= self.silent:
+            who = f"host {host} ({name_ranks(ranks)}) has"
+        else:
+            have = "has" if len(ranks) == 1 else "have"
+            who = f"{name_ranks(ranks)}{'' if host is None else f' on {host}'} {have}"
+        its = "its" if who.endswith("has") else "their"
+        self._show(f"{who} not been heard of for {seconds:g} s; others do {its} work")
