@@ -60,7 +60,7 @@ def need_slurm():
 
 FREE_PORT = 16817
 """Of hosts that run nothing else."""
-NODE_TIMEOUT = 10
+NODE_TIMEOUT = 20
 """Time in s after which a node that does not answer is down, and its jobs end."""
 
 

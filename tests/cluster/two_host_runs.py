@@ -15,7 +15,7 @@ LAUNCHERS = ["mpirun"] if OPEN_MPI else ["mpirun", "srun"]
 GONE = 60.0
 """Time in s after which no rank may be left of a job that has lost a host."""
 KEEPALIVE = {
-    "SSH_OPTIONS": "-o ServerAliveInterval=5 -o ServerAliveCountMax=3",
+    "SSH_OPTIONS": "-o ServerAliveInterval=10 -o ServerAliveCountMax=3",
     "OMPI_MCA_oob_tcp_keepalive_time": "10",
     "OMPI_MCA_oob_tcp_keepalive_intvl": "5",
     "OMPI_MCA_oob_tcp_keepalive_probes": "3",
