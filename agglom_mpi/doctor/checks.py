@@ -9,6 +9,7 @@ from agglom_mpi.display.fitted_table import LabelledTexts
 from agglom_mpi.doctor.findings import Finding
 from agglom_mpi.doctor.folders import check_storage
 from agglom_mpi.doctor.machine import check_batch_system, check_libraries, check_processors
+from agglom_mpi.doctor.nodes import check_nodes
 from agglom_mpi.doctor.ranks import check_mpi, check_shared_memory
 
 
@@ -17,6 +18,7 @@ def run_checks(folder: Path) -> Iterator[Finding]:
     yield from check_libraries()
     yield from check_mpi()
     yield from check_shared_memory()
+    yield from check_nodes()
     yield from check_processors()
     yield from check_storage(folder)
     yield from check_batch_system()

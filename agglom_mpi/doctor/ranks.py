@@ -48,14 +48,14 @@ def check_mpi(environment: Mapping[str, str] = os.environ) -> Iterator[Finding]:
         return
     _, level, version = alone.split(";")
     yield Finding("MPI library", f"{version}, thread level {level}")
-    launcher = _launcher(environment)
+    launcher = find_launcher(environment)
     if launcher is None:
         yield Finding("mpirun", "not found", INSTALL_MPI, broken=True)
         return
     yield _two_ranks(launcher, version, environment)
 
 
-def _launcher(environment: Mapping[str, str]) -> str | None:
+def find_launcher(environment: Mapping[str, str]) -> str | None:
     """Return the path of mpirun; that of this virtual environment comes last."""
     folders = environment.get("PATH", os.defpath), sysconfig.get_path("scripts")
     return shutil.which("mpirun", path=os.pathsep.join(folders))

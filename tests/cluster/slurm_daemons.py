@@ -14,7 +14,7 @@ from processes import HANG
 
 CONFIGURATION = """
 ClusterName=agglom
-SlurmctldHost={host}(127.0.0.1)
+SlurmctldHost={controller}
 SlurmUser=root
 SlurmdUser=root
 SlurmctldPort={port}
@@ -23,11 +23,11 @@ AuthType=auth/none
 CredType=cred/none
 AuthInfo=cred_expire=5
 StateSaveLocation={folder}/state
-SlurmdSpoolDir={folder}/spool
+SlurmdSpoolDir={folder}/spool/%n
 SlurmctldPidFile={folder}/slurmctld.pid
-SlurmdPidFile={folder}/slurmd.pid
+SlurmdPidFile={folder}/slurmd-%n.pid
 SlurmctldLogFile={folder}/log/slurmctld.log
-SlurmdLogFile={folder}/log/slurmd.log
+SlurmdLogFile={folder}/log/slurmd-%n.log
 ProctrackType=proctrack/linuxproc
 TaskPlugin=task/none
 SwitchType=switch/none
@@ -41,10 +41,11 @@ SlurmdParameters=config_overrides
 KillWait=5
 ReturnToService=2
 MailProg=/bin/true
-NodeName={host} NodeAddr=127.0.0.1 CPUs=4 State=UNKNOWN
-PartitionName=all Nodes={host} Default=YES MaxTime=INFINITE State=UP
+{nodes}
+PartitionName=all Nodes=ALL Default=YES MaxTime=INFINITE State=UP
 """
 """No accounts, no munge, no cgroups: one user on one machine. A requeued job waits 6 s."""
+NODE = "NodeName={name} NodeAddr={address} CPUs=4 State=UNKNOWN"
 
 
 def need_slurm():
@@ -57,31 +58,50 @@ def need_slurm():
         pytest.skip(f"{why} (Debian: apt-get install slurm-wlm)")
 
 
+FREE_PORT = 16817
+"""Of hosts that run nothing else."""
+NODE_TIMEOUT = 20
+"""Time in s after which a node that does not answer is down, and its jobs end."""
+
+
 class Slurm:
     """Daemons in a folder of their own; `stop` leaves none behind."""
 
     def __init__(self, folder):
-        self._folder = folder
-        for name in ("state", "spool", "log"):
-            (folder / name).mkdir()
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
             port = free.getsockname()[1]
-        host = socket.gethostname().partition(".")[0]
+        self._start(folder, {socket.gethostname().partition(".")[0]: "127.0.0.1"}, port)
+
+    def _start(self, folder, addresses, port, further=""):
+        """Start the daemons; the first of the hosts, each with its address, controls the others."""
+        self._folder = folder
+        for name in ("state", "spool", "log"):
+            (folder / name).mkdir()
+        (controller, address), *_ = addresses.items()
+        nodes = [NODE.format(name=name, address=each) for name, each in addresses.items()]
         configuration = folder / "slurm.conf"
-        configuration.write_text(
-            CONFIGURATION.format(host=host, folder=folder, port=port, next_port=port % 60000 + 1025)
+        text = CONFIGURATION.format(
+            controller=f"{controller}({address})",
+            nodes="\n".join(nodes),
+            folder=folder,
+            port=port,
+            next_port=port % 60000 + 1025,
         )
+        configuration.write_text(text + further)
         kernels = os.environ.get("NUMBA_CACHE_DIR", str(folder / "kernels"))
         self.environment = environment(SLURM_CONF=str(configuration), NUMBA_CACHE_DIR=kernels)
         self("slurmctld", "-c")
+        self._start_nodes()
+        self.wait(lambda: self("sinfo", "-h", "-o", "%t").split() == ["idle"], "no idle node")
+
+    def _start_nodes(self):
         self("slurmd", "-c")
-        self.wait(lambda: self("sinfo", "-h", "-o", "%t").strip() == "idle", "no idle node")
 
     def __call__(self, *words, folder=None):
         """Run a command of Slurm's; what it printed."""
         done = subprocess.run(
-            words,
+            self._command(words, folder),
             env=self.environment,
             cwd=folder,
             capture_output=True,
@@ -91,6 +111,9 @@ class Slurm:
         )
         assert done.returncode == 0, f"{words}: {done.stderr}"
         return done.stdout
+
+    def _command(self, words, folder):
+        return words
 
     def submit(self, folder, *words):
         """Submit a script from a folder; the number of the job."""
@@ -129,10 +152,29 @@ class Slurm:
         """Cancel all jobs and end the daemons."""
         self("scancel", "--user=root", "--full")
         self.wait(lambda: not self("squeue", "-h", "-t", "R,CG,S").strip(), "jobs do not end")
-        for name in ("slurmd", "slurmctld"):
-            path = self._folder / f"{name}.pid"
+        self._end_daemons()
+
+    def _end_daemons(self):
+        for name in ("slurmd-*", "slurmctld"):
+            (path,) = self._folder.glob(f"{name}.pid")
             os.kill(int(path.read_text()), signal.SIGTERM)
             self.wait(lambda path=path: not path.exists(), f"{path} does not go")
+
+
+class SlurmOfHosts(Slurm):
+    """Daemons on the hosts of `two_hosts`, which end with all that these run."""
+
+    def __init__(self, folder, hosts):
+        self._hosts = list(hosts)
+        addresses = {host.name: host.address for host in self._hosts}
+        self._start(folder, addresses, FREE_PORT, f"SlurmdTimeout={NODE_TIMEOUT}\n")
+
+    def _command(self, words, folder):
+        return self._hosts[0].within(*words, folder=folder)
+
+    def _start_nodes(self):
+        for host in self._hosts:
+            host("slurmd", "-c", env=self.environment)
 
 
 def script(name):
