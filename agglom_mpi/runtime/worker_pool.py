@@ -158,9 +158,11 @@ class WorkerPool:
         if self._world is None or self._heart is None:
             return
         self._heart.stop()
-        for rank in range(1, self.size):
-            self._post(np.array([code], np.int32), rank, STOP)
         working = set(range(1, self.size))
+        # To send to a host that is lost may end this process. Ranks there end by themselves.
+        lost = {rank for rank in silent if self.hosts.get(rank) != self.hosts[0]}
+        for rank in sorted(working - lost):
+            self._post(np.array([code], np.int32), rank, STOP)
         heard = time.monotonic()
         while working.difference(silent) and time.monotonic() - heard < STOP_TIMEOUT:
             for message in self._received():

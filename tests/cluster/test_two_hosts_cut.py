@@ -5,10 +5,10 @@ import time
 import pytest
 from campaign_runs import assert_same, assert_sound, finish
 from processes import output_of
-from two_host_runs import GONE, OPEN_MPI
+from two_host_runs import GONE
 from two_hosts import NAMES
 
-pytestmark = pytest.mark.parallel_hdf5 if OPEN_MPI else pytest.mark.slow
+pytestmark = pytest.mark.slow
 
 
 def test_rank_0_names_the_host_of_a_cut_link_and_no_rank_is_left_a_minute_later(
