@@ -1,5 +1,7 @@
 """Decisions that a resume makes again, and a request to stop meanwhile."""
 
+from types import MappingProxyType
+
 from campaign_runs import TINY, finish, write_campaign
 
 from agglom_mpi.config.loading import load_campaign
@@ -17,6 +19,7 @@ class Pool:
     """One rank that must not be asked for anything."""
 
     size = 1
+    hosts = MappingProxyType({})
 
     def send(self, rank, tasks):
         raise AssertionError(tasks)
