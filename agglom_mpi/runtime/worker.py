@@ -26,6 +26,7 @@ from agglom_mpi.runtime.messages import (
     heartbeat,
     storable,
 )
+from agglom_mpi.runtime.pending_sends import PendingSends
 from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.runtime.silence import Intervals
 from agglom_mpi.runtime.simulation_thread import SimulationThread
@@ -112,13 +113,17 @@ class Worker:
         self._watch = watch
         if file is not None:
             file.before_write = self._announce_write
+        self._sends = PendingSends()
         self._last_sent = time.monotonic()
         self._tasks = np.zeros(MOST_SAMPLES, task_type(runner.experiment.variables.count))
 
     def serve(self) -> None:
         """Wait a moment, read all messages, and send what has been simulated."""
         self._watch.listen(True)
-        rung, found = self._wakeup.wait(self._backoff.timeout(bool(self._coordinator))), False
+        self._sends.forget_sent()
+        # What is on its way proceeds only in calls of MPI.
+        woken = bool(self._coordinator) and not self._sends
+        rung, found = self._wakeup.wait(self._backoff.timeout(woken)), False
         while message_waits(self._world, 0, self._status):
             found = True
             self._read(self._status.Get_tag())
@@ -144,6 +149,7 @@ class Worker:
     def report_write_error(self, error: OSError) -> None:
         """Report that this rank cannot write, and leave it to rank 0 to end the job."""
         self._send(failed_sample(-1, -1, self._world.rank, error_text(error)), UNWRITTEN)
+        self._sends.wait()
         time.sleep(30.0)
 
     def _report(self, message: RankMessage) -> None:
@@ -197,6 +203,7 @@ class Worker:
             self._file.sync()
             goodbye["database_seconds"] = self._file.clock.seconds
         self._send(goodbye, STOP)
+        self._sends.wait()
 
     def _report_written(self, file: RankWriter) -> None:
         if file.samples.written > self._reported:
@@ -208,4 +215,4 @@ class Worker:
         request = self._world.Isend([records, self._byte], dest=0, tag=tag)
         if self._coordinator and not self._wakeup.ring_at(self._coordinator):
             self._coordinator = b""
-        request.Wait()
+        self._sends.add(request, records)

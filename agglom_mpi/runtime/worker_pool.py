@@ -22,6 +22,7 @@ from agglom_mpi.runtime.messages import (
     own_host,
     record_types,
 )
+from agglom_mpi.runtime.pending_sends import PendingSends
 from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.runtime.silence import Intervals
 from agglom_mpi.runtime.simulation_thread import SimulationThread
@@ -77,7 +78,7 @@ class WorkerPool:
         self._intervals = Intervals.of(self.size)
         self._sample_clock = SampleClock(runner.abort_flag)
         self._own_heartbeat = time.monotonic()
-        self._sends: list[tuple[Any, NDArray[Any]]] = []  # each with its buffer
+        self._sends = PendingSends()
         self._arriving: dict[int, deque[tuple[Any, int, NDArray[Any]]]] = {}  # by rank
         self._mpi = threading.RLock()  # held by whoever calls MPI
         self._heart: Heart | None = None
@@ -173,8 +174,7 @@ class WorkerPool:
             time.sleep(LONGEST)
         self.missing = working
         if not working:
-            for request, _ in self._sends:
-                request.Wait()
+            self._sends.wait()
 
     def _post(self, records: NDArray[Any], rank: int, tag: int) -> None:
         assert self._world is not None
@@ -182,7 +182,7 @@ class WorkerPool:
         with self._mpi:
             self._forget_sent()
             request = self._world.Isend([records, self._byte], dest=rank, tag=tag)
-        self._sends.append((request, records))
+        self._sends.add(request, records)
         self._heart.sent(rank)
         if rank in self._wakeups and not self._wakeup.ring_at(self._wakeups[rank]):
             del self._wakeups[rank]
@@ -190,7 +190,7 @@ class WorkerPool:
     def _forget_sent(self) -> None:
         if self._sends:
             with self._mpi:
-                self._sends = [(sent, kept) for sent, kept in self._sends if not sent.Test()]
+                self._sends.forget_sent()
 
     def _received(self) -> Iterator[RankMessage]:
         if self.size == 1 or self._world is None:

@@ -3,7 +3,6 @@
 import os
 import signal
 
-import h5py
 import pytest
 from campaign_runs import (
     SMALL,
@@ -152,10 +151,6 @@ def test_a_rank_0_that_is_heard_again_is_welcome(undisturbed, start, tmp_path):
     assert_same(tmp_path / "small.h5", undisturbed)
 
 
-@pytest.mark.skipif(
-    h5py.get_config().mpi,
-    reason="with Open MPI heartbeats of the thread do not arrive while rank 0 writes: a fault",
-)
 @pytest.mark.parametrize("text", [DECIDES_FOR_LONG, WRITES_FOR_LONG])
 def test_rank_0_is_heard_while_it_decides_or_writes(undisturbed, tmp_path, text):
     write_campaign(tmp_path / "small.yaml", **SMALL)
