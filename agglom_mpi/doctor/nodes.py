@@ -22,7 +22,7 @@ OPEN_MPI_NETWORK: Final = (
 )
 """Advice where Open MPI may choose a network within the machine."""
 OPEN_MPI_LOSS: Final = (
-    "OMPI_MCA_oob_tcp_keepalive_time=10, …_intvl=5 and …_probes=3 let mpirun end the job 25 s "
+    "OMPI_MCA_oob_tcp_keepalive_time=5, …_intvl=5 and …_probes=3 let mpirun end the job 18 s "
     "after a link is cut, instead of 8 min"
 )
 """How Open MPI notices a cut link."""

@@ -27,7 +27,7 @@ while it decides or writes: it may be held up."""
 
 
 class Patience(NamedTuple):
-    """Times without a message of rank 0, s.
+    """How long a rank does without a message of rank 0, s.
 
     Attributes
     ----------

@@ -49,7 +49,7 @@ class Intervals(NamedTuple):
 
     @classmethod
     def of(cls, ranks: int) -> Self:
-        """Return the intervals of so many ranks."""
+        """Return the intervals of a job by its number of ranks."""
         slower = max(1.0, ranks / RANKS_AT_THIS_PACE)
         return cls(slower * ALIVE_EVERY, slower * REASSIGNED_AFTER, slower * NAMED_AFTER)
 

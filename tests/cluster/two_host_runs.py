@@ -16,7 +16,7 @@ GONE = 60.0
 """Time in s after which no rank may be left of a job that has lost a host."""
 KEEPALIVE = {
     "SSH_OPTIONS": "-o ServerAliveInterval=10 -o ServerAliveCountMax=3",
-    "OMPI_MCA_oob_tcp_keepalive_time": "10",
+    "OMPI_MCA_oob_tcp_keepalive_time": "5",
     "OMPI_MCA_oob_tcp_keepalive_intvl": "5",
     "OMPI_MCA_oob_tcp_keepalive_probes": "3",
 }
@@ -54,7 +54,7 @@ class Launch:
         return ["mpirun", *ssh, "-hosts", hosts, "-n", 2 * each]
 
     def start(self, *arguments, each=1):
-        """Return a block in which so many ranks on each host run a campaign."""
+        """Return a block in which a campaign runs, with `each` ranks on each host."""
         invert = [self.hosts.run, Path(sys.executable).parent / "agglom-invert", *arguments]
         first, _ = self.hosts
         words = first.within(*self._words(each), *invert, folder=self._folder)

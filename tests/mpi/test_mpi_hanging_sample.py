@@ -50,7 +50,7 @@ def test_a_function_that_does_not_return_is_named_again_and_again(tmp_path, rank
 
 
 def times_named(path, times):
-    """Return what is said of the sample when it was named so often."""
+    """Return the line on the sample, which has been named before as often as given."""
     found = re.findall(
         r"rank (\d+) on (\S+): string (\d+) sample (\d+) has been under way for (\d+) s, and .*; "
         r"stopping\.max_seconds ends samples that take too long",

@@ -25,7 +25,7 @@ def watching(longest, max_seconds=None):
 
 
 def times_named(samples, shown, until, rank=1, string=5, sample=3):
-    """Let a sample take so many seconds; when it was named."""
+    """Let a sample take a time in s; return when it was named."""
     named = []
     for second in range(until):
         before = len(shown)
