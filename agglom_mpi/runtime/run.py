@@ -234,6 +234,9 @@ def run_rank_zero(
                 broadcast_start(world, FINISHED, experiment, shared)
                 end, missing = run_leg(request, writer, coordinator, display, stop, world)
                 if missing and world is not None:
+                    if not writer.parallel:  # those that are missing would have to join
+                        writer.close()
+                    lock.release()  # the launcher may end before this process does
                     return conclude_without(missing, end, request, display, finish, world)
             writer.close()
         except OSError as error:
@@ -241,6 +244,7 @@ def run_rank_zero(
             rest = f"; {kept if path.exists() else 'it is lost'}"
             display.error(error_text(error) + ("" if isinstance(error, AlteredFileError) else rest))
             writer.abandon(error_text(error))
+            lock.release()
             if world is not None:
                 world.Abort(FAILURE)
             return FAILURE
