@@ -19,7 +19,7 @@ from agglom_mpi.scheduling import estimators, interface
 from agglom_mpi.scheduling.scheduler import Scheduler
 from agglom_mpi.search.decisions import Progress
 
-STRINGS, SAMPLES = 20, 10**9
+STRINGS, SAMPLES, NUMBERS = 20, 10**9, 10
 
 
 class Nothing(SampleTask):
@@ -35,8 +35,11 @@ class Idle(SampleRunner):
     """A simulator that has nothing to do."""
 
     def __init__(self, rank):
-        sizes = SimpleNamespace(final_particles=False, grains=1)
-        super().__init__(SimpleNamespace(max_seconds=None, table_sizes=sizes), rank)
+        sizes = SimpleNamespace(final_particles=False, grains=1, quantities={})
+        variables = SimpleNamespace(count=NUMBERS)
+        super().__init__(
+            SimpleNamespace(max_seconds=None, table_sizes=sizes, variables=variables), rank
+        )
 
     def begin(self, task):
         return Nothing(self, task)
@@ -58,7 +61,7 @@ class Endless:
         return Progress(self.done[string], SAMPLES)
 
     def parameters(self, string):
-        return np.zeros(10)
+        return np.zeros(NUMBERS)
 
 
 def farm(most, seconds):
@@ -78,8 +81,8 @@ def farm(most, seconds):
         for message in pool.poll():
             rows = message.results
             plan.batch_sizer.learn(rows["seconds"].tolist())
-            for part, fresh in plan.returned(message.rank, [True] * len(rows)):
-                needs.done[part.string] += int(fresh.sum())
+            for part, new in plan.returned(message.rank, [True] * len(rows)):
+                needs.done[part.string] += sum(piece.stop - piece.start for piece in new)
                 plan.update(part.string)
             returned[message.rank] += len(rows)
     print(sum(returned) / (time.perf_counter() - begin))
