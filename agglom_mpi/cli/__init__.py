@@ -16,6 +16,7 @@ COMMANDS: Final = {
     "check": "Validate a campaign, or verify a campaign file",
     "compile": "Compile the simulation of campaigns ahead of their runs",
     "doctor": "Check this machine: MPI, libraries, storage, batch system",
+    "explain": "Say what the keys of a campaign file mean",
     "export": "Write a compact copy, CSV tables or files for ParaView",
     "plan": "Estimate run time for different numbers of ranks",
     "report": "Print the best strings, write figures, or follow a run",

@@ -52,6 +52,27 @@ class SceneDocument(Section):
     """A scene with fixed variables, which can be simulated but not searched.
 
     `agglom simulate` and `agglom accuracy` report its objective beside the growth.
+
+    Attributes
+    ----------
+    title
+        One line for people, in reports.
+    seed
+        Number from which all random numbers follow.
+    scene
+        What is simulated: the box, the grains, and the laws of their impacts.
+    variables
+        Values and searched ranges of the numbers of a string.
+    derived
+        Quantities by arithmetic of the variables, `{pressure: density * relative_speed**2}`.
+    constraints
+        Comparisons that every string satisfies, `[pressure < 0.1 * hardness]`.
+    objective
+        What is minimised, the wanted growth or another moment of the sizes.
+    output
+        Name of the campaign file, and what it stores beside a row of each sample.
+    final
+        Estimate of the best strings on samples that no decision has seen; `none` leaves it out.
     """
 
     title: Line = ""
@@ -132,7 +153,17 @@ class SceneDocument(Section):
 
 
 class CampaignDocument(SceneDocument):
-    """All sections of a campaign, checked one by one and against each other."""
+    """All sections of a campaign, checked one by one and against each other.
+
+    Attributes
+    ----------
+    search
+        Which strings are tried next.
+    ensemble
+        When a string has been simulated often enough.
+    stopping
+        When the search ends.
+    """
 
     objective: Annotated[Objective, Choice(Objective)] = Field(
         description=f"allowed: {', '.join(Objective.components())}"

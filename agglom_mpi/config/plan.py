@@ -31,7 +31,17 @@ Criteria: Any = with_criteria(_Generations)
 
 
 class Stopping(Criteria):
-    """Section `stopping`: what ends the campaign."""
+    """Section `stopping`: what ends the campaign.
+
+    Attributes
+    ----------
+    generations
+        Most generations.
+    max_failures
+        Failed samples after which the campaign ends as hopeless.
+    max_seconds
+        Time that a sample may take, else it has failed. Results then depend on the machine.
+    """
 
     max_failures: Annotated[int, Whole(at_least=1)] = 100
     max_seconds: Annotated[Annotated[float, In("s", above=0)] | None, NONE] = None
@@ -60,7 +70,15 @@ class Plan(NamedTuple):
 
 
 class FinalAnswer(Section):
-    """Section `final`: re-estimation of the best strings on fresh samples after the search."""
+    """Section `final`: re-estimation of the best strings on fresh samples after the search.
+
+    Attributes
+    ----------
+    strings
+        Number of best strings that are estimated again.
+    samples
+        Fresh samples of each.
+    """
 
     strings: Annotated[WholeNumber, Field(ge=1, le=10**5, description="number of best strings")] = 6
     samples: Annotated[
@@ -69,7 +87,17 @@ class FinalAnswer(Section):
 
 
 class FramesOfBest(Section):
-    """Frames of the first samples of the best strings, recorded after the search."""
+    """Frames of the first samples of the best strings, recorded after the search.
+
+    Attributes
+    ----------
+    count
+        Frames of each sample.
+    strings
+        Number of best strings.
+    samples
+        Samples of each.
+    """
 
     count: Annotated[WholeNumber, Field(ge=1, le=10**5, description="frames of each sample")]
     strings: Annotated[WholeNumber, Field(ge=1, description="number of best strings")] = 6
@@ -77,7 +105,17 @@ class FramesOfBest(Section):
 
 
 class Output(Section):
-    """Section `output`: name of the campaign file, and what it stores beside rows of samples."""
+    """Section `output`: name of the campaign file, and what it stores beside rows of samples.
+
+    Attributes
+    ----------
+    file
+        Name of the campaign file; that of the YAML file with `.h5` without it.
+    final_particles
+        Whether the particles at the end of every sample are stored.
+    frames
+        Pictures of the best strings, for ParaView.
+    """
 
     file: Annotated[Line, Field(min_length=1)] | None = None
     final_particles: Flag = False

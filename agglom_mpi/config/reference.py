@@ -2,14 +2,14 @@
 
 import inspect
 from collections.abc import Iterator
-from typing import Any, Final, Literal, get_args, get_origin
+from typing import Final
 
 from agglom_mpi.config.document import CampaignDocument
+from agglom_mpi.config.explanation import Path, below, limits_of, needed_by, texts_of, topics
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.declaration.choices import choice_of
-from agglom_mpi.declaration.components import Component, In, Whole, number_of
+from agglom_mpi.declaration.components import Component, number_of
 from agglom_mpi.declaration.declared import DeclaredField
-from agglom_mpi.declaration.laws import Law
 from agglom_mpi.search.ending import EndingCriterion
 
 SECTIONS: Final = (("scene", SceneSection), ("", CampaignDocument))
@@ -31,6 +31,28 @@ def component_tables() -> str:
     return "\n".join(_table(key, kind) for key, kind in component_kinds().items())
 
 
+def section_tables() -> str:
+    """Return a Markdown table of the keys of each section, and of each mapping of a component."""
+    sections = [(), *(path for path, topic in topics().items() if not topic.example)]
+    tables = (_section_table(path) for path in sections if _has_keys(path))
+    return "\n".join(dict.fromkeys(tables))  # racing is the same of several rules
+
+
+def _has_keys(path: Path) -> bool:
+    """Return whether keys stand below a path, and not components."""
+    return any(not topic.example for topic in below(path))
+
+
+def _section_table(path: Path) -> str:
+    name = f"`{path[-1]}`" if path else "at the top"
+    rows = [f"| {name} | allowed | default | |", "|---|---|---|---|"]
+    for topic in below(path):
+        default = "**must be given**" if topic.default is None else topic.default
+        cells = (f"`{topic.path[-1]}`", topic.allowed, default, topic.meaning.replace("|", "\\|"))
+        rows.append(f"| {' | '.join(cells)} |")
+    return "\n".join([*rows, ""])
+
+
 def _table(key: str, kind: type[Component]) -> str:
     rows = [f"| `{key}` | keys | |", "|---|---|---|"]
     for name, component in kind.components().items():
@@ -41,10 +63,8 @@ def _table(key: str, kind: type[Component]) -> str:
 
 def _needs(component: type[Component]) -> str:
     """Return the variables that a law needs, in words."""
-    if not issubclass(component, Law) or not (*component.variables, *component.needs):
-        return ""
-    names = (f"`{name}`" for name in (*component.variables, *component.needs))
-    return f" Needs {', '.join(names)}."
+    names = [f"`{name}`" for name in needed_by(component)]
+    return f" Needs {', '.join(names)}." if names else ""
 
 
 def _statement(component: type[Component]) -> str:
@@ -64,31 +84,11 @@ def _allowed(field: DeclaredField) -> Iterator[str]:
     """Yield the limits and the unit of a field, or the texts that it can have."""
     number = number_of(field)
     if number is not None:
-        yield from _limits(number)
+        yield from limits_of(number)
         if number.unit != "1":
             yield number.unit
-    elif texts := _texts(field.annotation):
+    elif texts := texts_of(field.annotation):
         yield " or ".join(f"`{text}`" for text in texts)
-
-
-def _limits(number: In | Whole) -> Iterator[str]:
-    lowest, highest = number.at_least, number.at_most
-    above = number.above if isinstance(number, In) else None
-    below = number.below if isinstance(number, In) else None
-    bounds = [
-        f"{sign} {bound:g}"
-        for sign, bound in ((">", above), ("≥", lowest), ("≤", highest), ("<", below))
-        if bound is not None
-    ]
-    if bounds:
-        yield ", ".join(bounds)
-
-
-def _texts(annotation: Any) -> tuple[str, ...]:
-    """Return the texts of a Literal, also where it is part of a union."""
-    if get_origin(annotation) is Literal:
-        return tuple(text for text in get_args(annotation) if isinstance(text, str))
-    return tuple(text for inner in get_args(annotation) for text in _texts(inner))
 
 
 def _default(field: DeclaredField) -> Iterator[str]:

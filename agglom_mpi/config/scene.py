@@ -110,6 +110,46 @@ class SceneSection(Section):
 
     Where it gives the size of the grains, `half_width` is None and follows for each string. `sizes`
     None: all grains are equal.
+
+    Attributes
+    ----------
+    particles
+        Number of grains at the start.
+    half_width
+        Half the edge of the cubic box. The size of the grains follows from it and the filling.
+    grain_diameter, grain_radius
+        Mean size of the grains, in place of `half_width`, which then follows.
+    sizes
+        Law of the diameters; without it all grains are equal.
+    escape
+        What happens to a grain that leaves the box.
+    velocities
+        Velocities at the start.
+    restitution
+        How much of its approach speed a pair keeps, and when it bonds.
+    duration
+        How long a contact lasts, from which its mean force and its pressure follow.
+    contact_area
+        Area of a contact, from which its pressure and the heat of reaction follow.
+    hardness
+        How hard the surface is, and how it softens as it warms.
+    friction
+        Tangential impulse of an impact.
+    heating
+        Which grain gets the energy that an impact loses.
+    reaction
+        Heat that touching surfaces set free.
+    fragmentation
+        When an impact breaks an aggregate, and into how many pieces.
+    cooling
+        How grains lose heat between impacts.
+    solver
+        How the equation e = G(e) of an impact is solved.
+    end_time
+        When a sample ends: a time, or `characteristic`, 44 times what a grain at the critical speed
+        takes across a gap [A 13].
+    engine
+        How grains are carried from impact to impact.
     """
 
     NUMBERS: ClassVar[Mapping[str, In]] = {
@@ -117,6 +157,11 @@ class SceneSection(Section):
         "end_time": In("s", above=0),
     }
     """Its own fields that are real numbers; those of its laws are declared by these."""
+    SUPPLIED: ClassVar[Mapping[str, str]] = {
+        "half_width": "follows from the other two keys of a size, or from sizes in m",
+        "hardness": "arrhenius; constant where restitution has no hardness",
+    }
+    """What stands for a field that has no default and need not be given."""
 
     particles: Annotated[
         WholeNumber,

@@ -150,6 +150,8 @@ class Component(Declared):
         Whether a file can name a class of one's own of this kind, `FILE.py:Class`.
     not_in_files
         Fields that a file does not give: they are read from elsewhere.
+    example
+        Smallest entry of a campaign file with the numbers that it needs; empty: its name is one.
     breaks
         Properties of its kind that the class means to break, by name, and why; `agglom check`
         prints them.
@@ -164,6 +166,7 @@ class Component(Declared):
     in_files: ClassVar[bool] = True
     may_be_own: ClassVar[bool] = True
     not_in_files: ClassVar[tuple[str, ...]] = ()
+    example: ClassVar[str] = ""
     breaks: ClassVar[Mapping[str, str]] = {}
     own: ClassVar[OwnModule | None] = None
     refused_of_stand_ins: ClassVar[tuple[str, ...]] = ()

@@ -105,7 +105,12 @@ def component_of(name: str, table: VariableTable) -> str:
 class EarlierCampaign(Declared):
     """The best strings of a campaign file, ranked by re-estimates where it has some.
 
-    The name of the file is relative to the folder of the campaign that begins with them.
+    Attributes
+    ----------
+    file
+        Name of the file, relative to the folder of the campaign that begins with them.
+    strings
+        Number of best strings.
     """
 
     file: Annotated[str, NotEmpty(), Meaning("a campaign file")]

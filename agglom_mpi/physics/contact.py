@@ -13,7 +13,15 @@ from agglom_mpi.physics.pair import ContactPair
 
 
 class ContactArea(Law):
-    """a^c = A(e)·πb², A(e) = a₀ + (a_f − a₀)(1 − e), with 0 ≤ a₀ ≤ a_f  [A 11] [B 4.12]."""
+    """a^c = A(e)·πb², A(e) = a₀ + (a_f − a₀)(1 − e), with 0 ≤ a₀ ≤ a_f  [A 11] [B 4.12].
+
+    Attributes
+    ----------
+    initial
+        a₀, the fraction in an elastic impact.
+    final
+        a_f, the fraction where nothing is restored, e = 0.
+    """
 
     initial: Annotated[float, In("1", at_least=0)] = 0.0
     final: Annotated[float, In("1", above=0)] = 1.0
@@ -120,7 +128,14 @@ LengthRatio = Annotated[float, In("1", above=0)]
 
 
 class LengthDuration(Duration):
-    """Base of durations in which grains move over `length_ratio` β radii while they compress."""
+    """Base of durations in which grains move over `length_ratio` β radii while they compress.
+
+    Attributes
+    ----------
+    length_ratio
+        Length over which grains move while they compress, over the smaller radius: ε of [A], β of
+        [B].
+    """
 
     length_ratio: LengthRatio = 1.0
 

@@ -132,7 +132,13 @@ class NoCooling(Cooling):
 
 
 class SteppableCooling(Cooling):
-    """Base class of laws with a field `integration`, exact or by Euler steps."""
+    """Base class of laws with a field `integration`, exact or by Euler steps.
+
+    Attributes
+    ----------
+    integration
+        `exact`, or, as published, an `euler` step in each time step of the engine.
+    """
 
     if TYPE_CHECKING:  # a field of each law, in its own place
         integration: Integration
@@ -152,9 +158,21 @@ class RadiativeCooling(SteppableCooling):
 
     The emissivity is ε, the temperature of the surroundings θ_s, the `convection` h_c, and θ_o the
     temperature of the ambient gas.
+
+    Attributes
+    ----------
+    emissivity
+        Emissivity ε of the surface.
+    surroundings
+        Temperature θ_s of the walls that radiate back.
+    convection
+        Coefficient h_c of the heat that the gas takes; 0 leaves it out.
+    ambient
+        Temperature θ_o of the gas.
     """
 
     law: Literal["radiation"] = "radiation"
+    example: ClassVar[str] = "{law: radiation, emissivity: 0.9, surroundings: 300 K}"
     emissivity: Annotated[float, In("1", at_least=0, at_most=1, meaning="0 to 1")]
     surroundings: Annotated[float, In("K", at_least=0, meaning="a temperature like '300 K'")]
     convection: Annotated[float, In("W/m^2/K", at_least=0)] = 0.0

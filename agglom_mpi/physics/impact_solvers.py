@@ -146,6 +146,13 @@ class FixedPointIteration(Solver):
     """e ← G(e) from e = 0 until |Δe| ≤ `tolerance` or `cap` iterations  [A 20] [B 6b].
 
     Bonding is tested at e = 0 only. It does not converge for most impacts; the residual tells.
+
+    Attributes
+    ----------
+    tolerance
+        Change of e at which it ends.
+    cap
+        Most iterations of an impact.
     """
 
     law: Literal["iteration"] = "iteration"

@@ -122,9 +122,17 @@ class ConstantRestitution(Restitution):
     prevents inelastic collapse (TC model, Luding & McNamara, Granular Matter 1, 1998, 113): hard
     spheres that lose energy can collide infinitely often in finite time, and an impact that lasts
     cannot be told from the next one. 0 turns this off.
+
+    Attributes
+    ----------
+    value
+        The restitution e.
+    contact_time
+        Time after an impact in which the next one of either partner is elastic.
     """
 
     law: Literal["constant"] = "constant"
+    example: ClassVar[str] = "{law: constant, value: 0.8}"
     value: Annotated[float, In("1", at_least=0, at_most=1, meaning="the restitution, 0 to 1")]
     contact_time: Annotated[float, In("s", at_least=0)] = 0.0
 

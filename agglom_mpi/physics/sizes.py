@@ -98,9 +98,19 @@ class LognormalSizes(Sizes):
     """Lognormal diameters; `spread` is the geometric standard deviation, the same on each basis.
 
     A `median` by volume is exp(3 ln² spread) times that by number (Hatch and Choate).
+
+    Attributes
+    ----------
+    spread
+        Geometric standard deviation of the diameters.
+    median
+        Diameter that half of the grains are below; without it the scene says the mean size.
+    basis
+        Whether the median is that of their numbers or of their volume.
     """
 
     law: Literal["lognormal"] = "lognormal"
+    example: ClassVar[str] = "{law: lognormal, spread: 1.3}"
     spread: Annotated[float, In("1", above=1, at_most=3, meaning="like 1.3")]
     median: Length = None
     basis: Basis = "number"
@@ -134,9 +144,20 @@ class LognormalSizes(Sizes):
 
 
 class UniformSizes(Sizes):
-    """Diameters uniform from `smallest` to `largest`, or with their `ratio` about the mean."""
+    """Diameters uniform from `smallest` to `largest`, or with their `ratio` about the mean.
+
+    Attributes
+    ----------
+    smallest, largest
+        Ends of the diameters.
+    ratio
+        Largest diameter over the smallest, in place of both; the scene says the mean size.
+    basis
+        Whether each diameter is as likely by number, or has as much volume.
+    """
 
     law: Literal["uniform"] = "uniform"
+    example: ClassVar[str] = "{law: uniform, ratio: 2}"
     smallest: Length = None
     largest: Length = None
     ratio: Annotated[float | None, In("1", above=1, at_most=10)] = None
@@ -204,11 +225,19 @@ class FileSizes(Sizes):
 
     `diameters` are in m, or relative to each other where the file gives no unit. All rows are as
     likely by number, or stand for the same volume of grains.
+
+    Attributes
+    ----------
+    file
+        Name of the file, beside the campaign file: one diameter a row, or a column of a table.
+    basis
+        Whether each row stands for as many grains, or for as much volume.
     """
 
     reads_file = True
     not_in_files = READ_KEYS
     law: Literal["file"] = "file"
+    example: ClassVar[str] = "{file: diameters.csv}"
     file: Line
     diameters: tuple[float, ...] = ()
     absolute: bool = False

@@ -64,7 +64,15 @@ class UniformX(Velocities):
 
 
 class SpreadVelocities(Velocities):
-    """Mean plus v⁰λ in x and `transverse`·v⁰λ in y and z, λ ~ U[−1, 1) each  [B 7.3]."""
+    """Mean plus v⁰λ in x and `transverse`·v⁰λ in y and z, λ ~ U[−1, 1) each  [B 7.3].
+
+    Attributes
+    ----------
+    mean
+        Mean velocity of all grains, in x, y and z.
+    transverse
+        Spread in y and z relative to that in x, which is v⁰.
+    """
 
     law: Literal["spread"] = "spread"
     mean: Annotated[tuple[float, float, float], In("m/s")] = (10.0, 10.0, 100.0)

@@ -100,9 +100,18 @@ class EndingCriterion(Component):
 
 
 class MeanOfBest(EndingCriterion):
-    """The mean objective of the best `top` strings is at most `objective` [A 26]."""
+    """The mean objective of the best `top` strings is at most `objective` [A 26].
+
+    Attributes
+    ----------
+    top
+        Number of best strings.
+    objective
+        Mean objective of these at which the search has succeeded.
+    """
 
     key: ClassVar[str] = "target"
+    example: ClassVar[str] = "{top: 6, objective: 5e-4}"
     always_recorded: ClassVar[bool] = True
     top: Annotated[int, Whole(at_least=1, meaning="a number of strings")]
     objective: Annotated[float, In("1", meaning="like 5e-4")]
@@ -142,9 +151,16 @@ class MeanOfBest(EndingCriterion):
 
 
 class ExpectedError(EndingCriterion):
-    """The set that a search looks for is known: its expected error is small enough."""
+    """The set that a search looks for is known: its expected error is small enough.
+
+    Attributes
+    ----------
+    expected_error
+        Expected volume that is wrongly in or out of the set, over that of the set.
+    """
 
     key: ClassVar[str] = "expected_error"
+    example: ClassVar[str] = "0.05"
     expected_error: Annotated[float, In("1", above=0, below=1)]
 
     def holds(self, generations: int, search: RunningSearch) -> bool:

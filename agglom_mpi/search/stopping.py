@@ -175,7 +175,19 @@ def _share(tolerance: float) -> str:
 
 
 class AdaptiveRule(StoppingRule):
-    """Base class of rules with a tolerance and limits on the samples of a string."""
+    """Base class of rules with a tolerance and limits on the samples of a string.
+
+    Attributes
+    ----------
+    tolerance
+        Number that the test compares with.
+    max_samples
+        Most samples of a string, whatever the test says.
+    min_samples
+        Fewest samples of a string.
+    racing
+        Whether strings that will not be parents are given up early; for the genetic search.
+    """
 
     limits: ClassVar[frozenset[str]] = StoppingRule.limits | {
         *("min_samples", "max_samples", "racing"),
@@ -210,6 +222,7 @@ class SuccessiveDifference(AdaptiveRule):
 
     is_published: ClassVar[bool] = True
     rule: Literal["successive_difference"] = "successive_difference"
+    example: ClassVar[str] = "{rule: successive_difference, tolerance: 1e-4, max_samples: 100}"
     quantity: Literal["mean_radius", "objective"] = "objective"
 
     @property
@@ -251,6 +264,7 @@ class Moments(AdaptiveRule):
 
     is_published: ClassVar[bool] = True
     rule: Literal["moments"] = "moments"
+    example: ClassVar[str] = "{rule: moments, tolerance: 1e-2, max_samples: 100}"
     order: Annotated[int, Whole(at_least=1, at_most=4)] = 4
 
     @property
@@ -298,6 +312,7 @@ class StandardError(AdaptiveRule):
 
     limits: ClassVar[frozenset[str]] = AdaptiveRule.limits - {"min_samples"}
     rule: Literal["standard_error"] = "standard_error"
+    example: ClassVar[str] = "{rule: standard_error, tolerance: 0.02, max_samples: 100}"
     min_samples: Annotated[int, Whole(at_least=3)] = 5
 
     @property
@@ -325,10 +340,17 @@ def _t_95_of(samples: Any) -> Any:
 
 
 class FixedNumber(StoppingRule):
-    """The same number of samples for every string, whatever they give."""
+    """The same number of samples for every string, whatever they give.
+
+    Attributes
+    ----------
+    samples
+        Samples of every string.
+    """
 
     is_adaptive: ClassVar[bool] = False
     rule: Literal["fixed"] = "fixed"
+    example: ClassVar[str] = "{rule: fixed, samples: 3}"
     samples: Annotated[int, Whole(at_least=1, at_most=10**6, meaning="a number of samples")]
 
     @property

@@ -39,6 +39,11 @@ class EventDriven(Engine):
     Inelastic spheres can collide infinitely often in finite time: a sample that needs more than
     `budget` events per grain fails instead of running for ever. Cell crossings are events, too: in
     a dilute gas of 1000 grains some 14 per grain and box length.
+
+    Attributes
+    ----------
+    budget
+        Most events of a sample, for each grain; a sample that needs more fails.
     """
 
     law: Literal["event"] = "event"
@@ -57,7 +62,13 @@ class EventDriven(Engine):
 
 
 class FixedSteps(Engine):
-    """Equal time steps over the run  [A]."""
+    """Equal time steps over the run  [A].
+
+    Attributes
+    ----------
+    steps
+        Number of time steps of a sample.
+    """
 
     law: Literal["fixed"] = "fixed"
     steps: Annotated[int, Whole(at_least=1)] = 200
@@ -73,7 +84,15 @@ class FixedSteps(Engine):
 
 
 class AdaptiveSteps(Engine):
-    """Steps to the next contact of nearest neighbours, from `floor` to `ceiling` in s  [B 6.14]."""
+    """Steps to the next contact of nearest neighbours, from `floor` to `ceiling` in s  [B 6.14].
+
+    Attributes
+    ----------
+    floor
+        Shortest step.
+    ceiling
+        Longest step.
+    """
 
     law: Literal["adaptive"] = "adaptive"
     floor: Annotated[float, In("s", above=0)] = 1e-6

@@ -53,8 +53,8 @@ class Foresight(Scheduler):
     def _range_limit(self, used):
         return 1
 
-    def _next_range(self, string, limit):
-        piece = super()._next_range(string, limit)
+    def _next_range(self, string, progress, limit):
+        piece = super()._next_range(string, progress, limit)
         _, first, count = piece
         return piece.split(min(count, self.used[string] - first))[0]
 

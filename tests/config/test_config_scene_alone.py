@@ -83,9 +83,9 @@ def test_a_scene_alone_is_judged_by_its_growth_unless_it_says_otherwise() -> Non
 
 
 def test_mistakes_of_a_scene_alone_are_not_followed_by_those_of_a_search() -> None:
-    assert message(*ALONE, ("title", "titel: A test")) == (
-        "campaign.yaml:1: titel: unknown key 'titel'; did you mean 'title'?"
-    )
+    said = message(*ALONE, ("title", "titel: A test"))
+    assert said.startswith("campaign.yaml:1: titel: unknown key 'titel'; did you mean 'title'?")
+    assert len(said.splitlines()) == 1
     said = message(*ALONE, ("  density", "  density: -1"))
     assert said.startswith("campaign.yaml:19: variables.density: is -1")
     assert "0 kg/m^3" in said

@@ -207,11 +207,12 @@ def fixed(samples: str) -> tuple[tuple[str, str], ...]:
         (
             "  samples: 3\n  tolerance: 1e-3",
             "31: ensemble.tolerance: unknown key 'tolerance'; "
-            "allowed: common_configurations, rule, samples",
+            "allowed: common_configurations, rule, samples (see `agglom explain ensemble`)",
         ),
         (
             "  samples: 3\n  min_samples: 2",
-            "31: ensemble.min_samples: unknown key 'min_samples'; did you mean 'samples'?",
+            "31: ensemble.min_samples: unknown key 'min_samples'; did you mean 'samples'? "
+            "(see `agglom explain ensemble`)",
         ),
     ],
 )

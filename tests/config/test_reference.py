@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from agglom_mpi.config.reference import component_kinds, component_tables
+from agglom_mpi.config.reference import component_kinds, component_tables, section_tables
 
 JOBS = Path(__file__).parents[2] / "jobs"
 
@@ -27,3 +27,7 @@ def test_every_component_has_a_row_with_all_its_keys():
 
 def test_the_readme_has_the_tables_of_the_program():
     assert component_tables() in (JOBS / "README.md").read_text()
+
+
+def test_the_readme_has_the_tables_of_the_sections():
+    assert section_tables() in (JOBS / "README.md").read_text()

@@ -33,7 +33,15 @@ RESAMPLE_BITS: Final = 32
 
 
 class Rescale(Declared):
-    """Shrink the search box around the best string by `factor` every `every` generations."""
+    """Shrink the search box around the best string by `factor` every `every` generations.
+
+    Attributes
+    ----------
+    every
+        Generations between two restrictions.
+    factor
+        Edge of the box after a restriction, relative to that before.
+    """
 
     every: Annotated[int, Whole(at_least=1, meaning="a number of generations")]
     factor: Annotated[float, In("1", above=0, below=1, meaning="between 0 and 1")]
@@ -49,9 +57,9 @@ class Genetic(PopulationMethod):
     Attributes
     ----------
     population
-        S.
+        Strings S of each generation.
     parents
-        K, even because they mate in pairs.
+        Strings K that are kept and mate, in pairs: an even number.
     blend
         Range of the blending number φ. Beyond [0, 1] it is the papers' mutation: offspring may
         leave the hull of their parents, but never the box.

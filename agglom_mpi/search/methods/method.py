@@ -95,14 +95,15 @@ class SearchMethod(Component):
 
     Attributes
     ----------
+    start
+        Strings to begin with: a list of them, or the best of an earlier campaign file,
+        `{file: EARLIER.h5, strings: 6}`.
     lag
         Generation g is proposed from the results of generations up to g - lag.
     library
         Optional library that the method needs, of the extra `search`; None: none.
     ranks_by_model
         Whether strings are ranked by a model of all samples, not by their own objectives.
-    start
-        Strings of the first generation that the file gives; None: none.
     """
 
     named_by: ClassVar[str] = "method"
@@ -248,7 +249,13 @@ def _counting(first: int, second: int) -> Callable[[Any, int], int]:
 
 
 class PopulationMethod(SearchMethod):
-    """Base class of methods whose generations all have the same size."""
+    """Base class of methods whose generations all have the same size.
+
+    Attributes
+    ----------
+    population
+        Strings of each generation.
+    """
 
     population: Annotated[int, Whole(at_least=1, at_most=10**5)] = 20
 

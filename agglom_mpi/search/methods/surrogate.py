@@ -66,7 +66,7 @@ class Surrogate(SearchMethod):
     aim
         Whether the best string or the set of strings that meet the target is searched for.
     tolerance
-        Tolerance of the set; None: `SET_TOLERANCE`.
+        Tolerance of the set, relative to the target; None: 0.05.
     """
 
     lag: ClassVar[int] = 2

@@ -62,7 +62,19 @@ AtLeastOne: TypeAlias = Annotated[float | None, In("1", at_least=1)]
 
 
 class Targets(Declared):
-    """Targets: the mean over samples of b/b⁰; the other moments of all their particles pooled."""
+    """Targets: the mean over samples of b/b⁰; the other moments of all their particles pooled.
+
+    Attributes
+    ----------
+    mean
+        Mean over samples of b/b⁰.
+    spread
+        Standard deviation of b/b⁰.
+    skewness, kurtosis
+        Third and fourth central moment over that power of the spread.
+    second, third, fourth
+        Central moments of b/b⁰.
+    """
 
     mean: AtLeastOne = None
     spread: NotNegative = None
@@ -74,7 +86,13 @@ class Targets(Declared):
 
 
 class Weights(Declared):
-    """Weights of the targets' relative misses."""
+    """Weights of the targets' relative misses.
+
+    Attributes
+    ----------
+    mean, spread, skewness, kurtosis, second, third, fourth
+        Weight of that target, 1 by default.
+    """
 
     mean: Positive = None
     spread: Positive = None
@@ -99,6 +117,7 @@ class MomentTargets(Objective):
     has_target: ClassVar[bool] = True
     has_moments: ClassVar[bool] = True
     law: Literal["moments"] = "moments"
+    example: ClassVar[str] = "{law: moments, targets: {mean: 2, spread: 0.4}}"
     targets: Annotated[Targets, Meaning("such as {mean: 2, spread: 0.4}")]
     weights: Weights = Weights()
     _order: tuple[str, ...] = MOMENTS

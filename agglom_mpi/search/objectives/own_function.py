@@ -100,7 +100,7 @@ class MeanOfFunction(Objective):
     Attributes
     ----------
     call
-        `module:function`.
+        The function, `module:function`, of `module.py` beside the campaign file.
     quantities
         Names and SI units of the numbers that the function returns as a mapping.
     of_means
@@ -109,6 +109,7 @@ class MeanOfFunction(Objective):
 
     least: ClassVar[float] = -math.inf
     law: Literal["function"] = "function"
+    example: ClassVar[str] = '{law: function, call: "growth:loss"}'
     call: Annotated[str, Meaning("module:function, of module.py beside the campaign file")]
     quantities: Annotated[Quantities | None, Reads(Quantities.read), LATER] = None
     of_means: Annotated[str | None, LATER] = None

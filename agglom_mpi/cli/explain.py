@@ -1,0 +1,94 @@
+"""`agglom explain`: what the keys of a campaign file mean."""
+
+import textwrap
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Final
+
+import click
+
+from agglom_mpi.cli.common import examples, exit_with, say
+
+if TYPE_CHECKING:
+    from agglom_mpi.config.explanation import Topic
+
+WIDTH: Final = 100
+"""Most columns of a line."""
+MOST_PAGES: Final = 2
+"""Number of topics of one name that are explained one by one; more are listed."""
+INDENT: Final = "  "
+
+
+@click.command(
+    epilog=examples(
+        "agglom explain",
+        "agglom explain restitution",
+        "agglom explain cooling.emissivity density",
+        "agglom explain --markdown > reference.md",
+    )
+)
+@click.argument("keys", nargs=-1, metavar="[KEY ...]")
+@click.option("--markdown", is_flag=True, help="Print tables of all keys, as Markdown.")
+@exit_with
+def explain(keys: tuple[str, ...], markdown: bool) -> int:
+    """Say what a KEY of a campaign file means, what it may be, and what it is if left out.
+
+    A KEY is a section (final), a key of the scene (restitution), a law (restitution.constant), a
+    number (cooling.emissivity) or a variable (density). Without one, lists the sections.
+    """
+    from agglom_mpi.config.explanation import below, find
+    from agglom_mpi.config.reference import component_tables, section_tables
+
+    pages = [page for key in keys for page in _pages(find(key))]
+    if markdown:
+        say(f"{section_tables()}\n{component_tables()}")
+    elif not keys:
+        sections = below(())
+        pages = [[*_table(sections), "", "`agglom explain scene` says what is below."]]
+    if pages:
+        say("\n\n".join("\n".join(page) for page in pages))
+    return 0
+
+
+def _pages(found: "list[Topic]") -> Iterator[list[str]]:
+    """Yield the lines on each of some topics, or a list of them if they are many."""
+    if len(found) > MOST_PAGES:
+        yield list(_table(found, whole=True))
+    else:
+        yield from ([*_page(topic)] for topic in found)
+
+
+def _page(topic: "Topic") -> Iterator[str]:
+    """Yield the lines on one topic."""
+    from agglom_mpi.config.explanation import below
+
+    yield ".".join(topic.path)
+    for paragraph in (topic.meaning, *topic.further):
+        yield from textwrap.wrap(paragraph, WIDTH, initial_indent=INDENT, subsequent_indent=INDENT)
+    facts = {
+        "allowed": topic.allowed.replace("`", ""),
+        "default": "none: it must be given" if topic.default is None else topic.default,
+        "needs": ", ".join(topic.needs),
+        "example": topic.example,
+    }
+    given = {name: text for name, text in facts.items() if text}
+    if given:
+        yield ""
+        yield from (f"{INDENT}{name:8s} {text}" for name, text in given.items())
+    if keys := below(topic.path):
+        yield ""
+        yield from _table(keys)
+
+
+def _table(topics: "list[Topic]", *, whole: bool = False) -> Iterator[str]:
+    """Yield a line or more on each topic: its name, what it is, what it may be."""
+    names = [".".join(topic.path) if whole else topic.path[-1] for topic in topics]
+    width = max(map(len, names)) + 2
+    for name, topic in zip(names, topics, strict=True):
+        default = "must be given" if topic.default is None else f"default {topic.default}"
+        facts = [topic.allowed.replace("`", ""), default if topic.default != "" else ""]
+        shown = "; ".join(fact for fact in facts if fact)
+        text = f"{topic.meaning} ({shown})" if shown else topic.meaning
+        indent = INDENT + " " * width
+        lines = textwrap.wrap(text, WIDTH, initial_indent=indent, subsequent_indent=indent)
+        yield f"{INDENT}{name:{width}s}{lines[0].strip()}"
+        yield from lines[1:]

@@ -1,0 +1,275 @@
+"""What every key of a campaign file means, derived from the declarations of its sections.
+
+The text on a key is what the docstring of its class says of it, under `Attributes`; that on a
+component is the docstring itself.
+"""
+
+import inspect
+import re
+from collections.abc import Iterator, Mapping
+from difflib import get_close_matches
+from functools import cache
+from typing import Any, Final, Literal, NamedTuple, TypeAlias, get_args, get_origin
+
+from pydantic_core import PydanticUndefined
+
+from agglom_mpi.config.document import CampaignDocument
+from agglom_mpi.declaration.choices import choice_of
+from agglom_mpi.declaration.components import Component, In, Whole, number_of
+from agglom_mpi.declaration.declared import MISSING, declared_in
+from agglom_mpi.declaration.laws import Law
+from agglom_mpi.declaration.sections import Section
+from agglom_mpi.errors import UserError
+from agglom_mpi.search.ending import EndingCriterion
+from agglom_mpi.variables import PAPER_VARIABLES, VOLUME_FRACTION, Variable
+
+Path: TypeAlias = tuple[str, ...]
+
+_ATTRIBUTES: Final = re.compile(r"\n\nAttributes\n-+\n")
+_ENTRY: Final = re.compile(r"^(\w[\w, ]*)\n((?:    .*(?:\n|$)|\n(?=    ))*)", re.MULTILINE)
+
+
+class UnknownKeyError(UserError, ValueError):
+    """A campaign file has no key of this name."""
+
+
+class Topic(NamedTuple):
+    """What is to be known of a section, a key, a component or a variable.
+
+    Attributes
+    ----------
+    path
+        Keys from the top of the file; a component stands below its key.
+    meaning
+        One or more sentences.
+    allowed
+        Limits, unit and texts that a value can have; empty if keys follow.
+    default
+        Value where a file has none; None if it must be given.
+    further
+        Paragraphs on a component: its formula, its source, when to use it, what it leaves out.
+    needs
+        Variables that a component needs.
+    example
+        Smallest entry of a file that has it; empty of what is no component.
+    """
+
+    path: Path
+    meaning: str
+    allowed: str = ""
+    default: str | None = ""
+    further: tuple[str, ...] = ()
+    needs: tuple[str, ...] = ()
+    example: str = ""
+
+
+@cache
+def topics() -> Mapping[Path, Topic]:
+    """Return all topics, each section before its keys."""
+    return {topic.path: topic for topic in _topics_of(CampaignDocument, ())}
+
+
+def below(path: Path) -> list[Topic]:
+    """Return the topics one step below a path."""
+    return [topic for topic in topics().values() if topic.path[:-1] == path]
+
+
+def find(words: str) -> list[Topic]:
+    """Return the topics that some keys name: `cooling.emissivity`, or `density`.
+
+    Keys between may be left out, and those before the first. A path that is whole is the only one.
+
+    Raises
+    ------
+    UnknownKeyError
+        If there is none, with what is near.
+    """
+    wanted = tuple(words.split("."))
+    for whole in (wanted, ("scene", *wanted), ("variables", words)):
+        if whole in topics():
+            others = [topic for topic in below(("variables",)) if topic.path[-1:] == wanted]
+            return list(dict.fromkeys([topics()[whole], *others]))
+    found = [topic for topic in topics().values() if _is_among(wanted, topic.path)]
+    if not found:
+        known = dict.fromkeys(path[-1] for path in topics())
+        near = get_close_matches(wanted[-1], known, n=1)
+        advice = f"did you mean '{near[0]}'?" if near else "`agglom explain` lists the sections"
+        raise UnknownKeyError(f"{words}: no key of a campaign file; {advice}")
+    return found
+
+
+def _is_among(wanted: Path, path: Path) -> bool:
+    """Return whether a path ends with a key, and has those before it in their order."""
+    if wanted[-1] != path[-1]:
+        return False
+    rest = iter(path)
+    return all(key in rest for key in wanted)
+
+
+def _topics_of(section: type[Any], path: Path) -> Iterator[Topic]:
+    """Yield the topics of the keys of a section or component, and of what is below them."""
+    hidden = (section.named_by, *section.not_in_files) if issubclass(section, Component) else ()
+    for name, field in section.model_fields.items():
+        here = (*path, name)
+        if here == ("variables",):
+            yield Topic(here, meaning_of(section, name), default=None)
+            yield from (_variable(variable) for variable in (*PAPER_VARIABLES, VOLUME_FRACTION))
+        elif choice := choice_of(field):
+            yield Topic(here, meaning_of(section, name), default=_default(section, name))
+            yield from _components(choice.kind, here)
+        elif name not in hidden:
+            yield from _key(section, here)
+
+
+def _key(section: type[Any], path: Path) -> Iterator[Topic]:
+    """Yield the topic of a key that chooses no component, and those of the keys below it."""
+    name = path[-1]
+    field = section.model_fields[name]
+    meaning, default = meaning_of(section, name), _default(section, name)
+    inner = _inner_section(field.annotation)
+    if inner is not None and issubclass(inner, EndingCriterion):
+        meaning = _paragraphs(inner)[0]
+        if list(inner.model_fields) == [name]:
+            yield Topic(path, meaning, _allowed(inner, name), default)
+            return
+    yield Topic(path, meaning, "" if inner else _allowed(section, name), default)
+    if inner is not None:
+        yield from _topics_of(inner, path)
+
+
+def _inner_section(annotation: Any) -> type[Any] | None:
+    """Return the section or component that a type is, or is a union with; None of others."""
+    for each in (annotation, *getattr(annotation, "__args__", ())):
+        if isinstance(each, type) and issubclass(each, Section):
+            return each
+    return next(declared_in(annotation), None)
+
+
+def _components(kind: type[Component], path: Path) -> Iterator[Topic]:
+    for name, component in kind.components().items():
+        first, *further = _paragraphs(component)
+        alone = name if kind.named_by == "law" else f"{{{kind.named_by}: {name}}}"
+        example = f"{path[-1]}: {component.example or alone}"
+        needs = needed_by(component)
+        yield Topic((*path, name), first, further=tuple(further), needs=needs, example=example)
+        yield from _topics_of(component, (*path, name))
+
+
+def _variable(variable: Variable) -> Topic:
+    unit = "" if variable.unit == "1" else f" {variable.unit}"
+    allowed = f"a value, [lower, upper] or [lower, upper, log]{unit}"
+    meaning = variable.meaning[:1].upper() + variable.meaning[1:]
+    return Topic(("variables", variable.name), f"{meaning}.", allowed)
+
+
+def _paragraphs(component: type[Component]) -> list[str]:
+    """Return the docstring of a component without the part on its fields."""
+    text = _ATTRIBUTES.split(inspect.getdoc(component) or component.__name__)[0]
+    return [paragraph.replace("\n", " ").replace("  [", " [") for paragraph in text.split("\n\n")]
+
+
+def meaning_of(section: type[Any], name: str) -> str:
+    """Return what the docstrings of a class and its bases say of a field; empty if they do not."""
+    for base in section.__mro__:
+        found = _described(base).get(name)
+        if found:
+            return found
+    field = section.model_fields[name]
+    number = number_of(field)
+    text = (number.meaning if number else "") or field.description or ""
+    return f"{text[:1].upper()}{text[1:]}." if text else ""
+
+
+@cache
+def _described(section: type[Any]) -> Mapping[str, str]:
+    """Return the texts of the part `Attributes` of a class's own docstring, by name."""
+    parts = _ATTRIBUTES.split(inspect.cleandoc(section.__dict__.get("__doc__") or ""))
+    found: dict[str, str] = {}
+    for names, text in _ENTRY.findall(parts[1]) if len(parts) > 1 else ():
+        found |= {name.strip(): " ".join(text.split()) for name in names.split(",")}
+    return found
+
+
+def _allowed(section: type[Any], name: str) -> str:
+    """Return limits, unit and texts of a value."""
+    field = section.model_fields[name]
+    own = getattr(section, "NUMBERS", {}).get(name)
+    number = own or number_of(field) or _number_within(field.annotation)
+    words = list(_limits(number) if number else _pydantic_limits(field))
+    words += [f"`{text}`" for text in texts_of(field.annotation)]
+    if number is not None and number.unit != "1":
+        words[:1] = [" ".join([*words[:1], number.unit])]
+    if field.annotation is bool:
+        words = ["true", "false"]
+    return " or ".join(words)
+
+
+def _limits(number: In | Whole) -> Iterator[str]:
+    kind = "whole number" if isinstance(number, Whole) else "number"
+    yield " ".join([kind, *limits_of(number)])
+
+
+def _number_within(annotation: Any) -> In | Whole | None:
+    """Return the number that a type which may be None holds."""
+    for inner in (annotation, *getattr(annotation, "__args__", ())):
+        for each in getattr(inner, "__metadata__", ()):
+            if isinstance(each, In | Whole):
+                return each
+    return None
+
+
+def _pydantic_limits(field: Any) -> Iterator[str]:
+    """Yield the limits of a whole number that pydantic checks."""
+    if field.annotation is not int:
+        return
+    limits = Whole(
+        at_least=next((each.ge for each in field.metadata if hasattr(each, "ge")), None),
+        at_most=next((each.le for each in field.metadata if hasattr(each, "le")), None),
+    )
+    yield from _limits(limits)
+
+
+def _default(section: type[Any], name: str) -> str | None:
+    """Return the value of a key that is not given, as in a file; None if it must be."""
+    field = section.model_fields[name]
+    if field.is_required():
+        supplied: Mapping[str, str] = getattr(section, "SUPPLIED", {})
+        return supplied.get(name)
+    default = field.default
+    if default is None or default is PydanticUndefined or default is MISSING:
+        return "none"
+    if isinstance(default, Component):
+        return default.name or "as below"
+    if isinstance(default, bool):
+        return str(default).lower()
+    if isinstance(default, int | float):
+        return f"{default:g}" if isinstance(default, float) else str(default)
+    if isinstance(default, tuple):
+        return f"[{', '.join(f'{each:g}' for each in default)}]" if default else "none"
+    return str(default) or "none" if isinstance(default, str) else "as below"
+
+
+def limits_of(number: In | Whole) -> Iterator[str]:
+    """Yield the limits of a number as one text, if it has any."""
+    lowest, highest = number.at_least, number.at_most
+    above = number.above if isinstance(number, In) else None
+    below = number.below if isinstance(number, In) else None
+    bounds = [
+        f"{sign} {bound:g}"
+        for sign, bound in ((">", above), ("≥", lowest), ("≤", highest), ("<", below))
+        if bound is not None
+    ]
+    if bounds:
+        yield ", ".join(bounds)
+
+
+def texts_of(annotation: Any) -> tuple[str, ...]:
+    """Return the texts of a Literal, also where it is part of a union."""
+    if get_origin(annotation) is Literal:
+        return tuple(text for text in get_args(annotation) if isinstance(text, str))
+    return tuple(text for inner in get_args(annotation) for text in texts_of(inner))
+
+
+def needed_by(component: type[Component]) -> tuple[str, ...]:
+    """Return the variables that a law needs; none of other components."""
+    return (*component.variables, *component.needs) if issubclass(component, Law) else ()

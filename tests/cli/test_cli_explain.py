@@ -1,0 +1,53 @@
+"""`agglom explain`: every key of a campaign file, in words."""
+
+import pytest
+from click.testing import CliRunner
+
+from agglom_mpi.cli.explain import WIDTH, explain
+from agglom_mpi.config.explanation import topics
+
+
+def run(*arguments):
+    return CliRunner().invoke(explain, arguments)
+
+
+def test_without_a_key_the_sections_are_listed():
+    done = run()
+    assert done.exit_code == 0
+    for path in topics():
+        assert len(path) > 1 or f"\n  {path[0]} " in f"\n{done.output}"
+
+
+@pytest.mark.parametrize("path", topics(), ids=".".join)
+def test_every_key_has_a_page_that_fits_a_terminal(path):
+    done = run(".".join(path))
+    assert done.exit_code == 0
+    lines = done.output.splitlines()
+    assert lines[0] == ".".join(path)
+    topic = topics()[path]
+    assert " ".join(topic.meaning.split()) in " ".join(done.output.split())
+    assert topic.example in done.output
+    assert all(len(line) <= WIDTH or line.lstrip().startswith("allowed") for line in lines)
+
+
+def test_several_keys_are_explained_one_after_another():
+    done = run("density", "restitution.value")
+    assert done.output.index("variables.density") < done.output.index("restitution.constant.value")
+
+
+def test_a_name_of_many_keys_lists_them():
+    assert len(run("tolerance").output.splitlines()) >= 5
+
+
+def test_an_unknown_key_is_one_line_and_a_code():
+    done = run("restitutoin")
+    assert done.exit_code == 2
+    assert len(done.output.splitlines()) == 1
+    assert "restitution" in done.output
+
+
+def test_markdown_has_a_row_for_every_key():
+    done = run("--markdown")
+    assert done.exit_code == 0
+    for path in topics():
+        assert f"`{path[-1]}`" in done.output
