@@ -94,8 +94,11 @@ def without_energy(solution: RestitutionSolution, lost: float) -> RestitutionSol
 
     e² becomes e² − `lost`; the pair bonds where nothing is left.
     """
-    gone = solution.deficit * (2.0 - solution.deficit) + lost  # 1 − e²
-    if solution.bonds or gone >= 1.0:
+    rebound = 1.0 - solution.deficit
+    left = rebound * rebound - lost
+    if solution.bonds or left <= 0.0:
         return RestitutionSolution(1.0, True, solution.residual, solution.capped)
-    deficit = gone / (1.0 + math.sqrt(1.0 - gone))
+    # 1 − e by 1 − e², which keeps its relative accuracy where the impact is nearly elastic
+    gone = solution.deficit * (1.0 + rebound) + lost
+    deficit = gone / (1.0 + math.sqrt(left))
     return RestitutionSolution(deficit, False, solution.residual, solution.capped)
