@@ -13,13 +13,19 @@ _BY_MODULE: Final[dict[str, tuple[str, ...]]] = {
     "declaration.choices": ("Choice",),
     "declaration.declared": ("Declared", "FieldPath", "Meaning", "LATER"),
     "declaration.field_types": ("Flag", "Line", "NONE"),
-    "declaration.laws": ("Law", "Group", "Values"),
+    "declaration.laws": ("Law", "Group", "Reported", "Values"),
     "compilation.stages": ("Submodel", "inlined", "not_inlined"),
     # Laws of an impact
     "physics.pair": ("ContactPair",),
     "physics.restitution": (
-        *("Restitution", "RestitutionSolution", "ImpactLaws", "IMPACT_PRESSURE"),
+        *("Restitution", "RestitutionSolution", "CriticalSpeeds", "ImpactLaws", "IMPACT_PRESSURE"),
+        *("solve_restitution", "is_still_in_contact"),
         *("solve_pressure_law", "log_pressure_scale", "log_pressure_ratio"),
+    ),
+    "physics.dry_contact": ("RestitutionAroundDry", "without_energy"),
+    "physics.elastic_contact": (
+        *("YoungsModulus", "PoissonRatio", "contact_modulus", "reduced_radius"),
+        *("separation_work", "tabor_number", "FIXED_DISPLACEMENT", "FIXED_LOAD"),
     ),
     "physics.contact": (
         *("Duration", "LengthDuration", "LengthRatio"),

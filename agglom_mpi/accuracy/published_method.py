@@ -41,7 +41,7 @@ def as_published(scene: SceneSection) -> SceneSection:
     it: the methods are compared on the same equations.
     """
     changes: dict[str, object] = {"engine": _published_engine(scene)}
-    if scene.restitution.needs_contact_pressure:
+    if scene.restitution.uses_contact_pressure:
         changes["solver"] = FixedPointIteration()
     changes["cooling"] = scene.cooling.stepped()
     return scene.model_copy(update=changes)
@@ -49,7 +49,7 @@ def as_published(scene: SceneSection) -> SceneSection:
 
 def _published_engine(scene: SceneSection) -> Engine:
     """Return the paper's time steps for a scene; see `as_published`."""
-    if scene.restitution.needs_contact_pressure and scene.duration.takes_published_steps:
+    if scene.restitution.uses_contact_pressure and scene.duration.takes_published_steps:
         return FixedSteps(steps=200)
     if isinstance(scene.end_time, str):
         return AdaptiveSteps()

@@ -39,8 +39,11 @@ def law_of(numbers: Any) -> Any:
 
 
 def laws_in(models: Iterable[Any]) -> Iterator[Any]:
-    """Yield those of several submodels that are the numbers of a law."""
-    return (model for model in models if type(model) in _LAWS)
+    """Yield those of several submodels that are the numbers of a law, and of laws within these."""
+    for model in models:
+        if type(model) in _LAWS:
+            yield model
+            yield from laws_in(model)
 
 
 def formulas_of(law: type) -> dict[str, Callable[..., Any]]:

@@ -273,7 +273,7 @@ ABSENT: Final = {
     "temperature": "heating and no arrhenius hardness",
     "activation_energy": "arrhenius hardness",
     "reaction_heat": "reaction",
-    "surface_energy": "fragmentation",
+    "surface_energy": "fragmentation and no adhesion",
 }
 """Submodels that are absent from a scene in which nothing depends on the variable."""
 
@@ -284,7 +284,7 @@ def required_variables(scene: SceneSection, table: VariableTable = TEN) -> dict[
     All numbers of the scene that `table` has are among them.
     """
     reasons = dict.fromkeys(("relative_speed", "size_ratio", "density"), "every scene")
-    if scene.restitution.needs_contact_pressure:
+    if scene.restitution.uses_contact_pressure:
         reasons["hardness"] = f"restitution: {scene.restitution.name}"
     used = [each for each in scene.laws() if each.is_used]
     used.sort(key=lambda each: each.key != "heating")  # which other laws of heat need, too

@@ -1,7 +1,7 @@
 """Consequences of a campaign's scene and variables, as `agglom check` prints them."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import product
 from typing import TYPE_CHECKING, Any, Final
 
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.config.quantities import BY_NAME, Quantity, Value, one_by_one
+from agglom_mpi.declaration.laws import Reported
 from agglom_mpi.formatting import in_unit, value_with_prefix
 from agglom_mpi.physics import scales
 from agglom_mpi.random_streams import CONSEQUENCES, search_stream
@@ -47,6 +48,26 @@ def _surface_energy(scene: "SceneSection", value: Value) -> float:
     return surface / energy
 
 
+def _bonding_speed(scene: "SceneSection", value: Value) -> float:
+    """Return the approach speed in m/s from which two mean grains bond."""
+    return scene.restitution.critical_speeds(scene, value).bonds_from
+
+
+def _sticking_speed(scene: "SceneSection", value: Value) -> float:
+    """Return the approach speed in m/s up to which two mean grains stick."""
+    return scene.restitution.critical_speeds(scene, value).sticks_to
+
+
+def _reported(key: str, number: Reported) -> Callable[["SceneSection", Any], float]:
+    """Return the function of a number that the law at a path of the scene reports."""
+
+    def compute(scene: "SceneSection", value: Value) -> float:
+        laws = {each.key: each.law for each in scene.laws()}
+        return number.evaluate(laws[key], scene, value)
+
+    return compute
+
+
 def _quantities(scene: "SceneSection") -> Iterator[tuple[str, Quantity]]:
     """Yield what is shown of a scene, with its label."""
     yield "grain diameter", BY_NAME["grain_diameter"]
@@ -58,17 +79,29 @@ def _quantities(scene: "SceneSection") -> Iterator[tuple[str, Quantity]]:
     yield "grain mass", BY_NAME["grain_mass"]
     if scene.velocities.mean_flow > 0.0:
         yield "mean flow", Quantity("mean_flow", "m/s", "", _mean_flow)
-    if scene.restitution.needs_contact_pressure:
+    if scene.restitution.uses_contact_pressure:
         yield "fastest approach", Quantity("fastest", "m/s", "", scales.fastest_approach)
-        yield "grains bond from", Quantity("critical_speed", "m/s", "", scales.critical_speed)
+        yield "grains bond from", Quantity("critical_speed", "m/s", "", _bonding_speed)
         yield "impact pressure/hardness", Quantity("pressure", "1", "", _impact_pressure)
+    if scene.restitution.has_critical_speed and not scene.restitution.needs_contact_pressure:
+        yield MEAN_APPROACH, Quantity("approach", "m/s", "", scales.mean_approach)
+        yield STICKS_TO, Quantity("sticks_to", "m/s", "", _sticking_speed)
+    for key, law, is_used in scene.laws():
+        for each in law.reported() if is_used else ():
+            yield each.label, Quantity(each.label, each.unit, "", _reported(key, each))
     if not scene.fragmentation.is_absent:
         yield "surface/impact energy", Quantity("surface", "1", "", _surface_energy)
 
 
+MEAN_APPROACH: Final = "mean approach speed"
+STICKS_TO: Final = "grains stick up to"
+"""Labels of the speeds that decide the fate of a mean pair."""
+
 NOTES: Final = {
     "mean flow": "of all grains alike, by velocities.mean; no grain meets another by it",
     "fastest approach": "of two grains at the start, head on",
+    MEAN_APPROACH: "of grains that collide, were all elastic",
+    STICKS_TO: "of two mean grains that meet head on",
     "grains bond from": "of two grains that meet head on at the starting temperature",
     "collisions per grain": "by Enskog's theory, were all elastic",
     "impact pressure/hardness": "of grains that meet at relative_speed; they bond from {final:g}",
@@ -97,10 +130,13 @@ def consequences(campaign: "CampaignSections") -> list[str]:
     }
     derived = campaign.derived_values(strings)
     notes = NOTES if scene.sizes is None else NOTES | NOTES_OF_SIZES
+    notes = notes | {n.label: n.note for _, law, _ in scene.laws() for n in law.reported()}
     lines = []
     for label, (unit, found) in values.items():
         note = notes.get(label, "").format(final=scene.contact_area.final)
         lines.append(_line(label, unit, found, note))
+        if label == STICKS_TO:
+            lines.append(_fate(values[MEAN_APPROACH][1], found))
     for each in campaign.relations.derived:
         lines.append(_line(each.name, each.unit, derived[each.name], f"= {each.text}"))
     return [line for line in lines if line]
@@ -128,6 +164,19 @@ def _line(label: str, unit: str, values: Any, note: str) -> str:
     low, high = (_text(float(value), unit) for value in (finite.min(), finite.max()))
     text = low if low == high else f"{low} .. {high}"
     return f"{label:<25} {text:<25} {note}".rstrip()
+
+
+def _fate(approach: Any, sticking: Any) -> str:
+    """Return a line on the fate of the mean pair, by its approach over the sticking speed."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.asarray(approach) / np.asarray(sticking)
+    finite = ratio[np.isfinite(ratio)]
+    if not len(finite):
+        return ""
+    low, high = float(finite.min()), float(finite.max())
+    fate = "sticks" if high <= 1.0 else "bounces" if low > 1.0 else "sticks or bounces"
+    share = f"{low:.2g}" if low == high else f"{low:.2g} .. {high:.2g}"
+    return f"{'mean pair':<25} {fate}: {share} of the sticking speed"
 
 
 def _text(value: float, unit: str) -> str:

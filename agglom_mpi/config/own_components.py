@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from agglom_mpi.config.user_function import read_source
-from agglom_mpi.declaration.components import Component
+from agglom_mpi.declaration.components import Component, components_within
 from agglom_mpi.declaration.own_modules import OwnModule, class_in, executed
 from agglom_mpi.declaration.reading import (
     OWN_COMPONENTS,
@@ -138,8 +138,8 @@ def _own_of(campaign: "CampaignSections") -> Iterator[Component]:
     sections = [campaign.objective, *(campaign.plan or ())]
     sections += [getattr(campaign.scene, key) for key in type(campaign.scene).model_fields]
     for section in sections:
-        if isinstance(section, Component) and section.own is not None:
-            yield section
+        if isinstance(section, Component):
+            yield from (each for each in components_within(section) if each.own is not None)
 
 
 def _as_text(source: bytes) -> dict[str, str]:

@@ -156,6 +156,7 @@ def _of_scene(
     yield from _softening(scene, low, high)
     yield from _speeds(scene, high)
     yield from _bonding(scene, low, high)
+    yield from _cautions(scene, low, high)
     yield from _sizes(scene, low, high)
     yield from unlikely_draws(scene, campaign.seed, high["size_ratio"])
     yield from _collisions(scene, low, high)
@@ -178,7 +179,7 @@ def _unusual(table: VariableTable, lower: np.ndarray, upper: np.ndarray) -> Iter
 def _softening(scene: "SceneSection", soft: Value, hard: Value) -> Iterator[Finding]:
     """Yield the activation energy if it makes a usual hardness one that no matter has."""
     name = scene.hardness.softened_by
-    if not scene.restitution.needs_contact_pressure or name is None:
+    if not scene.restitution.uses_contact_pressure or name is None:
         return
     usual = USUAL["hardness"]
     coldest = soft["temperature"]
@@ -223,10 +224,13 @@ def _bonding(scene: "SceneSection", low: Value, fast: Value) -> Iterator[Finding
 
     Taken with the hardness of hot grains, as the heat of impacts softens them.
     """
-    if not scene.restitution.needs_contact_pressure:
+    if not scene.restitution.uses_contact_pressure:
         return
     soft = fast | {"hardness": low["hardness"]}
-    needed = scales.critical_speed(scene, soft, scene.hardness.least_exponent)
+    exponent = scene.hardness.least_exponent
+    sticks_to, needed = scene.restitution.critical_speeds(scene, soft, exponent)
+    if not math.isnan(sticks_to):
+        return
     fastest = scales.fastest_approach(scene, fast)
     if 0.0 < fastest < SLOW * needed:
         field, value, usual = scene.duration.decisive_number
@@ -235,6 +239,16 @@ def _bonding(scene: "SceneSection", low: Value, fast: Value) -> Iterator[Finding
             f"more than {fastest:.3g} m/s at the start, so that none bond{usual}"
         )
         yield ("scene", "duration", *field), message
+
+
+def _cautions(scene: "SceneSection", low: Value, high: Value) -> Iterator[Finding]:
+    """Yield what laws of the scene find doubtful at both ends of the ranges."""
+    for key, law, is_used in scene.laws():
+        if is_used:
+            at_low = dict(law.cautions(scene, low))
+            for path, message in law.cautions(scene, high):
+                if path in at_low:
+                    yield ("scene", *key.split("."), *path), message
 
 
 def _sizes(scene: "SceneSection", low: Value, high: Value) -> Iterator[Finding]:

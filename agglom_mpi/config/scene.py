@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping
-from contextlib import nullcontext, suppress
+from contextlib import nullcontext
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, NamedTuple, Self
 
 from numpy.typing import ArrayLike
@@ -10,7 +10,13 @@ from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
 from agglom_mpi.config.alternatives import SIZES, GrainSize, HalfWidth, none_of, one_of
 from agglom_mpi.declaration.choices import Choice, choice_of
-from agglom_mpi.declaration.components import In, UnknownComponentError, class_named, names_of
+from agglom_mpi.declaration.components import (
+    In,
+    UnknownComponentError,
+    class_named,
+    components_within,
+    names_of,
+)
 from agglom_mpi.declaration.declared import LATER, FieldPath, raise_field_errors
 from agglom_mpi.declaration.field_types import WholeNumber
 from agglom_mpi.declaration.laws import Law, Values
@@ -252,7 +258,8 @@ class SceneSection(Section):
         """
         value = parameters if isinstance(parameters, Mapping) else TEN.values_by_name(parameters)
         laws = (getattr(self, key) for key in MAY_BE_OWN)
-        own = [law.name for law in laws if law is not None and law.own is not None]
+        within = (inner for law in laws if law is not None for inner in components_within(law))
+        own = [law.name for law in within if law.own is not None]
         with users_code(", ".join(own)) if own else nullcontext():
             return self._scene(value, engine or self.engine)
 
@@ -265,7 +272,7 @@ class SceneSection(Section):
         return Scene(
             escape=self.escape.build(value),
             velocities=self.velocities.build(value),
-            laws=self._impact_laws(value),
+            laws=self.impact_laws(value),
             cooling=self.cooling.integrated(value, engine.has_time_steps),
             engine=engine.build(value),
             particles=self.particles,
@@ -277,9 +284,9 @@ class SceneSection(Section):
             sizes=self.size_law,
         )
 
-    def _impact_laws(self, value: Values) -> ImpactLaws:
+    def impact_laws(self, value: Values) -> ImpactLaws:
         """Return the laws of an impact; None where restitution needs no contact pressure."""
-        pressure = self.restitution.needs_contact_pressure
+        pressure = self.restitution.uses_contact_pressure
         return ImpactLaws(
             restitution=self.restitution.build(value),
             duration=self.duration.build(value) if pressure else None,
@@ -294,14 +301,18 @@ class SceneSection(Section):
         )
 
     def laws(self) -> Iterator[SceneLaw]:
-        """Yield the laws of impacts, of motion and of cooling, in the order of their fields."""
-        pressure = self.restitution.needs_contact_pressure
+        """Yield the laws of impacts, of motion and of cooling, in the order of their fields.
+
+        Laws within a law follow it, with their path as key: `restitution.dry`.
+        """
+        pressure = self.restitution.uses_contact_pressure
         unused: tuple[str, ...] = () if pressure else ("duration", "hardness", "solver")
         unused += ("contact_area",) if not pressure and self.reaction.is_absent else ()
         for key in type(self).model_fields:
             law = getattr(self, key)
             if isinstance(law, Law) and key != ENGINE_KEY:
-                yield SceneLaw(key, law, not law.is_absent and key not in unused)
+                for path, each in law.with_inner_laws(key):
+                    yield SceneLaw(path, each, not each.is_absent and key not in unused)
 
     @model_validator(mode="before")
     @classmethod
@@ -320,30 +331,27 @@ class SceneSection(Section):
         """Return a scene as it is in a file, with the law of hardness that it leaves to others."""
         if not isinstance(data, dict) or "hardness" in data:
             return data
-        given = data.get("restitution")
-        name = given.get("law") if isinstance(given, dict) else given
-        needed = not isinstance(name, str) and PressureRestitution.needs_contact_pressure
-        with suppress(UnknownComponentError):  # its own field says so
-            needed = needed or class_named(Restitution, name, reading).needs_contact_pressure
+        needed = _needs_pressure(data.get("restitution"), reading)
         (name,) = names_of(ArrheniusHardness if needed else ConstantHardness)
         return {**data, "hardness": name}
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
         problems: list[tuple[FieldPath, str]] = []
-        if not self.restitution.needs_contact_pressure:
-            if self.hardness.softened_by is not None:
-                message = (
-                    f"is {self.hardness.name!r}, but {self.restitution.name} restitution has no "
-                    "hardness; leave it out"
-                )
-                problems.append((("hardness",), message))
-            if self.end_time == "characteristic":
-                message = (
-                    "is 'characteristic', which needs the critical speed of `restitution: "
-                    "pressure`; give a time like '10 ms'"
-                )
-                problems.append((("end_time",), message))
+        softens = self.hardness.softened_by is not None
+        if softens and not self.restitution.uses_contact_pressure:
+            message = (
+                f"is {self.hardness.name!r}, but {self.restitution.name} restitution has no "
+                "hardness; leave it out"
+            )
+            problems.append((("hardness",), message))
+        if self.end_time == "characteristic" and not self.restitution.has_critical_speed:
+            have = (n for n, law in Restitution.components().items() if law.has_critical_speed)
+            message = (
+                f"is 'characteristic', which needs the critical speed of one of "
+                f"{', '.join(have)}; give a time like '10 ms'"
+            )
+            problems.append((("end_time",), message))
         if self.cooling.by_steps and not self.engine.has_time_steps:
             message = (
                 f"is 'euler', which needs time steps, but the engine is {self.engine.name!r}; "
@@ -359,6 +367,19 @@ class SceneSection(Section):
                     problems.append(((key,), message))
         raise_field_errors(problems)
         return self
+
+
+def _needs_pressure(entry: Any, reading: Reading) -> bool:
+    """Return whether a file's entry for a restitution, or one within it, solves e = G(e)."""
+    name = entry.get("law") if isinstance(entry, dict) else entry
+    if not isinstance(name, str):
+        return PressureRestitution.needs_contact_pressure
+    try:
+        law = class_named(Restitution, name, reading)
+    except UnknownComponentError:  # its own field says so
+        return False
+    inner = [entry[key] for key in law.inner_fields() if isinstance(entry, dict) and key in entry]
+    return law.needs_contact_pressure or any(_needs_pressure(each, reading) for each in inner)
 
 
 MAY_BE_OWN: Final = tuple(

@@ -8,7 +8,7 @@ from contextlib import suppress
 from typing import Any, Final, NamedTuple, get_args, get_origin
 
 from agglom_mpi.config.scene import SceneSection
-from agglom_mpi.declaration.choices import choice_of
+from agglom_mpi.declaration.choices import Choice, choice_of
 from agglom_mpi.declaration.components import Component, In, UnknownComponentError, Whole, number_of
 from agglom_mpi.declaration.declared import DeclaredField, FieldPath
 from agglom_mpi.declaration.reading import PLAIN, Reading
@@ -25,7 +25,8 @@ class ScenePath(NamedTuple):
     Attributes
     ----------
     keys
-        Field of the scene, field of its law, and place where that is a list of numbers.
+        Field of the scene, fields of its law and of laws within it, and place where the number is
+        one of a list.
     variable
         The number as a variable, whose name is the path.
     """
@@ -70,17 +71,27 @@ def _paths_in(scene: Mapping[str, Any], key: str, reading: Reading) -> Iterator[
     law = None
     with suppress(UnknownComponentError, ValueError):  # the scene's own errors say so
         law = law_of_entry(scene, key, reading)
-    if law is None:
-        return
+    if law is not None:
+        yield from _paths_of_law(law, scene.get(key), (key,), reading)
+
+
+def _paths_of_law(
+    law: type[Component], entry: Any, keys: FieldPath, reading: Reading
+) -> Iterator[ScenePath]:
+    """Yield the numbers of a law whose entry stands at `keys`, and of laws within it."""
     for name, field in law.model_fields.items():
-        number = number_of(field)
+        number, choice = number_of(field), choice_of(field)
+        if choice is not None and isinstance(entry, Mapping) and name in entry:
+            with suppress(UnknownComponentError, ValueError):
+                inner = choice.class_of(entry[name], reading)
+                yield from _paths_of_law(inner, entry[name], (*keys, name), reading)
         if isinstance(number, In) and name not in law.not_in_files:
-            named = f"{name} of {': '.join([key, *law.names()])}"
+            named = f"{name} of {': '.join(['.'.join(map(str, keys)), *law.names()])}"
             places = _places(field)
             for place in range(places):
-                yield _path((key, name, place), number, f"{named}, number {place}")
+                yield _path((*keys, name, place), number, f"{named}, number {place}")
             if not places:
-                yield _path((key, name), number, named)
+                yield _path((*keys, name), number, named)
 
 
 def _path(keys: FieldPath, number: In, meaning: str) -> ScenePath:
@@ -182,18 +193,35 @@ def with_number(
     law = law_of_entry(scene, key, reading)
     choice = choice_of(SceneSection.model_fields[key])
     assert law is not None
+    return {**scene, key: _entry_with_number(law, choice, scene.get(key), rest, value, reading)}
+
+
+def _entry_with_number(
+    law: type[Component],
+    choice: Choice | None,
+    entry: Any,
+    keys: FieldPath,
+    value: float,
+    reading: Reading,
+) -> dict[str, Any]:
+    """Return the entry of a law as it would be if it gave the number at `keys` itself."""
     name = {choice.kind.named_by: next(iter(law.names()))} if choice and law.names() else {}
-    entry = scene.get(key, name)
+    entry = name if entry is None else entry
     if choice is not None:
         entry = choice.kind.as_mapping(entry)
     entry = {**name, **entry} if isinstance(entry, Mapping) else dict(name)
-    if len(rest) == 1:
-        return {**scene, key: {**entry, rest[0]: value}}
-    field, place = rest
+    field, *below = keys
+    inner = choice_of(law.model_fields[str(field)])
+    if inner is not None:
+        within = inner.class_of(entry[field], reading)
+        found = _entry_with_number(within, inner, entry[field], tuple(below), value, reading)
+        return {**entry, field: found}
+    if not below:
+        return {**entry, field: value}
     listed = entry.get(field, law.model_fields[str(field)].default)
-    if isinstance(listed, list | tuple) and int(place) < len(listed):
-        listed = [value if i == place else each for i, each in enumerate(listed)]
-    return {**scene, key: {**entry, field: listed}}
+    if isinstance(listed, list | tuple) and int(below[0]) < len(listed):
+        listed = [value if i == below[0] else each for i, each in enumerate(listed)]
+    return {**entry, field: listed}
 
 
 def with_numbers(section: SceneSection, numbers: Mapping[ScenePath, float]) -> SceneSection:
@@ -205,22 +233,36 @@ def with_numbers(section: SceneSection, numbers: Mapping[ScenePath, float]) -> S
         If a law refuses them together.
     """
     changes: dict[str, Any] = {}
-    fields: dict[str, dict[str, Any]] = {}
+    changed: dict[str, Component] = {}
     for path, value in numbers.items():
         key, *rest = path.keys
-        if not rest:
-            changes[str(key)] = value
-            continue
-        own = fields.setdefault(str(key), {})
-        name = str(rest[0])
-        if len(rest) == 1:
-            own[name] = value
+        if rest:
+            law = changed.get(str(key), getattr(section, str(key)))
+            changed[str(key)] = _law_with_number(law, tuple(rest), value)
         else:
-            known = own.get(name, getattr(getattr(section, str(key)), name))
-            own[name] = tuple(value if i == rest[1] else each for i, each in enumerate(known))
-    for key, own in fields.items():
-        law = getattr(section, key).model_copy(update=own)
-        for where, message in law.problems():
+            changes[str(key)] = value
+    for key, law in changed.items():
+        for where, message in _problems_within(law):
             raise ValueError(f"{'.'.join([key, *map(str, where)])} {message}")
-        changes[key] = law
-    return section.model_copy(update=changes)
+    return section.model_copy(update={**changes, **changed})
+
+
+def _law_with_number(law: Component, keys: FieldPath, value: float) -> Component:
+    """Return a law with another value of its number at `keys`, which is not checked."""
+    field, below = str(keys[0]), keys[1:]
+    known: Any = getattr(law, field)
+    new: Any = value
+    if isinstance(known, Component):
+        new = _law_with_number(known, below, value)
+    elif below:
+        new = tuple(value if i == below[0] else each for i, each in enumerate(known))
+    return law.model_copy(update={field: new})
+
+
+def _problems_within(law: Component) -> Iterator[tuple[FieldPath, str]]:
+    """Yield what is wrong with a law, and with the laws that are fields of it."""
+    yield from law.problems()
+    for name in law.model_fields:
+        inner = getattr(law, name)
+        if isinstance(inner, Component):
+            yield from (((name, *path), message) for path, message in _problems_within(inner))

@@ -50,7 +50,8 @@ def energy_scale(point: Point) -> float:
     """Return the size of the kinetic energies in J whose differences heats are."""
     pair = pair_at(point)
     frame = abs(point.get("frame_along_n", 0.0)) + abs(point.get("frame_along_t", 0.0))
-    speeds = sum(abs(speed) for speed in pair[8:12]) + 2.0 * frame
+    components = (pair.normal_i, pair.normal_j, pair.tangent_i, pair.tangent_j)
+    speeds = sum(map(abs, components)) + 2.0 * frame
     return max(pair.mass_i, pair.mass_j) * speeds * speeds
 
 

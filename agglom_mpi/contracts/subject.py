@@ -89,7 +89,7 @@ class Subject:
     def solves_equation(self) -> bool:
         """Whether the scene solves e = G(e)."""
         restitution: Any = self.laws["restitution"]
-        needed: bool = restitution.needs_contact_pressure
+        needed: bool = restitution.uses_contact_pressure
         return needed
 
     def is_compiled(self, name: str) -> bool:
@@ -208,6 +208,8 @@ def scaled_law(law: Law, logarithms: NDArray[np.float64]) -> Law:
     scaled: dict[str, Any] = {}
     for name, field in type(law).model_fields.items():
         number, value = number_of(field), getattr(law, name)
+        if isinstance(value, Law):
+            scaled[name] = scaled_law(value, logarithms)
         if isinstance(number, In) and value is not None:
             by = factor(number.unit, logarithms)
             scaled[name] = tuple(v * by for v in value) if isinstance(value, tuple) else value * by
@@ -241,6 +243,8 @@ def pair_at(point: Point) -> ContactPair:
         mass_j=masses[1],
         reduced_mass=masses[0] * masses[1] / (masses[0] + masses[1]),
         radius=min(point["radius_i"], point["radius_j"]),
+        radius_i=point["radius_i"],
+        radius_j=point["radius_j"],
         temperature_i=point["temperature_i"],
         temperature_j=point["temperature_j"],
         normal_i=point["normal_j"] + point["approach_speed"],

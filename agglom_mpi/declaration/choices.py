@@ -1,6 +1,7 @@
 """The choice of a component: a field of a campaign file, by name or with its numbers."""
 
 from collections.abc import Callable, Mapping
+from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Union, get_args
 
 from agglom_mpi.declaration.components import Component, UnknownComponentError, class_named
@@ -27,11 +28,15 @@ class Choice(NamedTuple):
         Whether an empty entry stands for the component `none`.
     default
         Name of the component that a mapping without a name is; empty if it must have one.
+    is_inner
+        Whether the field belongs to a component of the same kind, as the dry law of a wet one. Its
+        schema is then made when a value is first read, as it contains itself.
     """
 
     kind: type[Component]
     or_none: bool = False
     default: str = ""
+    is_inner: bool = False
 
     @property
     def components(self) -> tuple[type[Component], ...]:
@@ -45,6 +50,10 @@ class Choice(NamedTuple):
         from pydantic import Field
         from pydantic_core import core_schema
 
+        if self.is_inner:
+            return core_schema.with_info_plain_validator_function(
+                lambda entry, info: _adapter(self).validate_python(entry, context=info.context)
+            )
         union: Any = Union.__getitem__(self.components)  # of a number known when it is run
         tagged = Annotated[union, Field(discriminator=self.kind.named_by)]
         schema = handler.generate_schema(Annotated[tagged, Reads(self._as_mapping)])
@@ -97,6 +106,15 @@ class Choice(NamedTuple):
         if self.default and isinstance(entry, dict) and self.kind.named_by not in entry:
             return {self.kind.named_by: self.default, **entry}
         return self.kind.as_mapping("none" if self.or_none and entry is None else entry)
+
+
+@cache
+def _adapter(choice: Choice) -> Any:
+    """Return what reads a value of an inner choice."""
+    from pydantic import TypeAdapter
+
+    tagged: Any = Annotated[choice.kind, choice._replace(is_inner=False)]
+    return TypeAdapter(tagged)
 
 
 def choice_of(field: Any) -> Choice | None:

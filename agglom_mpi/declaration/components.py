@@ -305,11 +305,20 @@ class Component(Declared):
         return class_named(cls, entries.get(cls.named_by), reading).recorded(entries)
 
     def settings(self) -> Iterator[Setting]:
-        """Yield all fields but the name."""
+        """Yield all fields but the name, and those that are components themselves."""
         for name, field in type(self).model_fields.items():
-            if name != self.named_by:
-                given = name in self.model_fields_set
-                yield Setting(name, getattr(self, name), unit_of(field), given)
+            value = getattr(self, name)
+            if name != self.named_by and not isinstance(value, Component):
+                yield Setting(name, value, unit_of(field), name in self.model_fields_set)
+
+
+def components_within(component: Component) -> Iterator[Component]:
+    """Yield a component, and all that are fields of it or of these."""
+    yield component
+    for name in component.model_fields:
+        inner = getattr(component, name)
+        if isinstance(inner, Component):
+            yield from components_within(inner)
 
 
 def _as_tuples(value: Any) -> Any:

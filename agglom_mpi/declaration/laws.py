@@ -1,11 +1,13 @@
 """Laws: components whose formulas are compiled into the kernels of a scene."""
 
 import collections
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, ClassVar, NamedTuple, Self, TypeAlias
 
 from agglom_mpi.compilation.stages import Submodel, declare_numbers, formula, law_of
+from agglom_mpi.declaration.choices import choice_of
 from agglom_mpi.declaration.components import Component, number_of
+from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.variables import TEN
 
 _named_tuple: Any = collections.namedtuple  # of names known when it is run, which mypy refuses
@@ -30,6 +32,27 @@ class Group(NamedTuple):
     powers: Mapping[str, float]
 
 
+class Reported(NamedTuple):
+    """A number of a law that `agglom check` displays, such as the Stokes number of a mean pair.
+
+    Attributes
+    ----------
+    label
+        At most 24 characters.
+    unit
+        SI unit.
+    evaluate
+        Returns the number for the law, the section `scene` and the variables by name in SI units.
+    note
+        Explanation, one line.
+    """
+
+    label: str
+    unit: str
+    evaluate: Callable[[Any, Any, Values], float]
+    note: str = ""
+
+
 class Law(Component):
     """Base class of the laws of a scene.
 
@@ -52,7 +75,8 @@ class Law(Component):
     is_absent
         Whether it stands for leaving out what its kind does; kernels then see None.
     Numbers
-        The NamedTuple that kernels see: fields that are numbers, `derived`, then `variables`.
+        The NamedTuple that kernels see: fields that are numbers, or laws as their `Numbers`, then
+        `derived` and `variables`.
     """
 
     found_in = "agglom_mpi.physics"
@@ -68,7 +92,8 @@ class Law(Component):
     def __init_subclass__(cls, **options: Any) -> None:
         """Make the NamedTuple that kernels see."""
         super().__init_subclass__(**options)
-        own = [name for name, field in cls.model_fields.items() if number_of(field) is not None]
+        inner = cls.inner_fields()
+        own = [n for n, field in cls.model_fields.items() if number_of(field) or n in inner]
         names = (*own, *cls.derived, *cls.variables)
         given = [cls.model_fields[name] for name in own] if len(own) == len(names) else []
         defaults = [field.default for field in given if not field.is_required()]
@@ -109,10 +134,43 @@ class Law(Component):
         """
         if self.is_absent:
             return None
+        inner = {name: law.build(value) for name, law in self.inner_laws()}
+        given = inner | {name: value[name] for name in self.variables}
         fields = self.Numbers._fields
         return self.Numbers(
-            *(value[name] if name in self.variables else getattr(self, name) for name in fields)
+            *(given[name] if name in given else getattr(self, name) for name in fields)
         )
+
+    @classmethod
+    def inner_fields(cls) -> tuple[str, ...]:
+        """Return the names of the fields that are laws themselves."""
+        return tuple(name for name, field in cls.model_fields.items() if choice_of(field))
+
+    def inner_laws(self) -> "Iterator[tuple[str, Law]]":
+        """Yield the laws that are fields of this one, each with the name of its field."""
+        return ((name, getattr(self, name)) for name in self.inner_fields())
+
+    def with_inner_laws(self, path: str) -> "Iterator[tuple[str, Law]]":
+        """Yield this law with its path in a scene, and all laws within it with theirs."""
+        yield path, self
+        for name, law in self.inner_laws():
+            yield from law.with_inner_laws(f"{path}.{name}")
+
+    def reported(self) -> Iterator[Reported]:
+        """Yield numbers that follow from the law, for `agglom check`."""
+        yield from ()
+
+    def cautions(self, scene: Any, value: Values) -> Iterator[tuple[FieldPath, str]]:
+        """Yield what is doubtful about the law in a scene: the field below its own, and why.
+
+        Parameters
+        ----------
+        scene
+            The `scene` section of a campaign.
+        value
+            The variables in SI units, by name.
+        """
+        yield from ()
 
     @classmethod
     def restored(cls, record: Mapping[str, Any]) -> dict[str, Any]:

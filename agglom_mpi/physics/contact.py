@@ -93,7 +93,7 @@ class Duration(Law):
             Speed w at which they approach each other head on, m/s.
         """
         mass = 4.0 / 3.0 * math.pi * density
-        pair = ContactPair(speed, 0.0, mass, mass, 0.5 * mass, 1.0, *[0.0] * 6)
+        pair = ContactPair(speed, 0.0, mass, mass, 0.5 * mass, 1.0, 1.0, 1.0, *[0.0] * 6)
         return force_scale(self.build({}), pair) / math.pi
 
     @property

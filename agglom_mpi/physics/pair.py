@@ -17,6 +17,8 @@ class ContactPair(NamedTuple):
         m_i, m_j and m* = m_i m_j/(m_i + m_j), kg.
     radius
         b, the smaller of the two radii, m.
+    radius_i, radius_j
+        b_i and b_j, m.
     temperature_i, temperature_j
         Before the impact, K.
     normal_i, normal_j, tangent_i, tangent_j
@@ -31,6 +33,8 @@ class ContactPair(NamedTuple):
     mass_j: float
     reduced_mass: float
     radius: float
+    radius_i: float
+    radius_j: float
     temperature_i: float
     temperature_j: float
     normal_i: float

@@ -54,6 +54,21 @@ class ImpactLaws(NamedTuple):
     heat_capacity: float
 
 
+class CriticalSpeeds(NamedTuple):
+    """Approach speeds in m/s between which two mean grains bounce; nan where there is none.
+
+    Attributes
+    ----------
+    sticks_to
+        They bond at this speed and below.
+    bonds_from
+        They bond at this speed and above.
+    """
+
+    sticks_to: float = math.nan
+    bonds_from: float = math.nan
+
+
 class RestitutionSolution(NamedTuple):
     """A solved impact equation: deficit 1 − e, whether it bonds, residual |e − G(e)|, capped."""
 
@@ -73,10 +88,13 @@ class Restitution(Law):
         solver are of use.
     contacts_last
         Whether it asks for the time since the last impact, which particles then keep.
+    has_critical_speed
+        Whether `critical_speeds` gives one, for the characteristic end time.
     """
 
     needs_contact_pressure: ClassVar[bool] = False
     contacts_last: ClassVar[bool] = False
+    has_critical_speed: ClassVar[bool] = False
 
     @needed
     def solve_restitution(self, laws: ImpactLaws, pair: ContactPair) -> RestitutionSolution:
@@ -97,9 +115,36 @@ class Restitution(Law):
         return False
 
     @property
+    def uses_contact_pressure(self) -> bool:
+        """Whether it, or a law within it, solves e = G(e)."""
+        laws = (law for _, law in self.with_inner_laws(""))
+        return any(isinstance(law, Restitution) and law.needs_contact_pressure for law in laws)
+
+    @property
     def never_bonds(self) -> str | None:
         """Why no grains bond, whatever their speed, in words; None where they may."""
         return None
+
+    def critical_speeds(
+        self, scene: Any, value: Values, exponent: float | None = None
+    ) -> CriticalSpeeds:
+        """Return the approach speeds that separate bonding from bouncing for two mean grains.
+
+        Parameters
+        ----------
+        scene
+            The `scene` section of a campaign.
+        value
+            The variables in SI units, by name.
+        exponent
+            ln(H/H₀), where a hardness decides; that of the starting temperature by default.
+
+        Raises
+        ------
+        OverflowError
+            If the hardness at the starting temperature is no number.
+        """
+        return CriticalSpeeds()
 
 
 class PressureRestitution(Restitution):
@@ -109,6 +154,17 @@ class PressureRestitution(Restitution):
     summary: ClassVar[str] = "by contact pressure over hardness [A 6] [B 3.1, 4.13]"
     groups = (IMPACT_PRESSURE,)
     needs_contact_pressure = True
+    has_critical_speed = True
+
+    def critical_speeds(
+        self, scene: Any, value: Values, exponent: float | None = None
+    ) -> CriticalSpeeds:
+        """Return the speed from which two grains bond, at the starting temperature."""
+        exponent = scene.hardness.exponent(value) if exponent is None else exponent
+        hardness = value["hardness"] * math.exp(exponent)
+        duration, area = scene.duration, scene.contact_area.final
+        speed = float(duration.bonding_speed(area, hardness, value["density"]))
+        return CriticalSpeeds(bonds_from=speed)
 
     def solve_restitution(self, laws, pair):
         """Root of e = G(e) by the scene's solver."""

@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from agglom_mpi.physics.kinetic_theory import enskog_rate, mean_free_path, mixture_rates
+from agglom_mpi.physics.pair import ContactPair
 from agglom_mpi.physics.size_distributions import SizeLaw, size_classes
 
 LIGHTEST: Final = 1e-100
@@ -68,20 +69,40 @@ def grain_mass(scene: Any, value: Mapping[str, float]) -> float:
 
 
 def critical_speed(scene: Any, value: Mapping[str, float], exponent: float | None = None) -> float:
-    """Return the approach speed in m/s from which two grains bond at the starting temperature.
+    """Return the approach speed in m/s that separates bonding from bouncing for two mean grains.
 
-    The heat of an impact softens them, so that they may bond from a lower speed on. Arguments as
-    for `half_width`; the scene has restitution by pressure. `exponent` is ln(H/H₀), that of the
-    starting temperature unless it is given.
+    That up to which they stick; under a law by which none stick, that from which they bond, at the
+    starting temperature: the heat of an impact softens them, so that they may bond from a lower
+    speed on. Arguments as for `half_width` and `Restitution.critical_speeds`; nan without one.
 
     Raises
     ------
     OverflowError
         If the hardness at the starting temperature is no number.
     """
-    exponent = scene.hardness.exponent(value) if exponent is None else exponent
-    hardness = value["hardness"] * math.exp(exponent)
-    return float(scene.duration.bonding_speed(scene.contact_area.final, hardness, value["density"]))
+    speeds = scene.restitution.critical_speeds(scene, value, exponent)
+    return float(speeds.bonds_from if math.isnan(speeds.sticks_to) else speeds.sticks_to)
+
+
+def mean_approach(scene: Any, value: Mapping[str, float]) -> float:
+    """Return the mean approach speed of grains that collide in m/s; arguments as for `half_width`.
+
+    √(πT/m) along the line of centres, once the starting velocities have become a Maxwellian of the
+    same energy, T/m a third of `speed_variance`: w is distributed as w exp(−mw²/(4T)).
+    """
+    return math.sqrt(math.pi * speed_variance(scene, value) / 3.0)
+
+
+def mean_pair(scene: Any, value: Mapping[str, float], speed: float) -> ContactPair:
+    """Return two mean grains that meet head on with an approach speed in m/s.
+
+    They have the starting temperature, 0 K where the scene has none; arguments as for `half_width`.
+    """
+    mass, radius = grain_mass(scene, value), grain_radius(scene, value)
+    temperature = 0.0 if math.isnan(value["temperature"]) else value["temperature"]
+    masses, radii = (mass, mass, 0.5 * mass), (radius, radius, radius)
+    frame = (0.5 * speed, -0.5 * speed, 0.0, 0.0)
+    return ContactPair(speed, 0.0, *masses, *radii, temperature, temperature, *frame)
 
 
 def end_time(scene: Any, value: Mapping[str, float]) -> float:

@@ -117,6 +117,8 @@ def contact_pair(scene, one, other, ledger, normal, time):
         mass_j,
         mass_i * mass_j / (mass_i + mass_j),
         min(one["radius"], other["radius"]),
+        one["radius"],
+        other["radius"],
         temperature_or(one, scene.temperature),
         temperature_or(other, scene.temperature),
         dot(velocity_i, normal),

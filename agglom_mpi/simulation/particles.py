@@ -10,6 +10,7 @@ from agglom_mpi.compilation.stages import (
     inlined,
     inlined_allocating,
     law_of,
+    laws_in,
     not_inlined,
     optional_field,
 )
@@ -250,7 +251,7 @@ def particle_type_of(scene: Any, shown: bool = False) -> np.dtype[np.void]:
     return particle_type(
         temperature=shown or laws.heating is not None or scene.cooling is not None,
         cooled_to=isinstance(scene.cooling, ExactCooling),
-        last_impact=law_of(laws.restitution).contacts_last,
+        last_impact=any(law_of(each).contacts_last for each in laws_in((laws.restitution,))),
         grains=shown or laws.fragmentation is not None or scene.sizes is not None,
     )
 

@@ -87,7 +87,7 @@ def head_on(name, speed, laws=None):
     scene = built(name)
     theta = scene.temperature
     pair = ContactPair(
-        speed, 0.0, scene.mass, scene.mass, 0.5 * scene.mass, scene.radius, theta, theta,
+        speed, 0.0, scene.mass, scene.mass, 0.5 * scene.mass, *[scene.radius] * 3, theta, theta,
         speed, 0.0, 0.0, 0.0,
     )  # fmt: skip
     return solve_impact(laws or scene.laws, pair)

@@ -35,6 +35,8 @@ def contact_pair(
         mass_j=masses[1],
         reduced_mass=masses[0] * masses[1] / (masses[0] + masses[1]),
         radius=min(radii),
+        radius_i=radii[0],
+        radius_j=radii[1],
         temperature_i=temperatures[0],
         temperature_j=temperatures[1],
         normal_i=frame[0] + w,

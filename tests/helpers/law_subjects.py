@@ -9,7 +9,12 @@ from agglom_mpi.physics.hardness import ArrheniusHardness, Hardness
 from agglom_mpi.physics.heating import Heating, PairSplit
 from agglom_mpi.physics.impact_solvers import BracketedRoot
 from agglom_mpi.physics.reaction import ContactAreaReaction, Reaction
-from agglom_mpi.physics.restitution import PressureRestitution, Restitution, Solver
+from agglom_mpi.physics.restitution import (
+    ConstantRestitution,
+    PressureRestitution,
+    Restitution,
+    Solver,
+)
 from agglom_mpi.physics.velocities import Velocities
 
 KEYS = {
@@ -39,14 +44,31 @@ SCENE = {
 }
 """Laws of an impact."""
 
-GIVEN = {"value": 0.5, "emissivity": 0.8, "surroundings": 300.0}
-"""Numbers that laws need."""
+GIVEN = {
+    "value": 0.5,
+    "emissivity": 0.8,
+    "surroundings": 300.0,
+    "dry": ConstantRestitution(value=0.9),
+    "youngs_modulus": 1e9,
+    "dissipative_constant": 1e-6,
+    "restitution": 0.8,
+    "speed": 1.0,
+    "radius": 1e-3,
+    "viscosity": 1e-3,
+    "film_thickness": 1e-6,
+    "roughness": 1e-7,
+}
+"""Numbers and laws that laws need."""
+
+ALTERNATIVES = {"yield_pressure": 1e8}
+"""Numbers that laws need unless another one is given."""
 
 
 def instance(kind):
     """Return a law with the numbers that it needs."""
     needed = [name for name, field in kind.model_fields.items() if field.is_required()]
-    return kind._made({name: GIVEN[name] for name in needed})
+    chosen = {name: value for name, value in ALTERNATIVES.items() if name in kind.model_fields}
+    return kind._made({name: GIVEN[name] for name in needed} | chosen)
 
 
 def subject_of(kind, **scene):

@@ -29,7 +29,7 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.physics.pair import ContactPair
 from agglom_mpi.physics.restitution import SpeedRestitution, solve_restitution
 
-pair = ContactPair(16.0, *[1.0] * 11)
+pair = ContactPair(16.0, *[1.0] * 13)
 print(agglom_mpi.__file__)
 print(1.0 - solve_restitution(SpeedRestitution.Numbers(1.0), None, pair).deficit)
 print(1.0 - solve_restitution(SpeedRestitution.Numbers(20.0), None, pair).deficit)

@@ -79,7 +79,7 @@ def test_a_formula_with_other_arguments_is_named_with_both():
 def test_a_formula_compiled_alone_gives_what_it_says():
     numbers = module_of(HEAD + END.replace("0.5", "pair.radius")).Own.Numbers()
     (formula,) = compiled_formulas(numbers, laws_with(numbers)).values()
-    pair = ContactPair(*[0.25] * 12)
+    pair = ContactPair(*[0.25] * 14)
     assert formula(numbers, laws_with(numbers), pair) == RestitutionSolution(0.25, False, 0, False)
 
 
