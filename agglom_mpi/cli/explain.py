@@ -73,7 +73,9 @@ def _page(topic: "Topic") -> Iterator[str]:
     given = {name: text for name, text in facts.items() if text}
     if given:
         yield ""
-        yield from (f"{INDENT}{name:8s} {text}" for name, text in given.items())
+        for name, text in given.items():
+            first, later = f"{INDENT}{name:8s} ", INDENT + " " * 9
+            yield from textwrap.wrap(text, WIDTH, initial_indent=first, subsequent_indent=later)
     if keys := below(topic.path):
         yield ""
         yield from _table(keys)

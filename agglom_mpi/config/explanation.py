@@ -6,6 +6,7 @@ component is the docstring itself.
 
 import inspect
 import re
+import sys
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from functools import cache
@@ -26,6 +27,7 @@ from agglom_mpi.variables import PAPER_VARIABLES, VOLUME_FRACTION, Variable
 Path: TypeAlias = tuple[str, ...]
 
 _ATTRIBUTES: Final = re.compile(r"\n\nAttributes\n-+\n")
+_SOURCE: Final = re.compile(r"^\[(\w+)\] +(.+(?:\n .+)*)", re.MULTILINE)
 _ENTRY: Final = re.compile(r"^(\w[\w, ]*)\n((?:    .*(?:\n|$)|\n(?=    ))*)", re.MULTILINE)
 
 
@@ -115,8 +117,10 @@ def _topics_of(section: type[Any], path: Path) -> Iterator[Topic]:
             yield Topic(here, meaning_of(section, name), default=None)
             yield from (_variable(variable) for variable in (*PAPER_VARIABLES, VOLUME_FRACTION))
         elif choice := choice_of(field):
-            yield Topic(here, meaning_of(section, name), default=_default(section, name))
-            yield from _components(choice.kind, here)
+            allowed = f"as `{path[-2]}`" if choice.is_inner else ""
+            yield Topic(here, meaning_of(section, name), allowed, _default(section, name))
+            if not choice.is_inner:
+                yield from _components(choice.kind, here)
         elif name not in hidden:
             yield from _key(section, here)
 
@@ -165,7 +169,16 @@ def _variable(variable: Variable) -> Topic:
 def _paragraphs(component: type[Component]) -> list[str]:
     """Return the docstring of a component without the part on its fields."""
     text = _ATTRIBUTES.split(inspect.getdoc(component) or component.__name__)[0]
-    return [paragraph.replace("\n", " ").replace("  [", " [") for paragraph in text.split("\n\n")]
+    paragraphs = [*text.split("\n\n"), *_sources(component, text)]
+    return [" ".join(paragraph.split()) for paragraph in paragraphs]
+
+
+def _sources(component: type[Component], text: str) -> Iterator[str]:
+    """Yield the sources that a text cites, as the docstring of the component's module has them."""
+    module = inspect.cleandoc(sys.modules[component.__module__].__doc__ or "")
+    for label, source in _SOURCE.findall(module):
+        if f"[{label}]" in text:
+            yield f"[{label}] {source}"
 
 
 def meaning_of(section: type[Any], name: str) -> str:

@@ -1,7 +1,7 @@
 """Adhesive grains: they stick below a speed, as the contact costs energy when it breaks.
 
 [TN]  C. Thornton and Z. Ning, Powder Technology 99 (1998) 154.
-[B]   N. V. Brilliantov, N. Albers, F. Spahn and T. Pöschel, Phys. Rev. E 76 (2007) 051302.
+[BA]  N. V. Brilliantov, N. Albers, F. Spahn and T. Pöschel, Phys. Rev. E 76 (2007) 051302.
 [JG]  K. L. Johnson and J. A. Greenwood, J. Colloid Interface Sci. 192 (1997) 326.
 [G]   J. A. Greenwood, Proc. R. Soc. A 453 (1997) 1277.
 """
@@ -59,12 +59,22 @@ class AdhesiveRestitution(RestitutionAroundDry):
     """Adhesion around a dry law: e² = e_dry² − (w_s/w)², sticking where that is not positive.
 
     The contact costs W_s = c (Γ⁵R*⁴/E*²)^⅓ = ½m*w_s²  [TN], Γ = 2γ; c is `work_constant`, 7.0922
-    from the first touch to separation at fixed displacement  [TN]; 8.1050 is that of [B], from zero
-    force to separation at fixed load. An aggregate is one compact sphere of the summed volume, and
-    sticks as a grain of its size. Plastic flattening, which raises W_s, is neglected.
+    from the first touch to separation at fixed displacement  [TN]; 8.1050 is that of [BA], from
+    zero force to separation at fixed load. An aggregate is one compact sphere of the summed volume,
+    and sticks as a grain of its size. Plastic flattening, which raises W_s, is neglected.
+
+    Attributes
+    ----------
+    work_constant
+        c of the work W_s that it costs to part two grains.
+    attraction_range
+        Reach z₀ of the surface forces, for the Tabor number alone.
     """
 
     law: Literal["adhesive"] = "adhesive"
+    example: ClassVar[str] = (
+        "{law: adhesive, dry: {law: constant, value: 0.9}, youngs_modulus: 70 GPa}"
+    )
     youngs_modulus: YoungsModulus
     poisson_ratio: PoissonRatio = 0.3
     work_constant: Annotated[float, In("1", above=0)] = FIXED_DISPLACEMENT

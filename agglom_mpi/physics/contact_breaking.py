@@ -43,9 +43,17 @@ class ContactBreaking(Fragmentation):
     Limits: the aggregate is one compact sphere, whose structure and number of contacts per grain
     are not known; its grains count as equal ones of the mean volume; pieces are equal, where
     real ones range from single grains to a large remnant.
+
+    Attributes
+    ----------
+    work_constant
+        c of the work W_s that it costs to part two grains.
+    energy_per_contact
+        Absorbed energy for each contact that breaks, over the work to part it.
     """
 
     law: Literal["contact_breaking"] = "contact_breaking"
+    example: ClassVar[str] = "{law: contact_breaking, youngs_modulus: 70 GPa}"
     youngs_modulus: YoungsModulus
     poisson_ratio: PoissonRatio = 0.3
     work_constant: Annotated[float, In("1", above=0)] = FIXED_DISPLACEMENT

@@ -28,6 +28,11 @@ class RestitutionAroundDry(Restitution):
     """Base of restitution laws around a `dry` one, any other restitution.
 
     A pair bonds where the dry law bonds it, or where less than nothing is left of its rebound.
+
+    Attributes
+    ----------
+    dry
+        Restitution of the same grains without it, any law.
     """
 
     dry: Annotated[

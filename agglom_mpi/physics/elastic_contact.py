@@ -10,9 +10,13 @@ from typing import Annotated, Final
 from agglom_mpi.compilation.stages import inlined
 from agglom_mpi.declaration.components import In
 
-YoungsModulus = Annotated[float, In("Pa", above=0, meaning="of the grains, like '70 GPa'")]
+YoungsModulus = Annotated[
+    float, In("Pa", above=0, meaning="Young's modulus of the grains, like '70 GPa'")
+]
 """Young's modulus E of the material of the grains, Pa."""
-PoissonRatio = Annotated[float, In("1", at_least=0, at_most=0.5, meaning="of the grains, 0 to 0.5")]
+PoissonRatio = Annotated[
+    float, In("1", at_least=0, at_most=0.5, meaning="Poisson's ratio of the grains")
+]
 """Poisson's ratio ν of the material of the grains."""
 
 FIXED_DISPLACEMENT: Final = 7.092195971863959

@@ -56,9 +56,17 @@ class ElasticPlasticRestitution(Restitution):
 
     The yield pressure p_y is given, or 1.6 times a `yield_stress`. Neglected are work hardening,
     heat, and what earlier impacts have flattened.
+
+    Attributes
+    ----------
+    yield_pressure
+        Mean pressure of a contact p_y from which it flows.
+    yield_stress
+        Yield stress of the material, in place of `yield_pressure`.
     """
 
     law: Literal["elastic_plastic"] = "elastic_plastic"
+    example: ClassVar[str] = "{law: elastic_plastic, youngs_modulus: 70 GPa, yield_stress: 300 MPa}"
     youngs_modulus: YoungsModulus
     poisson_ratio: PoissonRatio = 0.3
     yield_pressure: Annotated[float | None, In("Pa", above=0)] = None

@@ -60,12 +60,21 @@ def scaled_deficit(scale: float, pair: ContactPair) -> float:
 class ViscoelasticRestitution(Restitution):
     """e(w) of viscoelastic spheres, by β w^⅕ with β = (3/2) A (ρ/m*)^⅖, ρ = (4/3) E* √R*.
 
-    ρ√ξ (ξ + (3/2) A ξ') is the force at the overlap ξ, and grains part where it, not the overlap, is
-    zero  [SP] [R]. The Padé form is within 1 % of the e of that equation of motion up to
-    v* = √(β w^⅕) = 0.9, where e is 0.46, and within 0.009 for all speeds. Quasistatic, small strains.
+    ρ√ξ (ξ + (3/2) A ξ') is the force at the overlap ξ, and grains part where it, not the overlap,
+    is zero  [SP] [R]. The Padé form is within 1 % of the e of that equation of motion up to
+    v* = √(β w^⅕) = 0.9, where e is 0.46, and within 0.009 for all speeds. Quasistatic, small
+    strains.
+
+    Attributes
+    ----------
+    dissipative_constant
+        Dissipative constant A of the material.
     """
 
     law: Literal["viscoelastic"] = "viscoelastic"
+    example: ClassVar[str] = (
+        "{law: viscoelastic, youngs_modulus: 70 GPa, dissipative_constant: 1 us}"
+    )
     youngs_modulus: YoungsModulus
     poisson_ratio: PoissonRatio = 0.3
     dissipative_constant: Annotated[
@@ -92,9 +101,21 @@ class MeasuredViscoelasticRestitution(Restitution):
 
     `restitution` at `speed`, of two equal spheres of `radius` and of the material of the grains;
     other speeds and sizes follow, as v*² ∝ (√R*/m* √w)^⅖ for one material.
+
+    Attributes
+    ----------
+    restitution
+        The measured restitution.
+    speed
+        Approach speed at which it was measured.
+    radius
+        Radius of the two equal spheres that were measured.
     """
 
     law: Literal["viscoelastic_measured"] = "viscoelastic_measured"
+    example: ClassVar[str] = (
+        "{law: viscoelastic_measured, restitution: 0.9, speed: 1 m/s, radius: 1 mm}"
+    )
     restitution: Annotated[float, In("1", above=0, at_most=1, meaning="measured, 0 to 1")]
     speed: Annotated[float, In("m/s", above=0, meaning="approach speed at which it was measured")]
     radius: Annotated[float, In("m", above=0, meaning="of the two equal spheres measured")]

@@ -78,9 +78,28 @@ class WetRestitution(RestitutionAroundDry):
 
     Every sphere, an aggregate too, has a film of the same thickness, and bridges the same ratio of
     liquid volume V/R³: what an aggregate has more per surface is in its pores.
+
+    Attributes
+    ----------
+    viscosity
+        Viscosity η of the liquid.
+    film_thickness
+        Thickness of the film on each grain.
+    roughness
+        Gap at which the solids touch.
+    surface_tension
+        Surface tension σ of the liquid; 0 leaves the bridge out.
+    contact_angle
+        Contact angle θ of the liquid, in rad.
+    liquid_ratio
+        Liquid of a bridge over the cube of the radius, V/R³.
     """
 
     law: Literal["wet"] = "wet"
+    example: ClassVar[str] = (
+        "{law: wet, dry: {law: constant, value: 0.9}, viscosity: 1 mPa*s, "
+        "film_thickness: 1 um, roughness: 100 nm}"
+    )
     viscosity: Annotated[float, In("Pa*s", at_least=0, meaning="of the liquid, like '1 mPa*s'")]
     film_thickness: Annotated[
         float, In("m", above=0, meaning="of the film on each grain, like '1 um'")

@@ -51,7 +51,7 @@ def test_an_example_is_a_part_of_a_valid_campaign(topic, tmp_path):
         del document["variables"]["hardness"]
     if topic.path[1:] == ("heating", "none"):
         section["reaction"] = "none"
-    if topic.path[1:2] == ("fragmentation",):
+    if topic.path[1:2] == ("fragmentation",) or topic.path[2:] == ("adhesive",):
         document["variables"]["surface_energy"] = 1.0
     yaml.dump(document, tmp_path / "campaign.yaml")
     campaign = load_campaign(tmp_path / "campaign.yaml", allow_code=True)
