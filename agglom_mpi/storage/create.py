@@ -168,8 +168,8 @@ def enlarge_campaign_file(path: str | os.PathLike[str], sizes: TableSizes) -> bo
         kept = table_schemas(attributes)
         wanted["fresh_from"] = fresh_from(attributes)
         with atomic_file(path, replace=True) as temporary, new_file(temporary) as (new, _):
-            wanted |= volume_attributes(volumes)
-            _lay_out(new, attributes | wanted, max(sizes.generations, generations))
+            larger = attributes | wanted | volume_attributes(volumes)
+            _lay_out(new, larger, max(sizes.generations, generations))
             for schema in kept:
                 _copy(old, new, schema, path)
         return True
