@@ -5,7 +5,7 @@ from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from agglom_mpi.analysis import tables
+from agglom_mpi.analysis import finite_size_tables, tables
 from agglom_mpi.config.arguments import read_count
 from agglom_mpi.errors import require_library
 from agglom_mpi.outcome import FinalParticles
@@ -124,6 +124,27 @@ class CampaignFile(metaclass=PublicFace):
         samples; those as searched are `searched_objective` and `searched_standard_error`.
         """
         return tables.table_of(self._snapshot(), "estimates")
+
+    @property
+    def volumes(self) -> "pd.DataFrame":
+        """One row for each string and control volume in which it was estimated again.
+
+        `volume` and `grains` say which; `mean_radius_ratio` and `objective` have their standard
+        errors beside them, and `spread` is that of one sample. There are rows only if the campaign
+        asks for `final: {volumes: …}`.
+        """
+        return finite_size_tables.volumes_table(self._snapshot())
+
+    @property
+    def limits(self) -> "pd.DataFrame":
+        """One row for each string that was estimated in several control volumes.
+
+        `limit` is its mean b/b⁰ for infinitely many grains, `shift` what the campaign's own number
+        adds to it, `exceeds` whether that is resolved and above the standard error, `curvature`
+        what a term 1/N² would change, and `enough_grains` how many would make the shift as small as
+        the standard error.
+        """
+        return finite_size_tables.limits_table(self._snapshot())
 
     @property
     def generations(self) -> "pd.DataFrame":
@@ -362,6 +383,10 @@ class CampaignFile(metaclass=PublicFace):
         ['relative', 'speed', '(m/s)']
         """
         return self._plot("best_strings", ax)
+
+    def plot_finite_size(self, ax: Any = None) -> Any:
+        """Draw the growth of the best strings against 1/N, with limits; see `plot_convergence`."""
+        return self._plot("finite_size", ax)
 
     def plot_ensembles(self, ax: Any = None) -> Any:
         """Draw running objectives of the best strings and where stopping rules end them.

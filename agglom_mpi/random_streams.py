@@ -13,6 +13,9 @@ SAMPLE: Final = 1
 """Purpose of a sample's stream: placement and velocities of one string and sample number."""
 COMMON_SAMPLE: Final = 2
 """Purpose of a sample's stream that all strings share (common configurations)."""
+VOLUME_SAMPLE: Final = 3
+COMMON_VOLUME_SAMPLE: Final = 4
+"""Purposes of the same two in a larger control volume, whose factor follows in the key."""
 RANDOM_STRING: Final = 101
 OFFSPRING_BLEND: Final = 102
 SOBOL_SCRAMBLE: Final = 103
@@ -67,7 +70,9 @@ def search_stream(seed: int, *key: int) -> np.random.Generator:
     return generator(seed, *key)
 
 
-def sample_key(seed: int, parameters: NDArray[np.float64], common: bool = False) -> tuple[int, ...]:
+def sample_key(
+    seed: int, parameters: NDArray[np.float64], common: bool = False, volume: int = 1
+) -> tuple[int, ...]:
     """Return what the keys of all samples of a string begin with; the sample's number follows.
 
     Parameters
@@ -78,18 +83,25 @@ def sample_key(seed: int, parameters: NDArray[np.float64], common: bool = False)
         Numbers that the string's samples depend on, in SI units, shape (k,).
     common
         Whether all strings share configurations; the key then leaves the parameters out.
+    volume
+        Control volume relative to the campaign's box.
     """
     if common:
-        return seed, COMMON_SAMPLE
+        return (seed, COMMON_SAMPLE) if volume == 1 else (seed, COMMON_VOLUME_SAMPLE, volume)
+    purpose = (SAMPLE,) if volume == 1 else (VOLUME_SAMPLE, volume)
     digest = hashlib.blake2b(np.asarray(parameters, "<f8").tobytes(), digest_size=16).digest()
-    return seed, SAMPLE, *np.frombuffer(digest, "<u4").tolist()
+    return seed, *purpose, *np.frombuffer(digest, "<u4").tolist()
 
 
 def sample_stream(
-    seed: int, parameters: NDArray[np.float64], sample: int, common: bool = False
+    seed: int,
+    parameters: NDArray[np.float64],
+    sample: int,
+    common: bool = False,
+    volume: int = 1,
 ) -> np.random.Generator:
     """Return the random generator of one sample, keyed by seed, string and sample number.
 
     Arguments as for `sample_key`, and the sample's number from 0.
     """
-    return generator(*sample_key(seed, parameters, common), sample)
+    return generator(*sample_key(seed, parameters, common, volume), sample)

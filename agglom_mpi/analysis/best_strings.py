@@ -13,6 +13,7 @@ import numpy as np
 from agglom_mpi.analysis.derived import derived_columns, values_of
 from agglom_mpi.analysis.drawn_sizes import drawn_fraction
 from agglom_mpi.analysis.estimates import Estimate, objective_of
+from agglom_mpi.analysis.finite_size import finite_sizes
 from agglom_mpi.analysis.quantity_means import as_entries
 from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.analysis.tables import time_of_strings
@@ -63,6 +64,15 @@ FRESH_ROWS: Final = (
     StringRow("samples", "d", "fresh samples", "fresh samples"),
 )
 """Rows on the `reestimate`, of fresh samples."""
+LIMIT_ROWS: Final = (
+    StringRow("limit", ".4g", "mean b/b0, many grains", "mean b/b0 for many grains (1)"),
+    StringRow("limit_standard_error", ".2g", "± standard error", "± standard error"),
+    StringRow("shift", ".2g", "  shift by finite size", "shift by finite size (1)"),
+    StringRow("shift_standard_error", ".2g", "  ± standard error", "± standard error"),
+    StringRow("limit_objective", ".4f", "objective, many grains", "objective for many grains"),
+    StringRow("limit_objective_standard_error", ".4f", "± standard error", "± standard error"),
+)
+"""Rows on the `finite_size`, of fresh samples in several control volumes."""
 GROWTH_ROWS: Final = (
     StringRow("mean_radius_ratio", ".4g", "mean b/b0, as searched", "mean b/b0, as searched (1)"),
     StringRow("growth_number", ".4g", "  (mean b/b0)^3"),
@@ -96,6 +106,7 @@ def collect_best(file: CampaignData, count: int) -> list[dict[str, Any]]:
         | {"seconds": float(wall[string]), "processor_seconds": float(cpu[string])}
         | _filled(file, string)
         | _quantities(file, string)
+        | _finite_size(file, string)
         | {
             column.name: float(values_of(file, [string], column.name)[0])
             for column in derived_columns(file)
@@ -140,6 +151,17 @@ def reached_moments(file: CampaignData, rows: np.ndarray) -> dict[str, Any]:
 def _quantities(file: CampaignData, string: int) -> dict[str, Any]:
     """Return the means of the `quantities` of a string's samples; empty where there are none."""
     return {"quantities": as_entries(file, string)} if file.quantities else {}
+
+
+def _finite_size(file: CampaignData, string: int) -> dict[str, Any]:
+    """Return the `finite_size` of a string, None without samples in several volumes.
+
+    Empty where the file has a single volume.
+    """
+    if not file.volumes:
+        return {}
+    size = finite_sizes(file).get(string)
+    return {"finite_size": None if size is None else size.as_dict()}
 
 
 def _filled(file: CampaignData, string: int) -> dict[str, Any]:

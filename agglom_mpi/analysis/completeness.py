@@ -5,10 +5,11 @@ import numpy as np
 from agglom_mpi.analysis.ranking import ranks_itself, search_order
 from agglom_mpi.errors import FINISHED
 from agglom_mpi.formatting import pluralise
+from agglom_mpi.scheduling.volume_strings import number_in_volume
 from agglom_mpi.storage.consistency import check_absent
 from agglom_mpi.storage.finished_counts import FinishedCounts
 from agglom_mpi.storage.reader import CampaignData, read_campaign
-from agglom_mpi.storage.schema import INVERSION
+from agglom_mpi.storage.schema import INVERSION, volume_table
 from agglom_mpi.storage.verify import VerificationReport
 
 
@@ -78,6 +79,20 @@ def _check_fresh_samples(report: VerificationReport, counts: FinishedCounts) -> 
         absent = np.setdiff1d(numbers, present.get(string, numbers[:0]))
         report.estimates |= {(string, number) for number in absent.tolist()}
     report.add_absent("samples", report.estimates, "though their strings were estimated again")
+    for volume in set(counts.volumes) & set(data.volumes):
+        _check_volume(report, volume, ends)
+
+
+def _check_volume(report: VerificationReport, volume: int, ends: dict[int, int]) -> None:
+    """Record absent samples of a larger volume: strings have as many as in the campaign's own.
+
+    `ends` are the numbers after the last fresh sample of each string.
+    """
+    data, name = report.data, volume_table(volume)
+    present = set(map(tuple, data.fresh_keys.tolist()))
+    wanted = {(string, k) for string, end in ends.items() for k in range(data.fresh_from, end)}
+    absent = {(i, k) for i, k in wanted if (number_in_volume(i, volume), k) not in present}
+    report.add_absent(name, absent, "though their strings were estimated in that volume")
 
 
 def _fresh_numbers(data: CampaignData) -> dict[int, np.ndarray]:

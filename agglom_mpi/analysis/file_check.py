@@ -5,6 +5,8 @@ from typing import Final
 
 from agglom_mpi.analysis.completeness import check_finished
 from agglom_mpi.analysis.failed_samples import state_lines
+from agglom_mpi.analysis.finite_size import describe_finite_size
+from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.analysis.replay import Replayed, replay
 from agglom_mpi.errors import FAILURE, FINISHED
 from agglom_mpi.formatting import pluralise
@@ -92,6 +94,12 @@ def _verified(report: VerificationReport, digests: int, replayed: Replayed | str
             f"{pluralise(rows['results'], 'result')} and {replayed.generations} of "
             f"{pluralise(rows['generations'], 'population')}"
         )
+    for volume, table in zip(report.data.volumes, report.volume_tables, strict=True):
+        found = pluralise(len(report.data.rows(table)), "sample")
+        yield f"volume {volume}: {found} with {volume} times the grains are valid"
+    is_whole = not (report.losses or report.faults)
+    if report.data.volumes and is_whole and not isinstance(replayed, str):
+        yield from describe_finite_size(report.data, rank_strings(report.data).order)
     yield from state_lines(report.data)
 
 
@@ -99,7 +107,8 @@ def _remedies(report: VerificationReport) -> Iterator[str]:
     """Yield lines on what a resume would compute again, and what it would not."""
     lost, unused = dict(report.lost), report.unused_samples
     lost["samples"] = lost["samples"] - unused
-    again = [f"{what} {row_list(lost[name])}" for name, what in REMEDIES.items() if lost[name]]
+    remedies = REMEDIES | dict.fromkeys(report.volume_tables, "simulate again in a larger volume")
+    again = [f"{what} {row_list(lost[name])}" for name, what in remedies.items() if lost[name]]
     if again:
         yield f"a resume would {', '.join(again)}"
     if unused:

@@ -9,6 +9,7 @@ import numpy as np
 from agglom_mpi.analysis.derived import values_of
 from agglom_mpi.analysis.drawn_sizes import drawn_fraction
 from agglom_mpi.analysis.estimates import objective_of, rounding_of
+from agglom_mpi.analysis.finite_size import finite_size_warnings
 from agglom_mpi.analysis.ranking import RankedStrings, rank_strings
 from agglom_mpi.analysis.result_warnings import few_left
 from agglom_mpi.analysis.tables import searched_variables
@@ -29,8 +30,8 @@ def run_warnings(file: "CampaignData") -> list[str]:
     """Return lines on a finished campaign; none of one that is still to go on.
 
     They say that the target was not reached, that the best string lies at the edge of the search
-    box, has few particles left or samples that jammed, in how many strings nothing happened, and
-    that impact equations were not solved.
+    box, has few particles left or samples that jammed, that the finite size of the box shifts the
+    answer, in how many strings nothing happened, and that impact equations were not solved.
     """
     ranked = rank_strings(file)
     if file.status().state != "finished" or not ranked.order:
@@ -40,6 +41,7 @@ def run_warnings(file: "CampaignData") -> list[str]:
         *_target(file, ranked),
         *_edges(file, best),
         *_few(file, best),
+        *finite_size_warnings(file, ranked.order),
         *_jammed(file, best),
         *_idle(file, ranked),
         *_unsolved(file),

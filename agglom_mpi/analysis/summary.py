@@ -12,6 +12,7 @@ from rich.measure import Measurement
 from agglom_mpi.analysis.best_strings import (
     FRESH_ROWS,
     GROWTH_ROWS,
+    LIMIT_ROWS,
     OBJECTIVE_ROWS,
     collect_best,
     time_row,
@@ -20,6 +21,7 @@ from agglom_mpi.analysis.comparison import PairedSamples
 from agglom_mpi.analysis.derived import derived_columns
 from agglom_mpi.analysis.estimates import objective_of, rounding_of, unconverged
 from agglom_mpi.analysis.failed_samples import no_result, state_lines
+from agglom_mpi.analysis.finite_size import describe_finite_size
 from agglom_mpi.analysis.quantity_means import left_out, quantity_rows
 from agglom_mpi.analysis.ranking import listed_strings, rank_strings, ranks_itself
 from agglom_mpi.analysis.selection_bias import SelectionBias, describe_bias, selection_bias
@@ -45,6 +47,7 @@ class Summary(NamedTuple):
     samples_used: int
     samples_simulated: int
     samples_fresh: int
+    samples_in_larger_volumes: int
     failed: int
     hit_maximum: int
     not_converged: int
@@ -91,12 +94,13 @@ def collect_summary(file: CampaignData, best: int = 6) -> Summary:
         samples_used=int(results["samples_used"].sum()),
         samples_simulated=len(samples) - fresh,
         samples_fresh=fresh,
+        samples_in_larger_volumes=file.volume_count,
         failed=int((samples["state"] == 2).sum()),
         hit_maximum=int(results["hit_maximum"].sum()),
         not_converged=unconverged(file),
         damaged=file.damaged,
         seconds=seconds,
-        samples_per_second=len(samples) / seconds if seconds else 0.0,
+        samples_per_second=(len(samples) + file.volume_count) / seconds if seconds else 0.0,
         derived={column.name: column.unit for column in derived_columns(file)},
         best=collect_best(file, best),
         verdict=selection_bias(estimates, PairedSamples.behind(estimates, file), rounding_of(file)),
@@ -138,6 +142,7 @@ def summary_table(file: CampaignData, best: int | None = None) -> RenderableType
     summary = collect_summary(file, listed_strings(file) if best is None else best)
     note = [SEARCH_ESTIMATES] if ranks_itself(file) and summary.best else []
     note += moment_notes(file)
+    note += describe_finite_size(file, [entry["string"] for entry in summary.best])
     footer = _footer(summary, state_lines(file), note, left_out(file))
     if summary.no_result:
         return Group(*filter(None, [summary.title]), *footer)
@@ -169,6 +174,10 @@ def _table(
         for row in FRESH_ROWS:
             _add_row(table, row.on_terminal, again, row.key, row.style)
         _add_moments(table, again, "re-estimate")
+    limits = [entry.get("finite_size") for entry in best]
+    if any(limits):
+        for row in LIMIT_ROWS:
+            _add_row(table, row.on_terminal, limits, row.key, row.style)
     for cells in more:
         table.add_row(*cells[: 1 + len(best)])
     _add_filled(table, best)
@@ -224,6 +233,8 @@ def _footer(
     fresh = ""
     if summary.samples_fresh:
         fresh = f" and {pluralise(summary.samples_fresh, 'fresh one')}"
+    if summary.samples_in_larger_volumes:
+        fresh += f", {summary.samples_in_larger_volumes} in larger volumes"
     lines = [
         *states,
         f"{pluralise(summary.generations, 'generation')}, {pluralise(summary.strings, 'string')}, "
@@ -252,6 +263,8 @@ def as_dict(summary: Summary, more: Mapping[str, Any] | None = None) -> dict[str
     entries = summary._asdict() | {"verdict": said} | dict(more or {})
     if not summary.further:
         del entries["further"]
+    if not summary.samples_in_larger_volumes:
+        del entries["samples_in_larger_volumes"]
     return dict(_without_nan(entries))
 
 

@@ -161,6 +161,15 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
         stopping = self.stopping.model_copy(update={"generations": generations})
         return replace(self, plan=self.required_plan._replace(stopping=stopping))
 
+    def in_volume(self, volume: int) -> "Campaign":
+        """Return the campaign in `volume` times the control volume, with as many times the grains.
+
+        The size of the grains and the volume fraction stay the same, and the objective is still
+        that of the campaign's own number of grains. `simulate` of the result gives the samples of
+        larger volumes that `final: {volumes: …}` asks for. `text` and `identity` are unchanged.
+        """
+        return replace(self, volume=self._count("volume", volume, least=1))
+
     def parameters(
         self,
         values: Mapping[str, float | str] | None = None,

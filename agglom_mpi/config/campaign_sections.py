@@ -52,6 +52,8 @@ class CampaignSections:
         Source of the objective's function; None where it has none.
     relations
         Derived quantities and constraints.
+    volume
+        Control volume relative to the box of the file, with as many times the grains.
     scenes
         The scenes of its strings; see `at`.
     """
@@ -68,13 +70,14 @@ class CampaignSections:
     name: str
     user_function: UserFunction | None = None
     relations: Relations = NO_RELATIONS
+    volume: int = 1
     scenes: StringScenes = field(init=False)
 
     def __post_init__(self) -> None:
         of_scene = self.objective.of_grains(self.scene.equivalent_grains)
         of_means = function_of_means(self.user_function, of_scene.code_of_means)
         object.__setattr__(self, "objective", of_scene.with_code(of_means))
-        scenes = StringScenes(self.scene, self.variables.table, self.variables.paths)
+        scenes = StringScenes(self.scene, self.variables.table, self.variables.paths, self.volume)
         object.__setattr__(self, "scenes", scenes)
 
     def at(self, string: npt.ArrayLike) -> StringScene:
@@ -88,11 +91,14 @@ class CampaignSections:
         return self.scenes.at(string)
 
     def objective_at(self, string: npt.ArrayLike) -> Objective:
-        """Return the objective of the samples of a string, which start with its own grains."""
+        """Return the objective of the samples of a string, which start with its own grains.
+
+        In a larger control volume it is that of the campaign's own number of grains.
+        """
         if not self.scenes.sizes_differ:
             return self.objective
         try:
-            grains = self.at(string).section.equivalent_grains
+            grains = self.at(string).section.equivalent_grains / self.volume
         except ValueError:  # a law refuses the string, none of whose samples completes
             return self.objective
         return self.objective.of_grains(grains)

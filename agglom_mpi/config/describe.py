@@ -199,7 +199,11 @@ def _final(campaign: "CampaignSections") -> str:
         return "none; objectives are as searched, by the samples that strings are chosen by"
     strings = min(final.strings, campaign.max_strings)
     best = "the best string" if strings == 1 else f"the best {strings} strings"
-    return f"{best} estimated again, each on {pluralise(final.samples, 'fresh sample')}"
+    text = f"{best} estimated again, each on {pluralise(final.samples, 'fresh sample')}"
+    if not final.larger:
+        return text
+    grains = [f"{volume * campaign.scene.particles:,}" for volume in final.larger]
+    return f"{text}, and on as many with {', '.join(grains)} grains in as much larger boxes"
 
 
 def _between(fewest: int | None, most: int) -> str:

@@ -31,7 +31,7 @@ from agglom_mpi.config.plan import (
     Stopping,
 )
 from agglom_mpi.config.relation_reader import quantity_problems, read_constraints, read_derived
-from agglom_mpi.config.scene import SceneSection
+from agglom_mpi.config.scene import MAX_PARTICLES, SceneSection
 from agglom_mpi.config.size_file import SizeReader, unread
 from agglom_mpi.config.yaml_source import CampaignError, Problem, Source, parse
 from agglom_mpi.declaration.choices import Choice
@@ -150,6 +150,19 @@ class SceneDocument(Section):
         problems = quantity_problems(names, info.data.get("derived", ()))
         raise_field_errors((("quantities", *path), message) for path, message in problems)
         return objective
+
+    @field_validator("final")
+    @classmethod
+    def _volumes_hold_few_enough_grains(
+        cls, final: FinalAnswer | None, info: ValidationInfo
+    ) -> FinalAnswer | None:
+        if final is not None and "scene" in info.data:
+            particles = info.data["scene"].particles
+            largest = final.volumes[-1]
+            if largest > 1 and largest * particles > MAX_PARTICLES:
+                message = f"has {largest}; {particles:,} grains in a box allow at most"
+                raise FieldError((("volumes",), f"{message} {MAX_PARTICLES // particles}"))
+        return final
 
 
 class CampaignDocument(SceneDocument):

@@ -214,6 +214,8 @@ def _allowed(section: type[Any], name: str) -> str:
         words[:1] = [" ".join([*words[:1], number.unit])]
     if field.annotation is bool:
         words = ["true", "false"]
+    elif not words and get_origin(field.annotation) is tuple:
+        words = ["a list"]
     return " or ".join(words)
 
 

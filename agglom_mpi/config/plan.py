@@ -1,6 +1,6 @@
 """The sections of a search: `search`, `ensemble`, `stopping`, and `final` and `output`."""
 
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, Final, NamedTuple
 
 from pydantic import BeforeValidator, Field, create_model
 
@@ -8,6 +8,7 @@ from agglom_mpi.declaration.components import In, Whole
 from agglom_mpi.declaration.declared import LATER
 from agglom_mpi.declaration.field_types import NONE, Flag, Line, WholeNumber
 from agglom_mpi.declaration.sections import Section
+from agglom_mpi.declaration.units import quoted
 from agglom_mpi.search.ending import EndingCriterion, Generations, any_of
 from agglom_mpi.search.methods.method import SearchMethod
 from agglom_mpi.search.stopping import StoppingRule
@@ -69,6 +70,36 @@ class Plan(NamedTuple):
     stopping: Stopping
 
 
+MAX_VOLUME: Final = 1000
+"""Maximum control volume of the final estimate relative to the box of the campaign."""
+MAX_VOLUMES: Final = 8
+"""Maximum number of control volumes of the final estimate."""
+
+
+def _read_volumes(value: Any) -> Any:
+    """Return a list of factors in ascending order.
+
+    Raises
+    ------
+    ValueError
+        If it is no list, lacks 1 or has a factor twice.
+    """
+    allowed = "must be a list of different whole numbers with 1 among them, like [1, 2, 4]"
+    if not isinstance(value, list | tuple):
+        raise ValueError(f"is {quoted(value)}; {allowed}")
+    for each in value:
+        is_number = isinstance(each, int | float) and not isinstance(each, bool)
+        if not (is_number and float(each).is_integer()):
+            raise ValueError(f"has {quoted(each)}; {allowed}")
+        if not 1 <= each <= MAX_VOLUME:
+            raise ValueError(f"has {each:g}; must be from 1 to {MAX_VOLUME}")
+    if 1 not in value or len(set(value)) < len(value):
+        raise ValueError(f"is {quoted(list(value))}; {allowed}")
+    if len(value) > MAX_VOLUMES:
+        raise ValueError(f"has {len(value)} volumes; must have at most {MAX_VOLUMES}")
+    return tuple(sorted(int(each) for each in value))
+
+
 class FinalAnswer(Section):
     """Section `final`: re-estimation of the best strings on fresh samples after the search.
 
@@ -78,12 +109,21 @@ class FinalAnswer(Section):
         Number of best strings that are estimated again.
     samples
         Fresh samples of each.
+    volumes
+        Factors of the control volume: in each but the first, the box is as many times as large and
+        holds as many times the grains, of the same size and volume fraction.
     """
 
     strings: Annotated[WholeNumber, Field(ge=1, le=10**5, description="number of best strings")] = 6
     samples: Annotated[
         WholeNumber, Field(ge=2, le=10**6, description="fresh samples of each string")
     ] = 100
+    volumes: Annotated[tuple[int, ...], BeforeValidator(_read_volumes), LATER] = (1,)
+
+    @property
+    def larger(self) -> tuple[int, ...]:
+        """The volumes beside the campaign's own, ascending."""
+        return self.volumes[1:]
 
 
 class FramesOfBest(Section):

@@ -103,6 +103,15 @@ ENGINE_KEY: Final = "engine"
 """Field of the engine, which is a law of how a sample is computed, not of what happens in it."""
 
 
+MAX_PARTICLES: Final = 10**7
+"""Maximum number of grains of a sample."""
+
+
+def box_factor(volume: int) -> float:
+    """Return the factor of the edges of a box of `volume` times the volume."""
+    return float(volume ** (1.0 / 3.0))
+
+
 class SceneLaw(NamedTuple):
     """A law of a scene: its key, the law, and whether anything in the scene uses it."""
 
@@ -171,7 +180,7 @@ class SceneSection(Section):
 
     particles: Annotated[
         WholeNumber,
-        Field(ge=2, le=10**7, description="the number of grains"),
+        Field(ge=2, le=MAX_PARTICLES, description="the number of grains"),
         BeforeValidator(_at_least_two),
     ]
     half_width: HalfWidth
@@ -225,6 +234,18 @@ class SceneSection(Section):
     def equivalent_grains(self) -> float:
         """Number of grains of the mean radius that have the volume of all."""
         return self.particles if self.sizes is None else self.particles * self.third_moment
+
+    def in_volume(self, volume: int) -> Self:
+        """Return the scene with `volume` times the grains in as many times the volume.
+
+        The size of the grains, the volume fraction and a characteristic end time stay the same.
+        """
+        if volume == 1:
+            return self
+        changes: dict[str, object] = {"particles": volume * self.particles}
+        if self.half_width is not None:  # it follows from the size of the grains otherwise
+            changes["half_width"] = self.half_width * box_factor(volume)
+        return self.model_copy(update=changes)
 
     def entries(self) -> dict[str, Any]:
         """Return the fields as plain values: a diameter, or the half-width that it follows from."""

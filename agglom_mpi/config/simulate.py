@@ -120,7 +120,8 @@ def random_numbers(
 ) -> np.random.Generator:
     """Return the random numbers of a sample of a string, (k,), from their beginning."""
     numbers = campaign.variables.stream_key(parameters)
-    return sample_stream(campaign.seed, numbers, sample, campaign.common_configurations)
+    common = campaign.common_configurations
+    return sample_stream(campaign.seed, numbers, sample, common, campaign.volume)
 
 
 def stream_key(
@@ -128,7 +129,7 @@ def stream_key(
 ) -> tuple[int, ...]:
     """Return the key of the random numbers of a string, (k,), which a sample's number ends."""
     numbers = campaign.variables.stream_key(parameters)
-    return sample_key(campaign.seed, numbers, campaign.common_configurations)
+    return sample_key(campaign.seed, numbers, campaign.common_configurations, campaign.volume)
 
 
 class FunctionValue(NamedTuple):

@@ -55,16 +55,27 @@ class StringScenes:
         Its variables.
     paths
         Those of them that are numbers of the scene.
+    volume
+        Control volume relative to that of the section: all scenes have as many times the grains in
+        as many times the volume, with the same size of the grains and the same volume fraction.
 
     Attributes
     ----------
-    section, table, paths
+    section
+        The section in the control volume.
+    table, paths
     """
 
     def __init__(
-        self, section: SceneSection, table: VariableTable, paths: tuple[ScenePath, ...] = ()
+        self,
+        section: SceneSection,
+        table: VariableTable,
+        paths: tuple[ScenePath, ...] = (),
+        volume: int = 1,
     ) -> None:
-        self.section = section
+        self.section = section.in_volume(volume)
+        self._own_section = section
+        self._volume = volume
         self.table = table
         self.paths = paths
         self._own_fraction = VOLUME_FRACTION.name in table
@@ -102,7 +113,8 @@ class StringScenes:
         own = dict(values)
         if not self.paths:
             return StringScene(self.section, own)
-        section = with_numbers(self.section, {path: own[path.name] for path in self.paths})
+        numbers = {path: own[path.name] for path in self.paths}
+        section = with_numbers(self._own_section, numbers).in_volume(self._volume)
         if self._own_fraction:
             own["size_ratio"] = size_ratio(own[VOLUME_FRACTION.name], section.third_moment)
         return StringScene(section, own)

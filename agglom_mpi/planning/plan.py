@@ -149,16 +149,17 @@ def reestimation_seconds(
 ) -> float:
     """Return the time for the fresh samples of the best strings so far after the search, s.
 
-    All of them are known then, so that their sum and the longest of them bound it.
+    All of them are known then, so that their sum and the longest of them bound it. A sample of a
+    larger control volume takes as many times as long.
     """
-    strings, samples = experiment.reestimation_plan(inversion)
+    strings, samples, volumes = experiment.reestimation_plan(inversion)
     first = experiment.table_sizes.max_samples
     seconds = [
         duration
         for string in strings
         for duration in workload.samples(inversion.parameters(string), first, samples)[1].tolist()
     ]
-    return max(sum(seconds) / ranks, max(seconds, default=0.0))
+    return max(sum(seconds) * sum(volumes) / ranks, max(seconds, default=0.0) * max(volumes))
 
 
 def pilot_summary(pilot: PilotSamples, source: str | None) -> PilotSummary:

@@ -5,6 +5,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from agglom_mpi.analysis.finite_size_tables import limits_table, volumes_table
 from agglom_mpi.analysis.tables import table_of
 from agglom_mpi.errors import UserError, require_library
 from agglom_mpi.formatting import pluralise
@@ -19,6 +20,10 @@ if TYPE_CHECKING:
 
 TABLES: Final = ("generations", "estimates", "strings", "samples")
 """In an order in which no row of a growing file is read before those that refer to it."""
+
+
+OF_VOLUMES: Final = {"limits": limits_table, "volumes": volumes_table}
+"""Further tables of campaigns that estimate their best strings in several control volumes."""
 
 
 class ExportError(UserError, ValueError):
@@ -61,7 +66,7 @@ def export(
     if directory is not None:
         require_library("pandas", "report", "tables")
         require_directory(directory)
-    targets = [directory / f"{name}.csv" for name in TABLES] if directory is not None else []
+    targets = [directory / f"{n}.csv" for n in names_of(file)] if directory is not None else []
     if compact is not None:
         targets.insert(0, compact)
     samples: list[SelectedSample] = []
@@ -98,6 +103,16 @@ def require_directory(path: Path) -> None:
         raise ExportError(f"{path}: is no directory")
 
 
+def names_of(file: CampaignData) -> tuple[str, ...]:
+    """Return the names of the tables of a file: more where it has samples of several volumes."""
+    return (*OF_VOLUMES, *TABLES) if file.volumes else TABLES
+
+
+def _table(file: CampaignData, name: str) -> "pd.DataFrame":
+    make = OF_VOLUMES.get(name)
+    return table_of(file, name) if make is None else make(file)
+
+
 def _sizes(copy: Path, original: Path) -> str:
     """Return the size of a copy, and the space that the original takes without its holes."""
     taken = original.stat().st_blocks * 512
@@ -118,7 +133,7 @@ def write_tables(file: CampaignData, directory: Path) -> Iterator[str]:
     OSError
         If they cannot be written.
     """
-    tables = {directory / f"{name}.csv": with_units(table_of(file, name)) for name in TABLES}
+    tables = {directory / f"{name}.csv": with_units(_table(file, name)) for name in names_of(file)}
     directory.mkdir(parents=True, exist_ok=True)
     with ExitStack() as files:
         for path, table in tables.items():

@@ -147,9 +147,12 @@ class FileProgress:
         total, done = 0, int(fresh.sum())
         if final is not None:
             room = self.data.max_samples - self.data.fresh_from
-            total = final.strings * min(final.samples, room)
+            total = final.strings * min(final.samples, room) * len(final.volumes)
+            done += self.data.volume_count
         if done < total or frames is None:
-            remaining = self._remaining_fresh(ours, total - done)
+            # Samples of larger volumes take longer than those that the forecast would rest on.
+            known = final is not None and not final.larger
+            remaining = self._remaining_fresh(ours, total - done) if known else None
             return progress._replace(
                 done=min(done, total), total=total, unit="fresh samples", remaining=remaining
             )

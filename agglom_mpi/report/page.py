@@ -13,6 +13,7 @@ from rich.console import Console, RenderableType
 from agglom_mpi.analysis.comparison import PairedSamples
 from agglom_mpi.analysis.estimates import rounding_of
 from agglom_mpi.analysis.failed_samples import no_result
+from agglom_mpi.analysis.finite_size import describe_finite_size
 from agglom_mpi.analysis.quantity_means import left_out
 from agglom_mpi.analysis.ranking import listed_strings, rank_strings
 from agglom_mpi.analysis.selection_bias import describe_bias, selection_bias
@@ -266,7 +267,7 @@ def comparison_lines(data: CampaignData) -> list[str]:
     paired = PairedSamples.behind(rank_strings(data).estimates, data)
     bias = selection_bias(rank_strings(data).estimates, paired, rounding_of(data))
     lines = left_out(data) or describe_bias(bias, shown, len(estimated))
-    return [*lines, *moment_notes(data)]
+    return [*lines, *moment_notes(data), *describe_finite_size(data, shown)]
 
 
 def scene_content(data: CampaignData) -> dict[str, Any]:

@@ -9,6 +9,7 @@ import numpy as np
 from agglom_mpi.analysis.best_strings import (
     FRESH_ROWS,
     GROWTH_ROWS,
+    LIMIT_ROWS,
     OBJECTIVE_ROWS,
     StringRow,
     collect_best,
@@ -83,6 +84,9 @@ def _result_rows(best: list[dict[str, Any]], quantities: list[list[str]]) -> Ite
     again = [entry["reestimate"] for entry in best]
     if any(again):
         yield from _rows_on_page(FRESH_ROWS, again)
+    limits = [entry.get("finite_size") for entry in best]
+    if any(limits):
+        yield from _rows_on_page(LIMIT_ROWS, limits)
     yield from quantities
     yield from _rows_on_page(GROWTH_ROWS, best)
     time = time_row(best)

@@ -5,8 +5,6 @@ from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Final, NamedTuple
 
-import numpy as np
-
 from agglom_mpi.analysis.failed_samples import no_result
 from agglom_mpi.analysis.replay import stored_outcomes
 from agglom_mpi.display.progress import RunProgress
@@ -89,11 +87,7 @@ class Coordinator:
     def reestimation(self) -> ReestimationStage:
         """The fresh samples of the best strings; only after the last decision."""
         assert self.inversion.finished
-        plan, stored = self._experiment.reestimation_plan(self.inversion), self._stored
-        rows, late = stored.fresh_samples, np.array([*stored.fresh_timed_out], np.int64)
-        known = np.concatenate(
-            [np.column_stack([rows["string"], rows["sample"]]), late.reshape(-1, 2)]
-        )
+        plan, known = self._experiment.reestimation_plan(self.inversion), self._stored.fresh_keys
         return ReestimationStage(plan, *self._fresh, known, self.inversion.parameters)
 
     @cached_property
@@ -166,7 +160,8 @@ class Coordinator:
         """The reason why the search ended, and what was stored after its end, as text."""
         reason = self._experiment.end_reason(self.inversion)
         room = self._fresh[1] - self._fresh[0]
-        return finished_reason(reason, *self.reestimation.size, self._writer.frames.count, room)
+        stage, frames = self.reestimation, self._writer.frames.count
+        return finished_reason(reason, *stage.size, frames, room, stage.volumes)
 
     def shut_down(self, pool: WorkerPool, end: RunEnd) -> RunEnd:
         """Stop all ranks and record what they still report; return the end as it is then."""

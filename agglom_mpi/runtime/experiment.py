@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.inversion import Restore, inversion_of
 from agglom_mpi.formatting import pluralise
+from agglom_mpi.scheduling.volume_strings import volume_string
 from agglom_mpi.search.ending import Generations
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.simulation.engines import Engine
@@ -38,10 +39,14 @@ class FramePlan(NamedTuple):
 
 
 class ReestimationPlan(NamedTuple):
-    """Strings to estimate again, the best first, and the number of fresh samples of each."""
+    """Strings to estimate again, the best first, and the number of fresh samples of each.
+
+    `volumes` are the control volumes in which each gets that many, relative to the campaign's box.
+    """
 
     strings: tuple[int, ...] = ()
     samples: int = 0
+    volumes: tuple[int, ...] = (1,)
 
 
 class StageProgress(NamedTuple):
@@ -166,6 +171,7 @@ class InversionExperiment(Experiment):
         self.max_failures = campaign.stopping.max_failures
         self.max_seconds = campaign.stopping.max_seconds
         self.top = campaign.stopping.ending.best_strings or campaign.search.kept
+        self._volumes = {1: campaign}
 
     @property
     def table_sizes(self) -> TableSizes:
@@ -187,12 +193,16 @@ class InversionExperiment(Experiment):
         return self.campaign.sha256()
 
     def setup(self, string: int) -> SampleSetup:
-        """Return the campaign's scene, the same for every string."""
-        return SampleSetup(self.campaign, first_sample=self.campaign.first_sample(string))
+        """Return the campaign's scene, the same for every string of a control volume."""
+        volume, own = volume_string(string)
+        first = self.campaign.first_sample(own)
+        return SampleSetup(self._in_volume(volume), first_sample=first)
 
     def kernel_cases(self) -> Iterator[tuple[SampleSetup, NDArray[np.float64]]]:
-        """Yield the only scene."""
-        yield SampleSetup(self.campaign), self.campaign.parameters()
+        """Yield the scene in each control volume."""
+        final = self.campaign.final
+        for volume in final.volumes if final else (1,):
+            yield SampleSetup(self._in_volume(volume)), self.campaign.parameters()
 
     def inversion(self, restore: Restore | None, background: bool = False) -> Inversion:
         """Return the search with its ensembles."""
@@ -220,7 +230,7 @@ class InversionExperiment(Experiment):
             if len(best) == final.strings:
                 break
             best.setdefault(inversion.parameters(string).tobytes(), string)
-        return ReestimationPlan(tuple(best.values()), final.samples)
+        return ReestimationPlan(tuple(best.values()), final.samples, final.volumes)
 
     def frame_plan(self, inversion: Inversion) -> FramePlan:
         """Return the first samples of the best strings."""
@@ -237,6 +247,10 @@ class InversionExperiment(Experiment):
         """Return a sentence on the criterion that ended the search."""
         last = Generations(generations=self.campaign.stopping.generations)
         return (inversion.ended_by or last).reached
+
+    def _in_volume(self, volume: int) -> Campaign:
+        """Return the campaign in a control volume; one object of each, which keeps scenes."""
+        return self._volumes.setdefault(volume, self.campaign.in_volume(volume))
 
     def _best(self, inversion: Inversion) -> list[int]:
         """Return evaluated strings with a finite objective, as the search ranks them."""

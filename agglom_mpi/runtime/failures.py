@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from agglom_mpi.analysis.failed_samples import cause_of
 from agglom_mpi.outcome import FAILED, REASONS, FailureReason
 from agglom_mpi.runtime.recorder import ProgressListener
+from agglom_mpi.scheduling.volume_strings import volume_string
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.schema import FAILURE_CAPACITY, TOOK_TOO_LONG
 from agglom_mpi.storage.writer import CampaignWriter
@@ -36,7 +37,8 @@ class FailureLog:
     def __init__(
         self, writer: CampaignWriter, stored: CampaignData, listener: ProgressListener
     ) -> None:
-        raised = int((stored.all_sample_rows()["reason"] == FailureReason.EXCEPTION).sum())
+        tables = [stored.all_sample_rows(), *map(stored.volume_rows, stored.volumes)]
+        raised = sum(int((rows["reason"] == FailureReason.EXCEPTION).sum()) for rows in tables)
         self.count = raised + len(stored.judged_timed_out) + len(stored.fresh_timed_out)
         self.incomplete = False
         self._writer = writer
@@ -54,8 +56,9 @@ class FailureLog:
                 self.count += 1
             elif row["string"] not in self._strings:
                 self._strings.add(int(row["string"]))
+                name = volume_string(int(row["string"])).text
                 self._listener.message(
-                    f"string {row['string']} sample {row['sample']} failed: "
+                    f"string {name} sample {row['sample']} failed: "
                     f"{REASONS[row['reason']]}; more of this string are counted, not shown"
                 )
 
@@ -87,6 +90,6 @@ class FailureLog:
         self._causes.add(cause)
         shown = text if late else f"raised\n{text.rstrip()}\nmore of these are counted, not shown"
         self._listener.error(
-            f"rank {failure['rank']} on {host}: string {failure['string']} sample "
-            f"{failure['sample']} {shown}"
+            f"rank {failure['rank']} on {host}: string "
+            f"{volume_string(int(failure['string'])).text} sample {failure['sample']} {shown}"
         )

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.runtime.messages import storable
 from agglom_mpi.runtime.under_way import SampleUnderWay
+from agglom_mpi.scheduling.volume_strings import volume_string
 
 FACTOR: Final = 20.0
 """Time of a sample relative to the longest one so far after which it is reported."""
@@ -65,8 +66,9 @@ class HangingSamples:
             times += 1
         self._reported[rank] = key, times
         self._show(
-            f"{self._name_rank(rank)}: string {sample.string} sample {sample.sample} has been "
-            f"under way for {sample.seconds:.0f} s, {self._comparison}; {self._remedy(sample)}"
+            f"{self._name_rank(rank)}: string {volume_string(sample.string).text} sample "
+            f"{sample.sample} has been under way for {sample.seconds:.0f} s, {self._comparison}; "
+            f"{self._remedy(sample)}"
         )
 
     @property

@@ -12,6 +12,7 @@ from agglom_mpi.scheduling.in_flight import SampleRange
 from agglom_mpi.scheduling.interface import new_tasks
 from agglom_mpi.scheduling.sample_set import SampleSet
 from agglom_mpi.scheduling.static_scheduler import StaticScheduler
+from agglom_mpi.scheduling.volume_strings import number_in_volume, volume_string
 from agglom_mpi.storage.writer import CampaignWriter
 
 
@@ -163,13 +164,16 @@ class ReestimationStage(PostStage):
         Numbers of the first fresh sample of a string, and of the first that there is no room for.
     known
         String and number of samples that need no simulation, from an earlier leg, shape (n, 2).
+        Those of larger volumes have the numbers of `scheduling.volume_strings`.
     parameters
         Returns the parameter string, (k,), of a number.
 
     Attributes
     ----------
     size
-        Number of strings, and of samples of each, that are asked for.
+        Number of strings, and of samples of each in each volume, that are asked for.
+    volumes
+        Larger control volumes in which they are asked for.
     """
 
     def __init__(
@@ -182,9 +186,14 @@ class ReestimationStage(PostStage):
     ) -> None:
         count = max(0, min(plan.samples, max_samples - fresh_from))
         self.size = len(plan.strings), count
-        self._total = len(plan.strings) * count
+        self.volumes = plan.volumes[1:]
+        self._total = len(plan.strings) * len(plan.volumes) * count
         self._parameters = parameters
-        wanted = (SampleRange(string, fresh_from, count) for string in plan.strings)
+        wanted = (
+            SampleRange(number_in_volume(string, volume), fresh_from, count)
+            for string in plan.strings
+            for volume in plan.volumes
+        )
         self._missing = SampleSet(part for part in wanted if part.size)
         self._missing.discard(known[:, 0], known[:, 1])
 
@@ -206,14 +215,16 @@ class ReestimationStage(PostStage):
     def open(self) -> NDArray[np.void]:
         """Return the tasks, (n,) of `task_type`, for missing samples, the best string first."""
         lacking = list(self._missing.runs())
-        tasks = new_tasks([self._parameters(part.string) for part in lacking])
+        own = [volume_string(part.string).string for part in lacking]
+        tasks = new_tasks([self._parameters(string) for string in own])
         for task, part in zip(tasks, lacking, strict=True):
             task["string"], task["first"], task["count"] = part
         return tasks
 
     def announcement(self, tasks: NDArray[np.void]) -> str:
         """Return a sentence about the work to be done, for the display."""
-        strings = pluralise(len(set(tasks["string"].tolist())), "string")
+        numbers = {volume_string(string).string for string in tasks["string"].tolist()}
+        strings = pluralise(len(numbers), "string")
         samples = pluralise(int(tasks["count"].sum()), "fresh sample")
         return f"estimating {strings} again, on {samples}"
 

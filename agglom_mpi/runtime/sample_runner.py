@@ -256,7 +256,9 @@ class SampleTask(Task):
 
     def _simulate(self, sample: int, seconds: float) -> bool:
         setup, scene, _ = self._string_scene()
-        stores, code = self._runner.stores_particles, setup.campaign.user_function
+        # Those of a larger volume have more particles than a row has room for.
+        stores = self._runner.stores_particles and setup.campaign.volume == 1
+        code = setup.campaign.user_function
         if MAX_AT_ONCE > 1 and not (stores or code):
             return self._simulate_range(sample, seconds)
         self._final = None

@@ -38,8 +38,10 @@ class RunTally:
         self.best: Best | None = None
         rows, judged = stored.all_sample_rows(), stored.judged_timed_out
         timed_out = len(judged) + len(stored.fresh_timed_out)
+        larger = [stored.volume_rows(volume)["state"] == FAILED for volume in stored.volumes]
         self._failed = int((rows["state"] == FAILED).sum()) + timed_out
-        self._stored_samples = len(rows)
+        self._failed += sum(int(failed.sum()) for failed in larger)
+        self._stored_samples = len(rows) + stored.volume_count
         self._stored_searched = len(stored.searched_samples) + len(judged)
         self._stored_seconds = _seconds_of_legs(stored)
         self.begin()

@@ -21,7 +21,10 @@ from agglom_mpi.storage.schema import (
     FORMAT_VERSION,
     STATUS,
     VARIABLE_TABLE,
+    fresh_room,
     table_schemas,
+    volume_table,
+    volumes_of_file,
 )
 from agglom_mpi.storage.stored_variables import variables_of
 
@@ -246,6 +249,8 @@ def _check_tables(file: h5py.File, path: Path) -> None:
     capacities = {"strings": strings, "results": strings, "samples": samples}
     capacities |= {"final_particles": samples, "frames": attributes.get("frames", 0)}
     variables = variables_of(attributes)
+    fresh = strings * fresh_room(attributes)
+    capacities |= {volume_table(volume): fresh for volume in volumes_of_file(attributes)}
     capacities |= {VARIABLE_TABLE.name: variables.count, STATUS.name: 1}
     for schema in table_schemas(attributes):
         names = (schema.name, schema.done) if schema.final else (schema.name,)

@@ -13,7 +13,13 @@ from agglom_mpi.storage.access import DamagedCampaign, open_file, report_damage
 from agglom_mpi.storage.files import CheckedFile, atomic_file, new_file
 from agglom_mpi.storage.reader import REWRITE_SECONDS
 from agglom_mpi.storage.rows import Rows
-from agglom_mpi.storage.schema import TableSchema, table_schemas
+from agglom_mpi.storage.schema import (
+    TableSchema,
+    fresh_room,
+    table_schemas,
+    volume_table,
+    volumes_of_file,
+)
 from agglom_mpi.storage.table import checksum_ok
 
 CHUNK_BYTES: Final = 1 << 18
@@ -79,6 +85,9 @@ def final_rows(file: h5py.File, path: Path) -> dict[str, np.ndarray]:
     if "final_particles" in file:
         whole = _flags(_final_places(file, "final_particles", path, count), count)
         final["final_particles"] = whole & final["samples"]
+    fresh = strings * fresh_room(file.attrs)
+    for table in map(volume_table, volumes_of_file(file.attrs)):
+        final[table] = _flags(_final_places(file, table, path, fresh), max(1, fresh))
     if "frames" in file:
         frames = _final_places(file, "frames", path)
         final["frames"] = _flags(frames, _length(frames))

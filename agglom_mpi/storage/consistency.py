@@ -217,7 +217,8 @@ def _wrong_legs(report: VerificationReport) -> Iterator[str]:
     # A rank that writes its own samples may be lost before it reports the last ones.
     gathered = (legs["database"] == b"gathered").all()
     if gathered and ended.all() and not report.lost["legs"] and len(legs) < LEG_CAPACITY:
-        simulated, stored = int(legs["samples"].sum()), len(report.data.all_sample_rows())
+        simulated = int(legs["samples"].sum())
+        stored = len(report.data.all_sample_rows()) + report.data.volume_count
         if stored > simulated:
             samples = pluralise(simulated, "sample")
             yield f"legs: simulated {samples} in all, but {stored} are stored"
@@ -248,7 +249,8 @@ def check_counts(report: VerificationReport) -> None:
     [leg] = legs
     samples = data.all_sample_rows()
     if np.isfinite(leg["stopped"]) and leg["database"] == b"gathered":
-        lacking = int(leg["samples"]) - len(samples) - len(data.timed_out)
+        known = len(samples) + data.volume_count + len(data.timed_out)
+        lacking = int(leg["samples"]) - known
         if lacking > 0:
             report.faults.append(f"samples: {lacking} of {leg['samples']} simulated are absent")
     if "final_particles" in report.counts:

@@ -19,14 +19,18 @@ from agglom_mpi.storage.schema import (
     BY_SAMPLE,
     FORMAT,
     FORMAT_VERSION,
+    IN_VOLUME,
     INVERSION,
     STATUS,
     VARIABLE_TABLE,
     TableSchema,
     fresh_from,
+    fresh_room,
     quantity_attributes,
     table_schemas,
     variables_schema,
+    volume_attributes,
+    volumes_of_file,
 )
 from agglom_mpi.storage.stored_variables import variable_attributes
 from agglom_mpi.storage.table import Table
@@ -116,6 +120,7 @@ def create_campaign_file(
         **variable_attributes(sizes.variables),
         **campaign.own,
         **quantity_attributes(sizes.quantities),
+        **volume_attributes(sizes.volumes),
     }
     with atomic_file(path) as temporary, new_file(temporary) as (file, _):
         _lay_out(file, attributes, sizes.generations)
@@ -156,12 +161,15 @@ def enlarge_campaign_file(path: str | os.PathLike[str], sizes: TableSizes) -> bo
         }
         wanted = {name: max(size, int(attributes.get(name, 0))) for name, size in asked.items()}
         lacks = any(size > int(attributes.get(name, 0)) for name, size in wanted.items())
+        volumes = {*volumes_of_file(attributes), *sizes.volumes}
+        lacks |= len(volumes) > len(volumes_of_file(attributes))
         if not lacks and sizes.generations <= generations:
             return False
         kept = table_schemas(attributes)
         wanted["fresh_from"] = fresh_from(attributes)
         with atomic_file(path, replace=True) as temporary, new_file(temporary) as (new, _):
-            _lay_out(new, attributes | wanted, max(sizes.generations, generations))
+            larger = attributes | wanted | volume_attributes(volumes)
+            _lay_out(new, larger, max(sizes.generations, generations))
             for schema in kept:
                 _copy(old, new, schema, path)
         return True
@@ -205,6 +213,13 @@ def _variable_rows(variables: VariableTable, lower: np.ndarray, upper: np.ndarra
     return rows
 
 
+def _samples_of_string(attributes: Mapping[str, Any], schema: TableSchema) -> int:
+    """Return how many rows a table of samples has of each string; 0 of another table."""
+    if schema.row == BY_SAMPLE:
+        return int(attributes["max_samples"])
+    return fresh_room(attributes) if schema.row == IN_VOLUME else 0
+
+
 def _copy(old: h5py.File, new: h5py.File, schema: TableSchema, path: Path) -> None:
     """Copy the final rows of a table as they are, checksums included; holes stay holes.
 
@@ -215,9 +230,7 @@ def _copy(old: h5py.File, new: h5py.File, schema: TableSchema, path: Path) -> No
         return
     source_table, target = Table(old, schema.name, path), Table(new, schema.name, path)
     step = max(1, _COPY_BYTES // schema.dtype.itemsize)
-    before = after = 0
-    if schema.row == BY_SAMPLE:
-        before, after = (int(file.attrs["max_samples"]) for file in (old, new))
+    before, after = (_samples_of_string(file.attrs, schema) for file in (old, new))
     for first, count in source_table.runs():
         at = first
         while at < first + count:

@@ -18,6 +18,8 @@ class FinishedCounts(NamedTuple):
         All that were asked for; None if the search reached its target before.
     strings, samples
         Strings that were estimated again, and fresh samples of each.
+    volumes
+        Larger control volumes in which they were estimated, too; empty if there are none.
     frames
         Rows of `/frames`.
     """
@@ -26,6 +28,7 @@ class FinishedCounts(NamedTuple):
     strings: int | None = None
     samples: int | None = None
     frames: int | None = None
+    volumes: tuple[int, ...] = ()
 
     @classmethod
     def of_reason(cls, reason: str) -> Self:
@@ -33,15 +36,24 @@ class FinishedCounts(NamedTuple):
         generations = re.match(r"all (\d+) generations are|the (1) generation is", reason)
         fresh = re.search(r"; estimated again: (\d+|none)(?: strings? on (\d+) fresh)?", reason)
         frames = re.search(r"; (\d+) frames? stored", reason)
+        volumes = re.search(r", volumes 1((?: \d+)+)(?=;|$)", reason)
         return cls(
             int(generations[1] or generations[2]) if generations else None,
             int(fresh[1].replace("none", "0")) if fresh else None,
             int(fresh[2] or 0) if fresh else None,
             int(frames[1]) if frames else None,
+            tuple(map(int, volumes[1].split())) if volumes else (),
         )
 
 
-def finished_reason(reason: str, strings: int, samples: int, frames: int, room: int = 0) -> str:
+def finished_reason(
+    reason: str,
+    strings: int,
+    samples: int,
+    frames: int,
+    room: int = 0,
+    volumes: tuple[int, ...] = (),
+) -> str:
     """Return why a search ended, and what was stored after its end, as `/status` has it.
 
     Parameters
@@ -54,11 +66,14 @@ def finished_reason(reason: str, strings: int, samples: int, frames: int, room: 
         Rows of `/frames`.
     room
         Fresh samples of each string that there is room for.
+    volumes
+        Larger control volumes in which they were estimated again, too.
     """
     if strings and samples:
         again = pluralise(strings, "string")
         reason += f"; estimated again: {again} on {pluralise(samples, 'fresh sample')}"
         reason += " each" if strings > 1 else ""
+        reason += f", volumes {' '.join(map(str, (1, *volumes)))}" if volumes else ""
     elif room:
         reason += "; estimated again: none"
     return f"{reason}; {pluralise(frames, 'frame')} stored" if frames else reason

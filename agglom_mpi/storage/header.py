@@ -16,7 +16,7 @@ from agglom_mpi.declaration.reading import (
 )
 from agglom_mpi.errors import CodeNotAllowedError
 from agglom_mpi.formatting import printable
-from agglom_mpi.storage.schema import fresh_from, quantities_of
+from agglom_mpi.storage.schema import fresh_from, quantities_of, volumes_of_file
 from agglom_mpi.storage.stored_variables import variables_of
 from agglom_mpi.variables import VariableTable
 
@@ -53,6 +53,7 @@ def check_attributes(attributes: Mapping[str, Any]) -> None:
     if attributes.get("fresh_from", 0) > attributes["max_samples"]:
         raise ValueError("attribute fresh_from is above max_samples")
     variables_of(attributes)
+    volumes_of_file(attributes)
     _entries(attributes)
 
 
@@ -194,6 +195,11 @@ class CampaignHeader:
     def variables(self) -> VariableTable:
         """The variables of its strings."""
         return variables_of(self.attributes)
+
+    @property
+    def volumes(self) -> tuple[int, ...]:
+        """Larger control volumes that the file has tables of samples for, ascending."""
+        return volumes_of_file(self.attributes)
 
     @property
     def seed(self) -> int:

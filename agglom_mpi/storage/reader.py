@@ -9,11 +9,12 @@ from typing import Any, Final, NamedTuple, Self, TypeVar
 import numpy as np
 
 from agglom_mpi.formatting import printable
+from agglom_mpi.scheduling.volume_strings import number_in_volume
 from agglom_mpi.search.proposals import ORIGINS, Proposals, restored
 from agglom_mpi.storage.access import NotACampaign, open_file, read_attributes
 from agglom_mpi.storage.header import CampaignHeader
 from agglom_mpi.storage.particle_tables import StoredParticles
-from agglom_mpi.storage.schema import INVERSION, TOOK_TOO_LONG, parameters_of
+from agglom_mpi.storage.schema import INVERSION, TOOK_TOO_LONG, parameters_of, volume_table
 from agglom_mpi.storage.snapshot import TableSnapshot, read_only
 from agglom_mpi.storage.table import Table
 
@@ -201,9 +202,38 @@ class CampaignData(CampaignHeader):
         rows = self.all_sample_rows()
         return rows[rows["sample"] >= self.fresh_from]
 
+    def volume_rows(self, volume: int) -> np.ndarray:
+        """Return the fresh samples of a larger control volume, by string and number.
+
+        None if the file has no table for it.
+        """
+        if volume not in self.volumes:
+            return self.fresh_samples[:0]
+        return self.rows(volume_table(volume))
+
+    @property
+    def fresh_keys(self) -> np.ndarray:
+        """String and number of all fresh samples that need no simulation, shape (n, 2).
+
+        Those of larger volumes have the numbers of `scheduling.volume_strings`. Timed-out samples
+        are among them.
+        """
+        keys = [_keys(self.fresh_samples, 1)]
+        keys += [_keys(self.volume_rows(volume), volume) for volume in self.volumes]
+        late = np.array([*self.fresh_timed_out], np.int64).reshape(-1, 2)
+        return np.concatenate([*keys, late])
+
+    @property
+    def volume_count(self) -> int:
+        """Number of samples of larger control volumes."""
+        return sum(len(self.volume_rows(volume)) for volume in self.volumes)
+
     @property
     def timed_out(self) -> set[tuple[int, int]]:
-        """Samples, as (string, sample), that have no row because they took too long."""
+        """Samples, as (string, sample), that have no row because they took too long.
+
+        Those of larger volumes have the string numbers of `scheduling.volume_strings`.
+        """
         return self.derived(_timed_out)
 
     @property
@@ -296,4 +326,12 @@ def _timed_out(data: CampaignData) -> set[tuple[int, int]]:
     if not late.any():
         return set()
     pairs = set(failures[["string", "sample"]][late].tolist())
-    return pairs - set(data.all_sample_rows()[["string", "sample"]].tolist())
+    pairs -= set(data.all_sample_rows()[["string", "sample"]].tolist())
+    for volume in data.volumes:
+        pairs -= set(map(tuple, _keys(data.volume_rows(volume), volume).tolist()))
+    return pairs
+
+
+def _keys(rows: np.ndarray, volume: int) -> np.ndarray:
+    """Return string and number of samples of a volume, (n, 2), as they are in flight."""
+    return np.column_stack([rows["string"] + number_in_volume(0, volume), rows["sample"]])

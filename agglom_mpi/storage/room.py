@@ -12,8 +12,12 @@ from agglom_mpi.storage.schema import (
     FAILURE_CAPACITY,
     LEG_CAPACITY,
     TableSchema,
+    fresh_room,
     quantity_attributes,
     table_schemas,
+    volume_attributes,
+    volume_table,
+    volumes_of_file,
 )
 from agglom_mpi.storage.stored_variables import variable_attributes, variables_of
 from agglom_mpi.variables import TEN, VariableTable
@@ -44,6 +48,8 @@ class TableSizes(NamedTuple):
     """Variables of the strings."""
     quantities: Mapping[str, str] = {}
     """SI units of the quantities of a sample, by name."""
+    volumes: tuple[int, ...] = ()
+    """Larger control volumes in which there are fresh samples, too."""
 
 
 def table_sizes(campaign: "Campaign") -> TableSizes:
@@ -61,6 +67,7 @@ def table_sizes(campaign: "Campaign") -> TableSizes:
         strings * samples * frames.count if frames else 0,
         campaign.variables.table,
         campaign.objective.quantity_units,
+        campaign.final.larger if campaign.final else (),
     )
 
 
@@ -68,6 +75,8 @@ def capacities(attributes: Mapping[str, Any], generations: int) -> dict[str, int
     """Return how many rows each table of a file with these attributes has room for, by name."""
     strings = int(attributes["strings"])
     samples = strings * int(attributes["max_samples"])
+    fresh = strings * fresh_room(attributes)
+    volumes = {volume_table(volume): fresh for volume in volumes_of_file(attributes)}
     return {
         "variables": variables_of(attributes).count,
         "status": 1,
@@ -79,13 +88,19 @@ def capacities(attributes: Mapping[str, Any], generations: int) -> dict[str, int
         "samples": samples,
         "final_particles": samples,
         "frames": int(attributes.get("frames", 0)),
+        **volumes,
     }
 
 
 def table_bytes(sizes: TableSizes) -> dict[str, int]:
     """Return the size of each table of a file, done bytes included, by name."""
-    attributes = sizes._asdict() | {"max_samples": sizes.max_samples + sizes.fresh}
+    attributes = sizes._asdict() | {
+        "max_samples": sizes.max_samples + sizes.fresh,
+        "fresh_from": sizes.max_samples,
+    }
+    del attributes["volumes"]
     attributes |= variable_attributes(sizes.variables) | quantity_attributes(sizes.quantities)
+    attributes |= volume_attributes(sizes.volumes)
     rows = capacities(attributes, sizes.generations)
     return {table.name: rows[table.name] * _row_bytes(table) for table in table_schemas(attributes)}
 

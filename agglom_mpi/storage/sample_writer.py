@@ -12,9 +12,16 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.scheduling.volume_strings import number_in_volume, volumes_of
 from agglom_mpi.storage.access import open_file, with_path
 from agglom_mpi.storage.rows import same_type
-from agglom_mpi.storage.schema import sample_dtype
+from agglom_mpi.storage.schema import (
+    fresh_from,
+    fresh_room,
+    sample_dtype,
+    volume_table,
+    volumes_of_file,
+)
 from agglom_mpi.storage.table import Table, checksum_ok, rows_at, runs_of
 
 if TYPE_CHECKING:
@@ -122,8 +129,54 @@ class RowBuffer:
             yield int(places[begin]), ordered[begin:end]
 
 
+class VolumeRows:
+    """Buffered rows of the samples of one larger control volume, and their table.
+
+    Parameters
+    ----------
+    file, path, direct
+        As for `SampleWriter`.
+    volume
+        The control volume.
+    """
+
+    def __init__(self, file: h5py.File, path: Path, volume: int, *, direct: bool) -> None:
+        self._volume = volume
+        self._first = fresh_from(file.attrs)
+        self._table = Table(file, volume_table(volume), path, direct=direct)
+        room = {"string": int(file.attrs["strings"]), "sample": fresh_room(file.attrs)}
+        self.buffer = RowBuffer(room, self._table.dtype)
+
+    def add(self, records: np.ndarray) -> None:
+        """Add samples in flight, (n,), whose string numbers are those of the volume."""
+        rows = records.copy()
+        rows["string"] -= number_in_volume(0, self._volume)
+        rows["sample"] -= self._first  # numbers of places in the table, until they are written
+        rows["crc"] = 0
+        self.buffer.add(rows, time.monotonic())
+
+    def flush(self) -> None:
+        """Write the buffered rows that are not in the file."""
+        for first, rows in self.buffer.runs():
+            rows = rows.copy()
+            rows["sample"] += self._first
+            for begin, count in runs_of(~stored(self._table, first, len(rows))):
+                self._table.write(first + begin, rows[begin : begin + count])
+        self.buffer.clear()
+
+
+def stored(table: Table, first: int, count: int) -> NDArray[np.bool_]:
+    """Return which rows are in the file, (n,); two ranks may have simulated the same sample."""
+    found = table.done.read(first, count) != 0
+    if found.any():
+        found &= checksum_ok(table.rows.read(first, count))
+    return found
+
+
 class SampleWriter:
-    """Writer of `/samples` and `/final_particles`; rows are visible to readers after `flush`.
+    """Writer of `/samples`, `/final_particles` and the samples of larger control volumes.
+
+    Rows are visible to readers after `flush`.
 
     Parameters
     ----------
@@ -163,6 +216,10 @@ class SampleWriter:
         if "final_particles" in file:
             self._finals = Table(file, "final_particles", path, direct=direct)
             self._waiting_finals = RowBuffer(room, self._finals.dtype)
+        self._volumes = {
+            volume: VolumeRows(file, path, volume, direct=direct)
+            for volume in volumes_of_file(file.attrs)
+        }
 
     def put(self, records: np.ndarray, finals: np.ndarray | None = None) -> None:
         """Buffer rows of samples until `flush`, which is called here if the buffer is full.
@@ -170,22 +227,36 @@ class SampleWriter:
         Parameters
         ----------
         records : (n,) rows of `/samples`
-            Without `crc`. Of several rows of one sample in the buffer, the first is kept.
+            Without `crc`. Of several rows of one sample in the buffer, the first is kept. Those of
+            a larger control volume have the string numbers of `scheduling.volume_strings`.
         finals : structured array, optional
             Their rows of `/final_particles`, if the file has that table.
         """
         with self._clock:
+            if self._volumes:
+                records = self._without_volumes(records)
             self._buffer.add(records, time.monotonic())
-            full = self._buffer.full
+            full = any(buffer.full for buffer in self._buffers)
             if self._finals is not None and finals is not None:
                 self._waiting_finals.add(finals, time.monotonic())
                 full |= self._waiting_finals.full
         if full:
             self.flush()
 
+    def _without_volumes(self, records: np.ndarray) -> np.ndarray:
+        """Buffer the samples of larger volumes, and return the others."""
+        volumes = volumes_of(records["string"])
+        for volume in np.unique(volumes[volumes > 1]).tolist():
+            self._volumes[volume].add(records[volumes == volume])
+        return records if (volumes == 1).all() else records[volumes == 1]
+
+    @property
+    def _buffers(self) -> list[RowBuffer]:
+        return [self._buffer, *(rows.buffer for rows in self._volumes.values())]
+
     def due(self, now: float) -> bool:
         """Return whether a sample is older than `FLUSH_AGE` at `time.monotonic()` = now."""
-        return self._buffer.due(now)
+        return any(buffer.due(now) for buffer in self._buffers)
 
     def flush_due(self) -> None:
         """Flush if a sample is older than `FLUSH_AGE`."""
@@ -204,21 +275,19 @@ class SampleWriter:
                     self._finals.write(first, rows)
                 self._waiting_finals.clear()
             for first, rows in self._buffer.runs():
-                for begin, count in runs_of(~self._stored(first, len(rows))):
+                for begin, count in runs_of(~stored(self._table, first, len(rows))):
                     self._table.write(first + begin, rows[begin : begin + count], checked=True)
-        self.written += self._buffer.count
-        self._buffer.clear()
-
-    def _stored(self, first: int, count: int) -> NDArray[np.bool_]:
-        """Return which rows are in the file, (n,); two ranks may have simulated the same sample."""
-        stored = self._table.done.read(first, count) != 0
-        if stored.any():
-            stored &= checksum_ok(self._table.rows.read(first, count))
-        return stored
+            self.written += self._buffer.count
+            self._buffer.clear()
+            for volume in self._volumes.values():
+                count = volume.buffer.count
+                volume.flush()
+                self.written += count
 
     def discard(self) -> None:
         """Remove the buffered samples without writing them."""
-        self._buffer.clear()
+        for buffer in self._buffers:
+            buffer.clear()
         if self._finals is not None:
             self._waiting_finals.clear()
 

@@ -4,7 +4,7 @@ Columns of a sample's outcome are declared in `outcome`, those of the variables 
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -31,6 +31,12 @@ BY_SAMPLE: Final = "row = string * max_samples + sample"
 
 TOOK_TOO_LONG: Final = "took longer than max_seconds,"
 """Prefix of the text of a failure that is a timeout; its sample has no row in `/samples`."""
+
+IN_VOLUME: Final = "row = string * (max_samples - fresh_from) + sample - fresh_from"
+"""Which row is which in a table of samples of a larger control volume."""
+
+VOLUMES: Final = "volumes"
+"""Attribute with the larger control volumes that a file has samples of; absent without any."""
 
 FAILURE_CAPACITY: Final = 1000
 LEG_CAPACITY: Final = 1000
@@ -216,6 +222,55 @@ def samples_schema(quantities: Mapping[str, str]) -> TableSchema:
     return SAMPLES._replace(fields=(*SAMPLES.fields[:at], *columns, *SAMPLES.fields[at:]))
 
 
+def volumes_of_file(attributes: Mapping[str, Any]) -> tuple[int, ...]:
+    """Return the larger control volumes that a file has tables for, ascending.
+
+    Raises
+    ------
+    ValueError
+        If the attribute `volumes` is none that a run writes.
+    """
+    text = attributes.get(VOLUMES, "")
+    parts = text.split(" ") if isinstance(text, str) and text else []
+    if not isinstance(text, str) or not all(p.isascii() and p.isdecimal() for p in parts):
+        raise ValueError("attribute volumes is no list of whole numbers")
+    volumes = tuple(int(part) for part in parts)
+    if list(volumes) != sorted(set(volumes)) or (volumes and volumes[0] < 2):
+        raise ValueError("attribute volumes is not ascending from 2")
+    return volumes
+
+
+def volume_attributes(volumes: Iterable[int]) -> dict[str, str]:
+    """Return the attribute with the larger control volumes of a file; none without any."""
+    text = " ".join(map(str, sorted(set(volumes))))
+    return {VOLUMES: text} if text else {}
+
+
+def volume_table(volume: int) -> str:
+    """Return the name of the table of the samples of a larger control volume."""
+    return f"samples_volume_{volume}"
+
+
+def volume_schema(volume: int, quantities: Mapping[str, str]) -> TableSchema:
+    """Return the schema of the samples of a larger control volume, with the columns of `/samples`.
+
+    Parameters
+    ----------
+    volume
+        Volume of the box, and number of grains, relative to those of `/samples`.
+    quantities
+        As for `samples_schema`.
+    """
+    meaning = (
+        f"fresh samples of the best strings with {volume} times the grains, of the same size, in "
+        f"a box of {volume} times the volume; the objective is that of the campaign's own number "
+        "of grains"
+    )
+    return samples_schema(quantities)._replace(
+        name=volume_table(volume), meaning=meaning, row=IN_VOLUME
+    )
+
+
 def quantities_of(attributes: Mapping[str, Any]) -> dict[str, str]:
     """Return the SI units of the quantities of a file's samples by name, in order of their columns.
 
@@ -324,6 +379,11 @@ def fresh_from(attributes: Mapping[str, Any]) -> int:
     return int(attributes.get("fresh_from", attributes["max_samples"]))
 
 
+def fresh_room(attributes: Mapping[str, Any]) -> int:
+    """Return the number of fresh samples of each string, and volume, that there is room for."""
+    return int(attributes["max_samples"]) - fresh_from(attributes)
+
+
 def generations_schema(population: int) -> TableSchema:
     """Return the schema of `/generations` for a population of `population` strings."""
     return TableSchema(
@@ -398,7 +458,8 @@ def frames_schema(grains: int) -> TableSchema:
 def table_schemas(attributes: Mapping[str, Any]) -> tuple[TableSchema, ...]:
     """Return the schemas of all tables that a file with these attributes has, in its version.
 
-    `/final_particles` and `/frames` are there if the campaign asks for them.
+    `/final_particles`, `/frames` and samples of larger volumes are there if the campaign asks for
+    them.
     """
     version = int(attributes.get("format_version", FORMAT_VERSION))
     grains = int(attributes.get("grains", 0))
@@ -407,6 +468,8 @@ def table_schemas(attributes: Mapping[str, Any]) -> tuple[TableSchema, ...]:
         bulk.append(final_particles_schema(grains))
     if attributes.get("frames", 0):
         bulk.append(frames_schema(grains))
+    quantities = quantities_of(attributes)
+    bulk += [volume_schema(volume, quantities) for volume in volumes_of_file(attributes)]
     variables = variables_of(attributes)
     tables = (
         variables_schema(variables),
@@ -416,7 +479,7 @@ def table_schemas(attributes: Mapping[str, Any]) -> tuple[TableSchema, ...]:
         RESULTS,
         generations_schema(int(attributes["population"])),
         FAILURES,
-        samples_schema(quantities_of(attributes)),
+        samples_schema(quantities),
         *bulk,
     )
     return tuple(table.at(version) for table in tables)

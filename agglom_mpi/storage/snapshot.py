@@ -19,7 +19,7 @@ of strings that were there."""
 
 
 class TableSnapshot:
-    """Rows of the tables of a file: all but `/samples` are read together, samples when needed.
+    """Rows of the tables of a file: all but samples are read together, samples when needed.
 
     Parameters
     ----------
@@ -58,14 +58,19 @@ class TableSnapshot:
                     self._read_tables(file)
                 if table == "samples":
                     self._read_samples(file)
+                elif table not in self._kept:
+                    self._read_whole(file, table)
         return self._kept[table]
 
     def refresh(self) -> None:
         """Read the tables again; of `/samples`, if they have been read, only rows that are new."""
         with open_file(self._path, thorough=False) as file, report_damage(self._path):
+            others = self._kept.keys() - {"samples", "status", "variables", *READ_TOGETHER}
             self._read_tables(file)
             if self.has_samples:
                 self._read_samples(file)
+            for table in others:
+                self._read_whole(file, table)
 
     @property
     def has_samples(self) -> bool:
@@ -81,15 +86,18 @@ class TableSnapshot:
         """Read all tables but `/samples`, the status before the rows that it describes."""
         status = Rows(file["status"], self._path).read_all()
         for name in READ_TOGETHER:
-            table = Table(file, name, self._path)
             if name == "strings":
-                self._strings_end = table.end()
-            found = table.read()
-            self._kept[name], self._damaged[name] = read_only(found.rows), found.damaged
+                self._strings_end = Table(file, name, self._path).end()
+            self._read_whole(file, name)
         self.generation_capacity = len(file["generations"])
         self.frame_count = count_frames(file, self._path)
         self._kept["variables"] = read_only(Rows(file["variables"], self._path).read_all())
         self._kept["status"] = read_only(status)
+
+    def _read_whole(self, file: h5py.File, name: str) -> None:
+        """Read all rows of a table."""
+        found = Table(file, name, self._path).read()
+        self._kept[name], self._damaged[name] = read_only(found.rows), found.damaged
 
     def _read_samples(self, file: h5py.File) -> None:
         """Read the samples that are not kept yet, of strings that are."""

@@ -6,6 +6,7 @@ writing: whatever a row refers to is then there, also while a run goes on.
 
 import os
 import time
+from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,7 +20,12 @@ from agglom_mpi.search.proposals import ORIGINS
 from agglom_mpi.storage.access import open_file, read_attributes, report_damage
 from agglom_mpi.storage.reader import REWRITE_SECONDS, CampaignData, status_of
 from agglom_mpi.storage.rows import Rows
-from agglom_mpi.storage.schema import CAMPAIGN_STATES, table_schemas
+from agglom_mpi.storage.schema import (
+    CAMPAIGN_STATES,
+    table_schemas,
+    volume_table,
+    volumes_of_file,
+)
 from agglom_mpi.storage.table import (
     Table,
     checksum_ok,
@@ -70,7 +76,9 @@ class VerificationReport:
     """
 
     data: CampaignData
-    lost: dict[str, set[Key]] = field(default_factory=lambda: {name: set() for name in _LOSABLE})
+    lost: defaultdict[str, set[Key]] = field(
+        default_factory=lambda: defaultdict(set, {name: set() for name in _LOSABLE})
+    )
     losses: list[str] = field(default_factory=list)
     faults: list[str] = field(default_factory=list)
     counts: dict[str, int] = field(default_factory=dict)
@@ -90,10 +98,16 @@ class VerificationReport:
         if missing:
             self.add_lost(table, missing, f"absent, {why}")
 
+    @property
+    def volume_tables(self) -> list[str]:
+        """Names of the tables of samples of larger control volumes."""
+        return [volume_table(volume) for volume in self.data.volumes]
+
     def add_lost(self, table: str, keys: set[Key], why: str) -> None:
         """Record that rows are lost."""
         self.lost[table] |= keys
-        messages = self.losses if table in RECOMPUTED else self.faults
+        is_recomputed = table in RECOMPUTED or table in self.volume_tables
+        messages = self.losses if is_recomputed else self.faults
         messages.append(f"{table}: {row_list(keys)} {why}")
 
     @property
@@ -157,7 +171,7 @@ def _verify(file: h5py.File, path: Path, allow_code: bool) -> VerificationReport
     tables: dict[str, np.ndarray] = {"status": status}
     report = VerificationReport(CampaignData.of_rows(path, attributes, tables, allow_code))
     report.room = {schema.name: len(file[schema.name]) for schema in table_schemas(attributes)}
-    for name in _READ:
+    for name in (*_READ, *map(volume_table, volumes_of_file(attributes))):
         tables[name] = _valid_rows(file, Table(file, name, path), report)
     tables["variables"] = Rows(file["variables"], path).read_all()
     report.data = CampaignData.of_rows(path, attributes, tables, allow_code)
@@ -211,13 +225,20 @@ def _own_places(name: str, rows: np.ndarray, report: VerificationReport) -> np.n
         return rows["generation"]
     if name == "samples":
         return rows["string"] * report.data.max_samples + rows["sample"]
+    if name in report.volume_tables:
+        data = report.data
+        room = data.max_samples - data.fresh_from
+        own = (rows["sample"] >= data.fresh_from) & (rows["sample"] < data.max_samples)
+        return np.where(own, rows["string"] * room + rows["sample"] - data.fresh_from, -1)
     return np.arange(len(rows))
 
 
 def _key(name: str, place: int, report: VerificationReport) -> Key:
-    if name != "samples":
-        return place
-    return divmod(place, report.data.max_samples)
+    data = report.data
+    if name in report.volume_tables:
+        string, sample = divmod(place, data.max_samples - data.fresh_from)
+        return string, data.fresh_from + sample
+    return divmod(place, data.max_samples) if name == "samples" else place
 
 
 def check_particles(file: h5py.File, report: VerificationReport) -> None:

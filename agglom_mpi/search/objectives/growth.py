@@ -68,6 +68,7 @@ class MaximumGrowth(RadiusObjective):
     It is averaged over samples; b* = b⁰ N^{1/3} is the radius of one sphere of all grains.
     """
 
+    counts_grains: ClassVar[bool] = True
     symbol: ClassVar[str] = "Π"
     law: Literal["maximum_growth"] = "maximum_growth"
 

@@ -78,6 +78,8 @@ class Objective(Component):
         Whether it is the magnitude of the `signed` mean, which is 0 on the target.
     has_target
         Whether it is 0 where its targets are met.
+    counts_grains
+        Whether it contains the number of grains itself.
     has_moments
         Whether it has targets for single moments, which `reached` returns.
     symbol
@@ -88,6 +90,7 @@ class Objective(Component):
     least: ClassVar[float] = 0.0
     is_magnitude: ClassVar[bool] = False
     has_target: ClassVar[bool] = False
+    counts_grains: ClassVar[bool] = False
     has_moments: ClassVar[bool] = False
     symbol: ClassVar[str] = ""
     _grains: float = math.nan

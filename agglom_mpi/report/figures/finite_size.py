@@ -1,0 +1,66 @@
+"""Mean growth of the best strings against 1/N, and its limit for many grains."""
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from agglom_mpi.analysis.finite_size import FiniteSize, finite_sizes
+from agglom_mpi.analysis.ranking import rank_strings
+from agglom_mpi.report.drawing import COLOURS, legend_below, style_axes
+from agglom_mpi.report.figures.figure import Figure, FigureOptions
+from agglom_mpi.storage.reader import CampaignData
+
+MAX_DRAWN: Final = 6
+"""Maximum number of strings that are drawn."""
+STAGGER: Final = 0.012
+"""Distance of the points of successive strings, relative to the largest 1/N."""
+TWO_SIDED: Final = 1.96
+"""Standard errors in half a 95 % interval of a normal distribution."""
+
+Ranked = Sequence[tuple[str, FiniteSize]]
+"""Names of strings, and their finite size."""
+
+
+def draw_finite_size(ax: Any, ranked: Ranked) -> Any:
+    """Draw means with 95 % intervals against 1/N, and the lines fitted to them; return the axes."""
+    style_axes(ax)
+    ax.set_xlabel("1/N, N grains (1)")
+    ax.set_ylabel("mean b/b0 (1)")
+    largest = max(1.0 / size.volumes[0].grains for _, size in ranked)
+    for place, (name, size) in enumerate(ranked):
+        colour, fit = COLOURS[place % len(COLOURS)], size.growth
+        aside = STAGGER * largest * (place - (len(ranked) - 1) / 2.0)
+        inverse = np.array([1.0 / each.grains for each in size.volumes])
+        means = [each.growth for each in size.volumes]
+        bars = [mean.half_width for mean in means]
+        values = [mean.value for mean in means]
+        points = {"color": colour, "fmt": "o", "markersize": 4, "capsize": 2}
+        ax.errorbar(inverse + aside, values, yerr=bars, label=name, **points)
+        ends = np.array([0.0, inverse.max()])
+        ax.plot(ends + aside, fit.limit.value + fit.slope.value * ends, color=colour, linewidth=1)
+        limit = {"color": colour, "fmt": "D", "markersize": 5, "capsize": 3}
+        bar = TWO_SIDED * fit.limit.error
+        ax.errorbar(aside, fit.limit.value, yerr=bar, markerfacecolor="white", **limit)
+    ax.set_xlim(left=-0.08 * largest)
+    legend_below(ax)
+    return ax
+
+
+def _ranked(data: CampaignData, _: FigureOptions) -> Ranked | None:
+    sizes = finite_sizes(data)
+    order = rank_strings(data).order if sizes else []
+    names = [(f"#{place} string {i}", sizes[i]) for place, i in enumerate(order, 1) if i in sizes]
+    return names[:MAX_DRAWN] or None
+
+
+FINITE_SIZE: Final = Figure(
+    "finite_size",
+    "answer",
+    _ranked,
+    draw_finite_size,
+    "Mean growth of the best strings in larger control volumes, against 1/N, with 95 % intervals. "
+    "Diamonds: limits for many grains, of lines fitted by weighted least squares; their intervals "
+    "do not cover what a term 1/N² would change.",
+    empty="no string was estimated in several volumes",
+)
