@@ -125,6 +125,7 @@ class FiniteSize(NamedTuple):
             "shift": fit.shift.value,
             "shift_standard_error": fit.shift.error,
             "exceeds": self.exceeds,
+            "order": fit.order,
             "chi_square": fit.chi_square,
             "p_value": fit.p_value,
             "curvature": fit.curvature.value,
@@ -243,8 +244,8 @@ def describe_finite_size(data: "CampaignData", shown: Sequence[int]) -> Iterator
     if not named:
         return
     yield (
-        "limits are of mean b/b0 = limit + slope/N; their errors are those of the means, and the "
-        "1/N² term is what the model may be wrong by"
+        "limits are of mean b/b0 = limit + slope/N, with 1/N² too where that does not fit; "
+        "their errors are those of the means, and do not cover what further terms would change"
     )
     if objective_of(data).counts_grains:
         grains = named[0][1].volumes[0].grains
@@ -264,10 +265,11 @@ def describe(size: FiniteSize) -> str:
         f"limit of many (from {grains}); shift {value_with_error(*fit.shift)}, {size.verdict}"
     )
     if math.isfinite(fit.p_value):
-        fits = "fits" if fit.is_linear else "does not fit"
+        fits = "fits" if fit.is_linear else "alone does not fit"
+        changes = "would change" if fit.order == 1 else "is fitted, too, and changes"
         text += (
-            f"; 1/N {fits} (χ² {fit.chi_square:.2g}, p {fit.p_value:.2g}), a 1/N² term would "
-            f"change the limit by {value_with_error(*fit.curvature)}"
+            f"; 1/N {fits} (χ² {fit.chi_square:.2g}, p {fit.p_value:.2g}), a 1/N² term {changes} "
+            f"the limit by {value_with_error(*fit.curvature)}"
         )
     return text
 
