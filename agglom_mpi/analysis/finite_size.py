@@ -176,23 +176,36 @@ def _finite_size(data: "CampaignData", string: int) -> FiniteSize | None:
 
 
 def _means(data: "CampaignData", string: int, volume: int, rows: np.ndarray) -> VolumeMeans | None:
-    """Return the means of samples; None below two, or where too many failed."""
-    good = rows[rows["state"] == COMPLETED]
-    failed = len(rows) - len(good)
-    if len(good) < 2 or failed > MAX_FAILED * len(rows):
+    """Return the means of samples of a string, with what they contribute to the objective."""
+    grains, law = volume * int(data.identity["scene.particles"]), objective_at(data, string)
+    means = means_of_rows(rows, volume, grains)
+    if means is None:
         return None
-    law = objective_at(data, string)
+    good = rows[rows["state"] == COMPLETED]
 
     def signed() -> MeanEstimate:
         return mean_of(law.influence_values(law.summaries(good)))
 
+    found = data.unless_code("objectives in larger volumes", signed, None)
+    return means._replace(objective=found)
+
+
+def means_of_rows(rows: np.ndarray, volume: int, grains: int) -> VolumeMeans | None:
+    """Return the means of rows of samples, (n,), without an objective.
+
+    None below two samples, or where more than `MAX_FAILED` of them failed.
+    """
+    good = rows[rows["state"] == COMPLETED]
+    failed = len(rows) - len(good)
+    if len(good) < 2 or failed > MAX_FAILED * len(rows):
+        return None
     return VolumeMeans(
         volume,
-        volume * int(data.identity["scene.particles"]),
+        grains,
         len(rows),
         failed,
         mean_of(good["mean_radius_ratio"]),
-        data.unless_code("objectives in larger volumes", signed, None),
+        None,
         float(np.std(good["mean_radius_ratio"], ddof=1)),
         float(time_on_free_core(good).mean()),
     )
