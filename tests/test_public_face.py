@@ -27,14 +27,14 @@ PACKAGE = {"Box", "__version__", "load_campaign", "open_campaign"}
 PLOTS = ("best", "busy", "cloud", "convergence", "cost", "ensembles", "finalists", "radii")
 FILE = {
     *("path", "title", "seed", "campaign_text", "status", "damaged"),
-    *("strings", "samples", "estimates", "generations", "variables"),
+    *("strings", "samples", "estimates", "generations", "variables", "volumes", "limits"),
     *("best", "feasible_set", "final_particles", "framed", "frames"),
-    *(f"plot_{name}" for name in (*PLOTS, "samples", "search_paths")),
+    *(f"plot_{name}" for name in (*PLOTS, "finite_size", "samples", "search_paths")),
 }
 BOX = {"advance", "particles", "reset", "set", "state", "time", "volume"}  # see test_box_inputs
 METHODS_OF_CAMPAIGN = {
     *("allowed", "describe", "description", "estimate", "identity", "parameters", "sha256"),
-    *("simulate", "warnings"),
+    *("in_volume", "simulate", "warnings"),
 }
 CAMPAIGN = {*METHODS_OF_CAMPAIGN, "title", "seed", "text", "name"}
 METHODS_OF_SET = {

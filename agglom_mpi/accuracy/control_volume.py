@@ -17,9 +17,11 @@ from agglom_mpi.accuracy.document import (
 from agglom_mpi.accuracy.run_times import shown_time, time_columns, time_name
 from agglom_mpi.accuracy.study import Rows, Setup, completed, with_scene
 from agglom_mpi.accuracy.time_integration import EVENT, end_time_of, event_engine
+from agglom_mpi.analysis.extrapolation import Extrapolation, Value, extrapolated
+from agglom_mpi.analysis.finite_size import enough_grains
 from agglom_mpi.analysis.tables import time_on_free_core
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.formatting import format_mean
+from agglom_mpi.formatting import format_mean, value_with_error
 from agglom_mpi.report.drawing import Drawing
 from agglom_mpi.statistics import MeanEstimate, mean_of
 
@@ -86,6 +88,7 @@ def control_volume_section(
     """Return the section on number of particles and end time; arguments as for `measure`."""
     sizes, times = measure(campaign, parameters, samples, quick)
     own = campaign.scene.particles
+    limit = limit_of(sizes)
     end_time = end_time_of(campaign, parameters)
     sentences = Sentences(
         "control_volume",
@@ -95,6 +98,7 @@ def control_volume_section(
             *_changes(sizes, own, "particles", unit="particles", what="the number of particles"),
             *_changes(times, end_time, "end time (s)", unit="s", what="the end time"),
         ],
+        size=_finite_size(sizes, own, limit),
         failed=[
             row for frame in (sizes, times) for _, row in frame[frame["failed"] > 0].iterrows()
         ],
@@ -109,6 +113,14 @@ def control_volume_section(
                 "box_particles",
                 "Mean growth against the number of particles, with 95 % bands.",
                 lambda figure: _draw(figure, sizes, "particles", "number of particles N"),
+            ),
+            Drawing(
+                "box_finite_size",
+                "Bias of mean growth against the limit of many grains with 95 % bands, standard "
+                "deviation of one sample, and processor time × variance of a sample over that of "
+                "the scene's own N: the cost of one standard error.",
+                lambda figure: _draw_finite_size(figure, sizes, own, limit),
+                WIDE,
             ),
             Drawing(
                 "box_end_time",
@@ -176,6 +188,69 @@ def _row(campaign: Campaign, particles: int, end_time: float, rows: Rows) -> dic
         "standard error of the objective": error,
         **time_columns("sample", time_on_free_core(rows)),
     }
+
+
+LIMIT_SIZES: Final = 3
+"""Number of the largest numbers of particles whose means are extrapolated in 1/N."""
+WIDE: Final = (11.0, 3.6)
+"""Width and height of the figure with three panels, inches."""
+
+
+def limit_of(sizes: "pd.DataFrame") -> Extrapolation:
+    """Return the mean growth of the largest boxes extrapolated to many grains."""
+    largest = sizes.sort_values("particles").tail(LIMIT_SIZES).sort_values("particles")
+    means = [
+        MeanEstimate(row["mean b/b0"], row["standard error"], int(row["samples"] - row["failed"]))
+        for _, row in largest.iterrows()
+    ]
+    return extrapolated(largest["particles"].tolist(), means)
+
+
+def _cost_of_error(sizes: "pd.DataFrame", own: int) -> NDArray[np.float64]:
+    """Return processor time × variance of a sample, over that of the scene's own box, (n,)."""
+    cost = (sizes[time_name("sample")] * sizes["spread of samples"] ** 2).to_numpy()
+    return np.asarray(cost / cost[(sizes["particles"] == own).to_numpy()])
+
+
+def _finite_size(sizes: "pd.DataFrame", own: int, limit: Extrapolation) -> dict[str, Any]:
+    """Return what is concluded of the finite size of the scene's own box."""
+    home = sizes[sizes["particles"] == own].iloc[0]
+    error = home["standard error"]
+    bias = Value(home["mean b/b0"] - limit.limit.value, float(np.hypot(error, limit.limit.error)))
+    scaled = limit._replace(shift=bias)
+    cost = _cost_of_error(sizes, own)
+    resolved = bias.is_resolved and abs(bias.value) > error
+    return {
+        "limit": value_with_error(*limit.limit),
+        "curvature": value_with_error(*limit.curvature),
+        "bias": value_with_error(*bias),
+        "error": error,
+        "resolved": resolved,
+        "enough": enough_grains(own, scaled, error) if resolved else own,
+        "cheapest": float(cost.min()),
+        "dearest": float(cost.max()),
+        "fitted": ", ".join(_plain(n) for n in sorted(sizes["particles"])[-LIMIT_SIZES:]),
+    }
+
+
+def _draw_finite_size(
+    figure: "matplotlib.figure.Figure", sizes: "pd.DataFrame", own: int, limit: Extrapolation
+) -> None:
+    panels = figure.subplots(1, 3)
+    grains, spread = sizes["particles"], sizes["spread of samples"]
+    bias = sizes["mean b/b0"] - limit.limit.value
+    panels[0].errorbar(grains, bias, yerr=sizes["half width"], fmt="o-", capsize=2, markersize=4)
+    panels[0].axhline(0.0, color="0.5", linewidth=0.8)
+    panels[1].plot(grains, spread, "o-", markersize=4)
+    panels[1].set_yscale("log")
+    panels[2].plot(grains, _cost_of_error(sizes, own), "o-", markersize=4)
+    panels[2].set_ylim(bottom=0.0)
+    labels = ("mean b/b⁰ less its limit", "standard deviation of b/b⁰", "time × variance, relative")
+    for axes, label in zip(panels, labels, strict=True):
+        axes.set_xscale("log")
+        axes.set_xlabel("number of particles N")
+        axes.set_ylabel(label)
+        axes.grid(True, which="major", color="0.9", linewidth=0.6)
 
 
 COLUMNS: Final = (

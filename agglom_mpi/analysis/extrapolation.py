@@ -4,7 +4,8 @@ A box without walls has no surface, so that the leading correction of a mean per
 1/N: the mean of a ratio of sums over N grains, each correlated with few others. The fit is by
 weighted least squares, the weights being the inverse squares of the standard errors, and all that
 it gives is a linear combination of the means. So its errors follow from theirs without further
-assumptions. They do not cover terms beyond 1/N: `curvature` estimates what those would change.
+assumptions. They do not cover terms beyond those fitted. `curvature` estimates what 1/N² would
+change; where the means are not linear in 1/N within their errors, that term is fitted, too.
 """
 
 import math
@@ -39,6 +40,8 @@ class Extrapolation(NamedTuple):
 
     Attributes
     ----------
+    order
+        Highest power of 1/N in it, 1 or 2.
     limit
         Mean for infinitely many grains.
     slope
@@ -47,13 +50,15 @@ class Extrapolation(NamedTuple):
         Mean at the first number of grains, as measured, less the limit. Its error allows for the
         mean being among those that are fitted.
     curvature
-        Change of the limit if a term 1/N² is fitted, too: the error of the model. It is nan below
-        three numbers of grains.
+        Change of the limit by a term 1/N², whether it is fitted or not: the error of the linear
+        model. It is nan below three numbers of grains.
     chi_square, p_value
-        Sum of the squared misfits over their standard errors, and the probability of at least that
-        if the model holds, of χ² with n - 2 degrees of freedom; nan below three numbers of grains.
+        Sum of the squared misfits of the linear model over their standard errors, and the
+        probability of at least that if it holds, of χ² with n - 2 degrees of freedom; nan below
+        three numbers of grains.
     """
 
+    order: int
     limit: Value
     slope: Value
     shift: Value
@@ -68,7 +73,7 @@ class Extrapolation(NamedTuple):
 
 
 def extrapolated(grains: Sequence[float], means: Sequence[MeanEstimate]) -> Extrapolation:
-    """Fit limit + slope/N to means with known standard errors.
+    """Fit limit + slope/N to means with known standard errors, and 1/N² where that does not fit.
 
     Parameters
     ----------
@@ -78,36 +83,46 @@ def extrapolated(grains: Sequence[float], means: Sequence[MeanEstimate]) -> Extr
         Means at these, independent of each other, (n,). If one of their errors is 0, as where
         nothing happens, all have the same weight.
     """
+    fit = fitted(grains, means)
+    return fit if fit.is_linear else fitted(grains, means, order=2)
+
+
+def fitted(grains: Sequence[float], means: Sequence[MeanEstimate], order: int = 1) -> Extrapolation:
+    """Return the fit up to a power of 1/N, 1 or 2; other arguments as for `extrapolated`."""
     inverse = 1.0 / np.asarray(grains, np.float64)
     values = np.array([mean.value for mean in means], np.float64)
     errors = np.array([mean.error for mean in means], np.float64)
-    weights = errors if (errors > 0.0).all() else np.ones_like(errors)
-    linear = _coefficients(inverse, weights, 2)
+    known = bool((errors > 0.0).all())
+    weights = errors if known else np.ones_like(errors)
+    linear = _coefficients(inverse, weights, 1)
     misfit = (values - linear[0] @ values - (linear[1] @ values) * inverse) / weights
     freedom = len(values) - 2
-    quadratic = _coefficients(inverse, weights, 3) if freedom else np.full_like(linear, np.nan)
+    quadratic = _coefficients(inverse, weights, 2) if freedom else np.full_like(linear, np.nan)
+    limit, slope = (linear if order == 1 else quadratic)[:2]
     first = np.zeros_like(values)
     first[0] = 1.0
-    chi_square = float(misfit @ misfit) if freedom and (errors > 0.0).all() else math.nan
+    chi_square = float(misfit @ misfit) if freedom and known else math.nan
     return Extrapolation(
-        _combined(linear[0], values, errors),
-        _combined(linear[1], values, errors),
-        _combined(first - linear[0], values, errors),
+        order,
+        _combined(limit, values, errors),
+        _combined(slope, values, errors),
+        _combined(first - limit, values, errors),
         _combined(quadratic[0] - linear[0], values, errors),
         chi_square,
         _chi_square_tail(chi_square, freedom),
     )
 
 
-def _coefficients(inverse: Floats, weights: Floats, terms: int) -> Floats:
-    """Return the rows whose products with the means are the fitted coefficients, (terms, n).
+def _coefficients(inverse: Floats, weights: Floats, order: int) -> Floats:
+    """Return the rows whose products with the means are the fitted coefficients, (order + 1, n).
 
     `weights` are the errors that the means are weighted by; powers of 1/N are scaled to at most 1.
     """
     scale = inverse.max()
-    powers = (inverse[:, None] / scale) ** np.arange(terms)
+    exponents = np.arange(order + 1)
+    powers = (inverse[:, None] / scale) ** exponents
     found = np.linalg.pinv(powers / weights[:, None]) / weights
-    return np.asarray(found / scale ** np.arange(terms)[:, None])
+    return np.asarray(found / scale ** exponents[:, None])
 
 
 def _combined(row: Floats, values: Floats, errors: Floats) -> Value:

@@ -125,6 +125,7 @@ class FiniteSize(NamedTuple):
             "shift": fit.shift.value,
             "shift_standard_error": fit.shift.error,
             "exceeds": self.exceeds,
+            "order": fit.order,
             "chi_square": fit.chi_square,
             "p_value": fit.p_value,
             "curvature": fit.curvature.value,
@@ -175,23 +176,36 @@ def _finite_size(data: "CampaignData", string: int) -> FiniteSize | None:
 
 
 def _means(data: "CampaignData", string: int, volume: int, rows: np.ndarray) -> VolumeMeans | None:
-    """Return the means of samples; None below two, or where too many failed."""
-    good = rows[rows["state"] == COMPLETED]
-    failed = len(rows) - len(good)
-    if len(good) < 2 or failed > MAX_FAILED * len(rows):
+    """Return the means of samples of a string, with what they contribute to the objective."""
+    grains, law = volume * int(data.identity["scene.particles"]), objective_at(data, string)
+    means = means_of_rows(rows, volume, grains)
+    if means is None:
         return None
-    law = objective_at(data, string)
+    good = rows[rows["state"] == COMPLETED]
 
     def signed() -> MeanEstimate:
         return mean_of(law.influence_values(law.summaries(good)))
 
+    found = data.unless_code("objectives in larger volumes", signed, None)
+    return means._replace(objective=found)
+
+
+def means_of_rows(rows: np.ndarray, volume: int, grains: int) -> VolumeMeans | None:
+    """Return the means of rows of samples, (n,), without an objective.
+
+    None below two samples, or where more than `MAX_FAILED` of them failed.
+    """
+    good = rows[rows["state"] == COMPLETED]
+    failed = len(rows) - len(good)
+    if len(good) < 2 or failed > MAX_FAILED * len(rows):
+        return None
     return VolumeMeans(
         volume,
-        volume * int(data.identity["scene.particles"]),
+        grains,
         len(rows),
         failed,
         mean_of(good["mean_radius_ratio"]),
-        data.unless_code("objectives in larger volumes", signed, None),
+        None,
         float(np.std(good["mean_radius_ratio"], ddof=1)),
         float(time_on_free_core(good).mean()),
     )
@@ -243,8 +257,8 @@ def describe_finite_size(data: "CampaignData", shown: Sequence[int]) -> Iterator
     if not named:
         return
     yield (
-        "limits are of mean b/b0 = limit + slope/N; their errors are those of the means, and the "
-        "1/N² term is what the model may be wrong by"
+        "limits are of mean b/b0 = limit + slope/N, with 1/N² too where that does not fit; "
+        "their errors are those of the means, and do not cover what further terms would change"
     )
     if objective_of(data).counts_grains:
         grains = named[0][1].volumes[0].grains
@@ -264,10 +278,11 @@ def describe(size: FiniteSize) -> str:
         f"limit of many (from {grains}); shift {value_with_error(*fit.shift)}, {size.verdict}"
     )
     if math.isfinite(fit.p_value):
-        fits = "fits" if fit.is_linear else "does not fit"
+        fits = "fits" if fit.is_linear else "alone does not fit"
+        changes = "would change" if fit.order == 1 else "is fitted, too, and changes"
         text += (
-            f"; 1/N {fits} (χ² {fit.chi_square:.2g}, p {fit.p_value:.2g}), a 1/N² term would "
-            f"change the limit by {value_with_error(*fit.curvature)}"
+            f"; 1/N {fits} (χ² {fit.chi_square:.2g}, p {fit.p_value:.2g}), a 1/N² term {changes} "
+            f"the limit by {value_with_error(*fit.curvature)}"
         )
     return text
 

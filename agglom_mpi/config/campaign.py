@@ -40,7 +40,7 @@ CAMPAIGN_INTERNALS: Final = (
     *("scene", "variables", "objective", "plan", "output", "final", "user_function", "relations"),
     *("at", "most_grains", "objective_at", "scenes", "used_values"),
     *("search", "ensemble", "stopping", "common_configurations", "max_framed", "max_strings"),
-    *("first_sample", "given_strings", "space", "allowed_strings", "fraction"),
+    *("first_sample", "given_strings", "space", "allowed_strings", "fraction", "volume"),
     *("derived_values", "function_error", "check_scales"),
     *("search_error", "required_plan", "engine", "file_name", "from_text"),
     *("try_function", "with_generations", "with_seed"),

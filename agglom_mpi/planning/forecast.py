@@ -1,9 +1,12 @@
 """Forecast of a run and what follows from it: bounds, saturation of rank 0, advice."""
 
 import math
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from agglom_mpi.config.campaign import Campaign
+
+if TYPE_CHECKING:
+    from agglom_mpi.planning.finite_size_pilot import GrainAdvice
 
 WELL_USED: Final = 0.5
 """Minimum share of the ranks' time spent on needed samples for a number of ranks to be advised."""
@@ -204,6 +207,8 @@ class ForecastReport(NamedTuple):
         One for each number of ranks.
     not_forecast
         Numbers of ranks whose forecast would take more than `MAX_SIMULATED` samples.
+    grains
+        How many grains are enough; None where that was not measured.
     """
 
     campaign: Campaign
@@ -212,6 +217,7 @@ class ForecastReport(NamedTuple):
     costs: MessageCosts
     forecasts: list[Forecast]
     not_forecast: list[int]
+    grains: "GrainAdvice | None" = None
 
     @property
     def saturation(self) -> Saturation | None:

@@ -43,6 +43,7 @@ def to_json(report: ForecastReport) -> str:
         "not_forecast": report.not_forecast,
         "saturation": report.saturation and report.saturation._asdict(),
         "advice": report.advice and report.advice._asdict(),
+        "finite_size": report.grains and report.grains.as_dict(),
     }
     return json.dumps(content, indent=2)
 
@@ -126,7 +127,8 @@ def _footer(report: ForecastReport) -> list[str]:
             f"{full.samples_per_second:.0f} samples/s, used or not"
         )
     again = any(f.again for f in report.forecasts)
-    return [*lines, EXPLANATION, *([AGAIN] if again else []), *_advice(report)]
+    grains = [] if report.grains is None else [report.grains.text]
+    return [*lines, EXPLANATION, *([AGAIN] if again else []), *grains, *_advice(report)]
 
 
 def _advice(report: ForecastReport) -> list[str]:

@@ -63,7 +63,7 @@ def run_pilot(
         ):
             if string == len(strings):
                 strings.append(_random_string(campaign, string))
-            finished.append(_simulate(runner, _task(string, first, count, strings[string])))
+            finished.append(simulate_task(runner, task_of(string, first, count, strings[string])))
             rows += len(finished[-1].results)
             spent = time.monotonic() - begin
             done = f"{pluralise(rows, 'sample')} of {pluralise(len(strings), 'string')}"
@@ -103,13 +103,14 @@ def _random_string(campaign: Campaign, number: int) -> NDArray[np.float64]:
     return campaign.space().sample(search_stream(campaign.seed, RANDOM_STRING, generation, slot))
 
 
-def _task(string: int, first: int, count: int, parameters: NDArray[np.float64]) -> np.void:
+def task_of(string: int, first: int, count: int, parameters: NDArray[np.float64]) -> np.void:
+    """Return a task, a record of `task_type`, for samples of a string, (k,)."""
     task = new_tasks([parameters])
     task["string"], task["first"], task["count"] = string, first, count
     return task[0]
 
 
-def _simulate(runner: SampleRunner, record: np.void) -> RankMessage:
+def simulate_task(runner: SampleRunner, record: np.void) -> RankMessage:
     """Simulate the samples of a task, as many as the time allows."""
     task = runner.begin(record)
     while task.simulate_next():

@@ -68,7 +68,13 @@ def plan(options: PlanOptions) -> ForecastReport:
         announce = status.update if console.is_terminal else LOG.info
         samples = pilot_samples(campaign, options, status.update, announce)
         experiment = InversionExperiment(campaign, given)
-        return forecast_all(experiment, samples, options, status.update)
+        report = forecast_all(experiment, samples, options, status.update)
+        if options.source is not None:
+            return report
+        from agglom_mpi.planning.finite_size_pilot import advise_grains  # loads the kernels
+
+        grains = advise_grains(campaign, samples, options.seconds, status.update)
+        return report._replace(grains=grains)
 
 
 def pilot_samples(

@@ -22,10 +22,9 @@ class VolumeString(NamedTuple):
 
     @property
     def text(self) -> str:
-        """The string for readers: `7`, or `7 with 4 times the grains`."""
-        return (
-            str(self.string) if self.volume == 1 else f"{self.string} with {self.volume} × grains"
-        )
+        """The string for readers: `7`, or `7 in 4 times the volume`."""
+        larger = f" in {self.volume} times the volume" if self.volume > 1 else ""
+        return f"{self.string}{larger}"
 
 
 def number_in_volume(string: int, volume: int) -> int:

@@ -15,6 +15,8 @@ MAX_DRAWN: Final = 6
 """Maximum number of strings that are drawn."""
 STAGGER: Final = 0.012
 """Distance of the points of successive strings, relative to the largest 1/N."""
+CURVE_POINTS: Final = 40
+"""Number of points of a fitted curve."""
 TWO_SIDED: Final = 1.96
 """Standard errors in half a 95 % interval of a normal distribution."""
 
@@ -37,8 +39,11 @@ def draw_finite_size(ax: Any, ranked: Ranked) -> Any:
         values = [mean.value for mean in means]
         points = {"color": colour, "fmt": "o", "markersize": 4, "capsize": 2}
         ax.errorbar(inverse + aside, values, yerr=bars, label=name, **points)
-        ends = np.array([0.0, inverse.max()])
-        ax.plot(ends + aside, fit.limit.value + fit.slope.value * ends, color=colour, linewidth=1)
+        at = np.linspace(0.0, inverse.max(), CURVE_POINTS)
+        curve = fit.limit.value + fit.slope.value * at
+        if fit.order == 2:  # the term 1/N² takes the curve through the shift that is left
+            curve += (fit.shift.value - fit.slope.value * at[-1]) * (at / at[-1]) ** 2
+        ax.plot(at + aside, curve, color=colour, linewidth=1)
         limit = {"color": colour, "fmt": "D", "markersize": 5, "capsize": 3}
         bar = TWO_SIDED * fit.limit.error
         ax.errorbar(aside, fit.limit.value, yerr=bar, markerfacecolor="white", **limit)
@@ -60,7 +65,7 @@ FINITE_SIZE: Final = Figure(
     _ranked,
     draw_finite_size,
     "Mean growth of the best strings in larger control volumes, against 1/N, with 95 % intervals. "
-    "Diamonds: limits for many grains, of lines fitted by weighted least squares; their intervals "
-    "do not cover what a term 1/N² would change.",
+    "Diamonds: limits for many grains, of lines in 1/N fitted by weighted least squares, or "
+    "parabolas where lines do not fit.",
     empty="no string was estimated in several volumes",
 )

@@ -1,0 +1,178 @@
+"""Recommended number of grains: pilot samples of one string in several control volumes."""
+
+import math
+import time
+from collections.abc import Callable
+from threading import Timer
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from agglom_mpi.analysis.extrapolation import Extrapolation, extrapolated
+from agglom_mpi.analysis.finite_size import VolumeMeans, enough_grains, means_of_rows
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.scene import MAX_PARTICLES
+from agglom_mpi.formatting import pluralise, value_with_error
+from agglom_mpi.outcome import COMPLETED
+from agglom_mpi.planning.pilot import simulate_task, task_of
+from agglom_mpi.planning.workload import PilotSamples
+from agglom_mpi.runtime.experiment import InversionExperiment
+from agglom_mpi.runtime.sample_runner import SampleRunner
+from agglom_mpi.scheduling.volume_strings import number_in_volume
+from agglom_mpi.storage.table import concatenated
+
+VOLUMES: Final = (1, 2, 4)
+"""Control volumes of the pilot samples, relative to the campaign's box."""
+SHARE: Final = 0.25
+"""Time of these samples relative to that of all other pilot samples."""
+ROUND: Final = 10
+"""Number of samples of each volume that are simulated in turn."""
+MAX_ROUNDS: Final = 40
+"""Maximum number of such rounds."""
+DEFAULT_SAMPLES: Final = 100
+"""Number of samples that the error of the answer is forecast for where nothing is estimated
+again."""
+
+
+class GrainAdvice(NamedTuple):
+    """How the number of grains shifts the answer, by pilot samples.
+
+    Attributes
+    ----------
+    grains
+        Number of grains of the campaign.
+    samples
+        Pilot samples in each volume.
+    fit
+        Extrapolation of the mean of b/b⁰.
+    error
+        Standard error that the final estimate will have, by the spread of one sample.
+    answer_samples
+        Number of samples that the final estimate will have.
+    """
+
+    grains: int
+    samples: int
+    fit: Extrapolation
+    error: float
+    answer_samples: int
+
+    @property
+    def exceeds(self) -> bool:
+        """Whether the shift is resolved and above the standard error of the answer."""
+        return self.fit.shift.is_resolved and abs(self.fit.shift.value) > self.error
+
+    @property
+    def enough(self) -> int:
+        """Number of grains whose shift is at most the standard error; else the campaign's own."""
+        return enough_grains(self.grains, self.fit, self.error) if self.exceeds else self.grains
+
+    @property
+    def text(self) -> str:
+        """Two lines for readers."""
+        volumes = ", ".join(f"{volume * self.grains:,}" for volume in VOLUMES)
+        shift = value_with_error(*self.fit.shift)
+        return (
+            f"finite size, by {self.samples} samples each of one string with {volumes} grains: "
+            f"mean b/b0 is shifted by {shift}, the final estimate will have the standard error "
+            f"{self.error:.2g}\n  {self._advice}"
+        )
+
+    @property
+    def _advice(self) -> str:
+        if not self.fit.shift.is_resolved:
+            return f"no shift is resolved: {self.grains:,} grains are kept"
+        if not self.exceeds:
+            return f"the shift is within that error: {self.grains:,} grains are enough"
+        return (
+            f"take {self.enough:,} grains ({pluralise(self._equal_samples, 'sample')} then have "
+            f"the error of {self.answer_samples}), or final: {{volumes: {list(VOLUMES)}}}"
+        )
+
+    @property
+    def _equal_samples(self) -> int:
+        """Samples with enough grains whose mean has the same error: variances fall as 1/N."""
+        return max(2, math.ceil(self.answer_samples * self.grains / self.enough))
+
+    def as_dict(self) -> dict[str, float | int | bool]:
+        """Return plain values for JSON."""
+        return {
+            "grains": self.grains,
+            "samples": self.samples,
+            "shift": self.fit.shift.value,
+            "shift_standard_error": self.fit.shift.error,
+            "limit": self.fit.limit.value,
+            "limit_standard_error": self.fit.limit.error,
+            "answer_standard_error": self.error,
+            "exceeds": self.exceeds,
+            "enough_grains": self.enough,
+        }
+
+
+def advise_grains(
+    campaign: Campaign, pilot: PilotSamples, seconds: float, show: Callable[[str], None]
+) -> GrainAdvice | None:
+    """Simulate the best pilot string in several volumes, and return how many grains are enough.
+
+    Parameters
+    ----------
+    campaign
+        The campaign.
+    pilot
+        Samples of random strings; the best of these is simulated.
+    seconds
+        Time limit of all other pilot samples, s.
+    show
+        Called with a line on the progress.
+
+    Returns
+    -------
+    GrainAdvice or None
+        None where the time allows for too few samples, or grains are too many.
+    """
+    if campaign.scene.particles * VOLUMES[-1] > MAX_PARTICLES:
+        return None
+    runner = SampleRunner(InversionExperiment(campaign), 0)
+    string = _best(campaign, pilot)
+    show("simulating one string in larger volumes")
+    alarm = Timer(SHARE * seconds, runner.abort_flag.stop)
+    begun, rounds = time.monotonic(), 0
+    parts: dict[int, list[np.ndarray]] = {volume: [] for volume in VOLUMES}
+    alarm.start()
+    try:
+        while rounds < MAX_ROUNDS and not runner.abort_flag.stopped:
+            spent = time.monotonic() - begun
+            if rounds and spent * (rounds + 1) / rounds > SHARE * seconds:
+                break
+            for volume in VOLUMES:
+                number = number_in_volume(0, volume)
+                task = task_of(number, rounds * ROUND, ROUND, pilot.parameters[string])
+                parts[volume].append(simulate_task(runner, task).results)
+            rounds += not runner.abort_flag.stopped
+    finally:
+        alarm.cancel()
+    if not rounds:
+        return None
+    means = [_means(campaign, volume, parts[volume][:rounds]) for volume in VOLUMES]
+    known = [each for each in means if each is not None]
+    if len(known) < len(VOLUMES):
+        return None
+    fit = extrapolated([each.grains for each in known], [each.growth for each in known])
+    answer = DEFAULT_SAMPLES if campaign.final is None else campaign.final.samples
+    error = known[0].spread / math.sqrt(answer)
+    return GrainAdvice(campaign.scene.particles, rounds * ROUND, fit, error, answer)
+
+
+def _best(campaign: Campaign, pilot: PilotSamples) -> int:
+    """Return the pilot string with the lowest objective, the first where none has any."""
+    done = pilot.rows[pilot.rows["state"] == COMPLETED]
+    if not len(done):
+        return 0
+    strings = np.unique(done["string"])
+    values = [float(done["objective"][done["string"] == string].mean()) for string in strings]
+    return int(strings[int(np.nanargmin(values))]) if np.isfinite(values).any() else int(strings[0])
+
+
+def _means(campaign: Campaign, volume: int, parts: list[np.ndarray]) -> VolumeMeans | None:
+    rows = concatenated(parts, parts[0].dtype)
+    return means_of_rows(rows, volume, volume * campaign.scene.particles)

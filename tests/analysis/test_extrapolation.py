@@ -1,0 +1,108 @@
+"""Means extrapolated in 1/N: exact laws exactly, and errors as a Monte Carlo has them."""
+
+import numpy as np
+import pytest
+
+from agglom_mpi.analysis.extrapolation import extrapolated, fitted
+from agglom_mpi.analysis.finite_size import enough_grains
+from agglom_mpi.statistics import MeanEstimate
+
+GRAINS = (100, 200, 400)
+ERRORS = (0.02, 0.015, 0.01)
+
+
+def means(values, errors=ERRORS):
+    return [MeanEstimate(v, e, 100) for v, e in zip(values, errors, strict=True)]
+
+
+@pytest.mark.parametrize("grains", [GRAINS, GRAINS[:2], (50, 100, 300, 10**6)])
+def test_a_law_linear_in_inverse_n_is_extrapolated_exactly(grains):
+    errors = np.linspace(0.02, 0.01, len(grains))
+    fit = extrapolated(grains, means([1.8 + 7.0 / n for n in grains], errors))
+    assert fit.limit.value == pytest.approx(1.8, rel=1e-12)
+    assert fit.slope.value == pytest.approx(7.0, rel=1e-11)
+    assert fit.shift.value == pytest.approx(7.0 / grains[0], rel=1e-11)
+    if len(grains) > 2:
+        assert fit.chi_square == pytest.approx(0.0, abs=1e-20)
+        assert fit.p_value == pytest.approx(1.0)
+        assert fit.curvature.value == pytest.approx(0.0, abs=1e-9)
+        assert fit.is_linear
+
+
+def test_two_volumes_have_no_goodness_of_fit():
+    fit = extrapolated(GRAINS[:2], means([2.0, 1.9], ERRORS[:2]))
+    assert np.isnan([fit.chi_square, fit.p_value, *fit.curvature]).all()
+    assert fit.is_linear
+    assert fit.limit.value == pytest.approx(1.8)
+    # limit = 2 y(2N) - y(N)
+    assert fit.limit.error == pytest.approx(np.hypot(2 * ERRORS[1], ERRORS[0]))
+    assert fit.shift.error == pytest.approx(2 * np.hypot(*ERRORS[:2]))
+
+
+def test_errors_are_those_of_repeated_measurements():
+    runs = 20_000
+    random = np.random.default_rng(5)
+    drawn = random.normal([1.8 + 7.0 / n for n in GRAINS], ERRORS, (runs, 3))
+    fits = [fitted(GRAINS, means(values)) for values in drawn]
+    for name in ("limit", "slope", "shift", "curvature"):
+        values = np.array([getattr(fit, name).value for fit in fits])
+        stated = getattr(fits[0], name).error
+        # The standard deviation of a normal sample has the relative error 1/sqrt(2 n).
+        assert values.std() == pytest.approx(stated, rel=4.0 / np.sqrt(2 * runs))
+    limits = np.array([fit.limit.value for fit in fits])
+    assert abs(limits.mean() - 1.8) < 4.0 * fits[0].limit.error / np.sqrt(runs)
+    for share in (0.1, 0.5):
+        found = np.mean([fit.p_value < share for fit in fits])
+        assert abs(found - share) < 4.0 * np.sqrt(share * (1 - share) / runs)
+
+
+def curved(n):
+    return 1.8 + 7.0 / n - 300.0 / n**2
+
+
+def test_the_model_error_is_what_a_curved_law_changes():
+    fit = fitted(GRAINS, means(map(curved, GRAINS), np.full(3, 1e-4)))
+    assert fit.limit.value + fit.curvature.value == pytest.approx(1.8, rel=1e-9)
+    assert not fit.is_linear
+
+
+@pytest.mark.parametrize("grains", [GRAINS, (100, 200, 400, 800)])
+def test_a_curved_law_is_extrapolated_exactly_where_a_line_does_not_fit(grains):
+    fit = extrapolated(grains, means(map(curved, grains), np.full(len(grains), 1e-4)))
+    assert fit.order == 2
+    assert fit.limit.value == pytest.approx(1.8, rel=1e-9)
+    assert fit.slope.value == pytest.approx(7.0, rel=1e-6)
+    assert fit.shift.value == pytest.approx(curved(100) - 1.8, rel=1e-6)
+    loose = extrapolated(grains, means(map(curved, grains), np.full(len(grains), 1.0)))
+    assert loose.order == 1
+
+
+def test_errors_of_a_curved_fit_are_those_of_repeated_measurements():
+    runs = 20_000
+    drawn = np.random.default_rng(6).normal([curved(n) for n in GRAINS], ERRORS, (runs, 3))
+    fits = [fitted(GRAINS, means(values), order=2) for values in drawn]
+    for name in ("limit", "slope", "shift"):
+        values = np.array([getattr(fit, name).value for fit in fits])
+        stated = getattr(fits[0], name).error
+        assert values.std() == pytest.approx(stated, rel=4.0 / np.sqrt(2 * runs))
+
+
+def test_more_precise_means_count_more():
+    values = (1.9, 1.85, 1.7)
+    loose = extrapolated(GRAINS, means(values, (0.01, 0.01, 1.0)))
+    exact = extrapolated(GRAINS[:2], means(values[:2], (0.01, 0.01)))
+    assert loose.limit.value == pytest.approx(exact.limit.value, abs=1e-3)
+
+
+def test_means_without_spread_have_a_limit_without_error():
+    fit = extrapolated(GRAINS, means((1.0, 1.0, 1.0), (0.0, 0.0, 0.0)))
+    assert fit.limit == pytest.approx((1.0, 0.0), abs=1e-12)
+    assert np.isnan(fit.p_value)
+
+
+def test_enough_grains_make_the_shift_as_small_as_the_error():
+    fit = extrapolated(GRAINS, means([1.8 + 7.0 / n for n in GRAINS]))
+    assert enough_grains(100, fit, 0.01) == pytest.approx(700, abs=10)
+    assert enough_grains(100, fit, 0.0099) == 710
+    assert enough_grains(100, fit, 0.5) == 100
+    assert enough_grains(100, fit, 0.0) == 100
