@@ -1,7 +1,7 @@
 """MPI-parallel batch inversion of agglomerating granular flows.
 
-`load_campaign(yaml)` simulates what a campaign file describes, `open_campaign(h5)` reads what a
-campaign found, and `Box` is a box of grains inside a macroscopic model.
+`load_campaign(yaml)` simulates or runs what a campaign file describes, `open_campaign(h5)` reads
+what a campaign found, and `Box` is a box of grains inside a macroscopic model.
 """
 
 from typing import TYPE_CHECKING, Any
@@ -10,7 +10,7 @@ from agglom_mpi.version import __version__
 
 if TYPE_CHECKING:
     from agglom_mpi.campaign_file import open_campaign
-    from agglom_mpi.config.loading import load_campaign
+    from agglom_mpi.campaign_runs import load_campaign
     from agglom_mpi.coupling.box import Box
 
 __all__ = ["Box", "__version__", "load_campaign", "open_campaign"]
@@ -24,7 +24,7 @@ def __dir__() -> list[str]:
 def __getattr__(name: str) -> Any:
     """Import the entry points when they are first used, so that importing the package is free."""
     if name == "load_campaign":
-        from agglom_mpi.config.loading import load_campaign
+        from agglom_mpi.campaign_runs import load_campaign
 
         return load_campaign
     if name == "open_campaign":

@@ -18,7 +18,8 @@ class PublicFace(type):
     Parameters
     ----------
     internal : iterable of str, optional
-        Names of methods and attributes that only the package's own modules use.
+        Names of methods and attributes that only the package's own modules use, beside those of the
+        base classes.
     constructor : bool, optional
         Whether users call the class. If not, `help` shows no arguments of it.
     """
@@ -39,7 +40,8 @@ class PublicFace(type):
             function = value.__func__ if isinstance(value, classmethod | staticmethod) else value
             if inspect.isfunction(function):
                 function.__signature__ = _plain_signature(function)  # type: ignore[attr-defined]
-        namespace["_internal"] = frozenset(internal)
+        inherited = (getattr(base, "_internal", frozenset()) for base in bases)
+        namespace["_internal"] = frozenset(internal).union(*inherited)
         namespace.setdefault("__dir__", _public_names)
         if not constructor:
             namespace["__signature__"] = inspect.Signature()

@@ -12,9 +12,9 @@ import pytest
 from storage_rows import make
 
 import agglom_mpi
+from agglom_mpi import campaign_runs
 from agglom_mpi.campaign_file import CampaignFile
 from agglom_mpi.config import campaign as campaign_module
-from agglom_mpi.config import loading
 from agglom_mpi.config.campaign import CAMPAIGN_INTERNALS, Campaign
 from agglom_mpi.config.estimate import StringEstimate
 from agglom_mpi.inference.feasible_set import SET_INTERNALS, FeasibleSet
@@ -36,7 +36,7 @@ METHODS_OF_CAMPAIGN = {
     *("allowed", "describe", "description", "estimate", "identity", "parameters", "sha256"),
     *("in_volume", "simulate", "warnings"),
 }
-CAMPAIGN = {*METHODS_OF_CAMPAIGN, "title", "seed", "text", "name"}
+CAMPAIGN = {*METHODS_OF_CAMPAIGN, "run", "title", "seed", "text", "name"}
 METHODS_OF_SET = {
     *("bounds", "deviation", "directions", "expected_error", "failing", "inner", "maximum"),
     *("mean", "noise", "outer", "posterior", "probability", "sample", "variables", "volume"),
@@ -52,6 +52,7 @@ FACES = {
     agglom_mpi.Box: BOX,
     CampaignFile: FILE,
     Campaign: METHODS_OF_CAMPAIGN,
+    campaign_runs.RunnableCampaign: {*METHODS_OF_CAMPAIGN, "run"},
     FeasibleSet: METHODS_OF_SET,
     Outcome: set(),
     StringEstimate: {"as_dict"},
@@ -149,9 +150,10 @@ def test_help_of_a_box_begins_with_how_it_is_made():
     assert str(signature).startswith("(campaign, parameters=None, *, radii=None, velocities=None,")
 
 
-@pytest.mark.parametrize("module", [campaign_module, loading])
-def test_the_examples_of_a_campaign_are_true(module, monkeypatch):
-    monkeypatch.chdir(ROOT)
+@pytest.mark.parametrize("module", [campaign_module, campaign_runs])
+def test_the_examples_of_a_campaign_are_true(module, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "jobs").symlink_to(ROOT / "jobs")
     tried = doctest.testmod(module)
     assert tried.failed == 0
     assert tried.attempted > 2

@@ -21,32 +21,7 @@ from agglom_mpi.variables import TEN, VOLUME_FRACTION, VariableTable
 
 
 def load_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> Campaign:
-    """Read and validate a campaign file.
-
-    Parameters
-    ----------
-    path
-        The YAML file.
-    allow_code
-        Whether Python code that it names may be executed: the function of its objective, and
-        components of one's own.
-
-    Returns
-    -------
-    Campaign
-
-    Raises
-    ------
-    CampaignError
-        With everything that is wrong: file, line, field, value and what is allowed.
-
-    Examples
-    --------
-    >>> import agglom_mpi
-    >>> campaign = agglom_mpi.load_campaign("jobs/quickstart.yaml")
-    >>> campaign.title
-    'Quickstart - double the mean grain size'
-    """
+    """Read and validate a campaign file; see `campaign_runs.load_campaign`."""
     name = os.fspath(path)
     campaign = _campaign(name, allow_code)
     if campaign.objective.code is not None and not allow_code:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from agglom_mpi.analysis.run_warnings import run_warnings
 from agglom_mpi.analysis.summary import summary_table
 from agglom_mpi.analysis.warm_start import warm_start
+from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.searchable import check_search_library, check_searchable
 from agglom_mpi.config.yaml_source import warn
@@ -61,7 +62,13 @@ def read_request(
     options: InvertOptions, show: Callable[[str], None] = lambda line: None
 ) -> RunRequest:
     """Load the campaign that the options name; `show` warnings, raise the user's mistakes."""
-    campaign = load_campaign(options.campaign, options.allow_code)
+    return request_for(load_campaign(options.campaign, options.allow_code), options, show)
+
+
+def request_for(
+    campaign: Campaign, options: InvertOptions, show: Callable[[str], None] = lambda line: None
+) -> RunRequest:
+    """Return what to run of a campaign; arguments and errors as of `read_request`."""
     if options.seed is not None:
         campaign = campaign.with_seed(options.seed)
     if options.generations is not None:
