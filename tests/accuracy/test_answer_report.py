@@ -1,5 +1,6 @@
 """Tables, sentences and figures of an answer study, of made-up answers."""
 
+import itertools
 import math
 
 import numpy as np
@@ -89,7 +90,7 @@ def test_a_difference_is_claimed_where_the_band_leaves_one_out(ratio, word):
 
 
 def test_equal_runs_show_no_difference(study):
-    errors = {name: ERRORS["default"] * 5 for name in ERRORS}
+    errors = dict.fromkeys(ERRORS, ERRORS["default"] * 5)
     times = times_of(study, answers(study, errors))
     assert sentence(study, times[1], times[0]).count("no difference") == 2
 
@@ -117,7 +118,7 @@ def test_labels_of_a_figure_do_not_overlap(study):
     names = [f"setting number {i} with a name" for i in range(7)]
     settings = [s._replace(name=n) for s, n in zip([study.settings[1]] * 7, names, strict=True)]
     many = study._replace(settings=tuple(settings))
-    made = answers(many, {name: ERRORS["default"] for name in names})
+    made = answers(many, dict.fromkeys(names, ERRORS["default"]))
     figure = Figure(figsize=(9.0, 7.4), dpi=110, layout="constrained")
     draw_factor(figure, times_of(many, made), many, "Λ above its floor")
     figure.draw_without_rendering()
@@ -129,7 +130,7 @@ def test_labels_of_a_figure_do_not_overlap(study):
     for axes in figure.axes:
         boxes = [t.get_window_extent() for t in axes.get_xticklabels() if t.get_text()]
         inside = [b for b in boxes if b.x1 > axes.bbox.x0 and b.x0 < axes.bbox.x1]
-        assert all(a.x1 <= b.x0 + 1e-6 for a, b in zip(inside, inside[1:], strict=False))
+        assert all(a.x1 <= b.x0 + 1e-6 for a, b in itertools.pairwise(inside))
 
 
 def test_shares_of_a_figure_rise_to_those_of_the_runs(study):
