@@ -11,9 +11,19 @@ from agglom_mpi.accuracy.answer_errors import answers_of, estimation
 from agglom_mpi.accuracy.answer_report import AnswerReport, write_answer_report
 from agglom_mpi.accuracy.answer_runs import FOLDER, AnswerRun, ProcessorClock, runs_of
 from agglom_mpi.accuracy.answer_sets import box_points, keep_set
+from agglom_mpi.accuracy.run_times import busy_lines
+from agglom_mpi.analysis.damage import blame_damage
+from agglom_mpi.analysis.tables import wall_over_cpu
 from agglom_mpi.config.answer_study import AnswerStudy, load_answer_study
 from agglom_mpi.display.run_display import Display
-from agglom_mpi.errors import FINISHED, STOPPED, require_library
+from agglom_mpi.errors import (
+    BAD_INPUT,
+    FINISHED,
+    STOPPED,
+    UserError,
+    error_text,
+    require_library,
+)
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import check_writable
 from agglom_mpi.runtime.leg import RunRequest
@@ -128,6 +138,14 @@ class _Runner:
         self._points = box_points(study) if study.answer == "set" else None
 
     def __call__(self, request: RunRequest, stop: StopRequest) -> int:
+        try:
+            with blame_damage(request.path):
+                return self._run(request, stop)
+        except (UserError, OSError) as error:
+            self._display.error(error_text(error))
+            return error.exit_code if isinstance(error, UserError) else BAD_INPUT
+
+    def _run(self, request: RunRequest, stop: StopRequest) -> int:
         run = self._runs[request.path]
         code = FINISHED
         if not run.is_finished(request):
@@ -162,5 +180,7 @@ def write_report(study: AnswerStudy, options: AnswerOptions, path: Path) -> Path
     if options.allow_code:
         words.append("--allow-code")
     answers = answers_of(study, Path(options.out), file)
-    report = AnswerReport(study, answers, shlex.join(words), len(file.all_sample_rows()))
+    rows = file.all_sample_rows()
+    busy = tuple(busy_lines(wall_over_cpu(rows), []))
+    report = AnswerReport(study, answers, shlex.join(words), len(rows), busy)
     return write_answer_report(Path(options.out), report)

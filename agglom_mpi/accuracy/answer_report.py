@@ -49,12 +49,15 @@ class AnswerReport(NamedTuple):
         The command that made it.
     estimates
         Number of samples of the re-estimates.
+    remarks
+        Further lines on how it was made.
     """
 
     study: AnswerStudy
     answers: Answers
     command: str
     estimates: int
+    remarks: tuple[str, ...] = ()
 
 
 def write_answer_report(directory: Path, report: AnswerReport) -> Path:
@@ -98,6 +101,7 @@ def _head(report: AnswerReport, times: Sequence[SettingTimes]) -> Iterator[str]:
     if small:
         yield f"- targets below the resolution of {answers.resolution:.2g}: {', '.join(small)}"
     yield f"- bands: 95 %, by resampling the runs; agglom_mpi {__version__}, {processor()}"
+    yield from (f"- {remark}" for remark in report.remarks)
     yield ""
 
 
@@ -151,9 +155,8 @@ def factor_drawings(
         yield Drawing(
             f"answer_{'_'.join(factor.lower().split())}",
             f"{factor.capitalize()}: share of all pairs of a run and a target ({targets}) that are "
-            f"reached, and the expected cost of a target with its 95 % band (a bar without an end "
-            f"is open; a target that no run reaches has no point). × is the mean cost of a whole "
-            f"run.",
+            f"reached, and the expected cost of a target with its 95 % band (an arrow is an open "
+            f"end; a target that no run reaches has no point). × is the mean cost of a whole run.",
             partial(draw_factor, times=own, study=study, quantity=answers.quantity),
             FIGURE_SIZE,
         )
@@ -216,7 +219,10 @@ def _draw_expected(
         return
     highest = max(times.spent.sum(), *(band.value for band, _ in shown))
     for band, at in shown:
-        axis.plot(_ends(band, highest), [at, at], color=style["color"], lw=1.0)
+        ends = _ends(band, highest)
+        axis.plot(ends, [at, at], color=style["color"], lw=1.0)
+        if np.isinf(band.high):
+            axis.plot(ends[1], at, ">", color=style["color"], markersize=5)
     axis.plot(
         [band.value for band, _ in shown],
         [at for _, at in shown],

@@ -2,6 +2,7 @@
 
 import csv
 import os
+import shutil
 import signal
 import subprocess
 from pathlib import Path
@@ -241,3 +242,23 @@ def test_bad_input_is_one_message_and_leaves_nothing(studied, arguments, message
     assert message in done.stderr
     assert "Traceback" not in done.stderr
     assert not (studied / "x").exists()
+
+
+def test_another_study_in_the_same_folder_is_refused(studied, tmp_path):
+    folder = write(tmp_path, STUDY.replace("samples: 2}", "samples: 3}"))
+    shutil.copytree(studied / "out", folder / "out")
+    done = run(folder)
+    assert done.returncode == 2
+    assert "default_seed1.h5: belongs to another campaign" in done.stderr
+    assert "ensemble.samples" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_something_else_in_place_of_a_run_is_named(tmp_path):
+    folder = write(tmp_path)
+    (folder / "out" / "runs").mkdir(parents=True)
+    (folder / "out" / "runs" / "default_seed1.h5").write_text("no campaign")
+    done = run(folder)
+    assert done.returncode == 2
+    assert "default_seed1.h5" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
