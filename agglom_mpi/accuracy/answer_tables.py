@@ -1,7 +1,7 @@
 """Tables of an answer study: expected run times of all settings, and one sentence on each."""
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
@@ -19,9 +19,9 @@ from agglom_mpi.formatting import format_digits, format_seconds
 if TYPE_CHECKING:
     import pandas as pd
 
-COSTS = (SAMPLES, SECONDS)
+COSTS: Final = (SAMPLES, SECONDS)
 """The costs, as columns name them."""
-BOOTSTRAP_SEED = 46
+BOOTSTRAP_SEED: Final = 46
 """Seed of the resampling of runs, so that a report is the same each time."""
 
 

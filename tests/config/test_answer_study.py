@@ -128,3 +128,30 @@ def test_the_studies_of_the_jobs_are_valid(study):
     assert len(found.settings) == len({setting.stem for setting in found.settings})
     assert found.compared in found.targets
     assert found.seeds >= 10 or study.stem == "answer_quick"
+
+
+OWN = """
+question: {question}
+seeds: 2
+samples: 8
+targets: [0.1]
+compared: 0.1
+factors:
+  searches:
+    Sobol: {{search: {{method: sobol, population: 8}}}}
+"""
+
+
+@pytest.mark.parametrize("job", ["own_laws/dust", "questions/fines"])
+def test_code_beside_the_question_runs_only_if_allowed(tmp_path, job):
+    question = Path("jobs", f"{job}.yaml").absolute()
+    path = tmp_path / "study.yaml"
+    path.write_text(OWN.format(question=question))
+    with pytest.raises(CampaignError, match="--allow-code"):
+        load_answer_study(str(path))
+    study = load_answer_study(str(path), allow_code=True)
+    for setting in study.settings:
+        assert setting.campaign.scene == study.question.scene
+        assert setting.campaign.user_function == study.question.user_function
+        assert setting.campaign.objective.name == study.question.objective.name
+    assert study.settings[1].campaign.search.method == "sobol"
