@@ -19,7 +19,7 @@ from agglom_mpi.accuracy.answer_tables import (
     times_of,
 )
 from agglom_mpi.accuracy.times_to_targets import Band, TimesToTargets
-from agglom_mpi.config.answer_study import AnswerStudy
+from agglom_mpi.config.answer_study import AnswerStudy, file_stem
 from agglom_mpi.formatting import format_digits, format_duration
 from agglom_mpi.report.drawing import COLOURS, Drawing, log_ticks, style_axes, write_drawing
 from agglom_mpi.runtime.provenance import processor
@@ -153,10 +153,11 @@ def factor_drawings(
     for factor, settings in study.factors.items():
         own = [by_name[setting.factor, setting.name] for setting in settings]
         yield Drawing(
-            f"answer_{'_'.join(factor.lower().split())}",
+            f"answer_{file_stem(factor)}",
             f"{factor.capitalize()}: share of all pairs of a run and a target ({targets}) that are "
-            f"reached, and the expected cost of a target with its 95 % band (an arrow is an open "
-            f"end; a target that no run reaches has no point). × is the mean cost of a whole run.",
+            f"reached, and the expected cost of a target with its 95 % band. × is the mean cost of "
+            f"a whole run, an arrow the open end of a band, and a hollow one the bound of a target "
+            f"that no run reaches.",
             partial(draw_factor, times=own, study=study, quantity=answers.quantity),
             FIGURE_SIZE,
         )
@@ -185,6 +186,7 @@ def draw_factor(
     axes[0, 0].set_ylim(-0.02, 1.02)
     axes[1, 0].set_yscale("log")
     axes[1, 0].set_yticks(study.targets, [f"{target:g}" for target in study.targets])
+    axes[1, 0].set_ylim(0.8 * study.targets[-1], 1.25 * study.targets[0])
     axes[1, 0].minorticks_off()
     axes[1, 0].set_ylabel(f"target: {quantity}")
     handles, labels = axes[0, 0].get_legend_handles_labels()
@@ -213,24 +215,21 @@ def _draw_expected(
     shift: float,
 ) -> None:
     """Draw the expected cost of each target with its band."""
-    bands = times.band(np.random.default_rng(BOOTSTRAP_SEED))
-    shown = [(b, t * shift) for b, t in zip(bands, targets, strict=True) if np.isfinite(b.value)]
-    if not shown:
-        return
-    highest = max(times.spent.sum(), *(band.value for band, _ in shown))
-    for band, at in shown:
+    bands, colour = times.band(np.random.default_rng(BOOTSTRAP_SEED)), style["color"]
+    places = [(band, target * shift) for band, target in zip(bands, targets, strict=True)]
+    reached = [(band, at) for band, at in places if np.isfinite(band.value)]
+    highest = max([float(times.spent.sum()), *(band.value for band, _ in reached)])
+    for band, at in places:
+        if np.isinf(band.value):
+            axis.plot(band.low, at, ">", color=colour, markerfacecolor="none", markersize=5)
+            continue
         ends = _ends(band, highest)
-        axis.plot(ends, [at, at], color=style["color"], lw=1.0)
+        axis.plot(ends, [at, at], color=colour, lw=1.0)
         if np.isinf(band.high):
-            axis.plot(ends[1], at, ">", color=style["color"], markersize=5)
-    axis.plot(
-        [band.value for band, _ in shown],
-        [at for _, at in shown],
-        color=style["color"],
-        marker=MARKERS[index % len(MARKERS)],
-        markersize=4,
-        lw=0.8,
-    )
+            axis.plot(ends[1], at, ">", color=colour, markersize=5)
+    values, heights = [band.value for band, _ in reached], [at for _, at in reached]
+    marker = MARKERS[index % len(MARKERS)]
+    axis.plot(values, heights, color=colour, marker=marker, markersize=4, lw=0.8)
 
 
 def _ends(band: Band, highest: float) -> tuple[float, float]:

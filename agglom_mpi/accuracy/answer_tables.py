@@ -103,12 +103,8 @@ def band_text(band: Band, form: str = "number") -> str:
     """Return a band as text: `310 (250 to 420)`; a ratio has the form `ratio`, seconds `time`."""
     if math.isnan(band.value):
         return "unknown"
-    if math.isinf(band.value):
-        return "not reached"
-    ends = [
-        "∞" if math.isinf(end) else _number(end, form) for end in (band.value, band.low, band.high)
-    ]
-    return f"{ends[0]} ({ends[1]} to {ends[2]})"
+    value, low, high = ("∞" if math.isinf(end) else _number(end, form) for end in band)
+    return f"more than {low}" if math.isinf(band.value) else f"{value} ({low} to {high})"
 
 
 def _number(value: float, form: str) -> str:
@@ -120,17 +116,13 @@ def _number(value: float, form: str) -> str:
 def verdict(ratio: Band, cost: str) -> str:
     """Return what a ratio of expected costs says, as a clause; it is resolved if its band is."""
     what = "samples" if cost == SAMPLES else "processor time"
-    if math.isnan(ratio.value) or math.isnan(ratio.low):
-        return f"no comparison of {what}"
-    text = f"{band_text(ratio, 'ratio')} × the default's {what}"
-    if math.isinf(ratio.value):
-        text = f"at least {format_digits(ratio.low)} × the default's {what}"
-        return text if math.isfinite(ratio.low) else f"never, the default does: more {what}"
-    if ratio.low > 1.0:
-        return f"{text}: more"
-    if ratio.high < 1.0:
-        return f"{text}: less"
-    return f"{text}: no difference is resolved"
+    if math.isnan(ratio.value):
+        return f"{what}: not compared"
+    text = band_text(ratio, "ratio")
+    if ratio.value == 0.0:
+        text = f"less than {_number(ratio.high, 'ratio')}"
+    found = "more" if ratio.low > 1.0 else "less" if ratio.high < 1.0 else "not resolved"
+    return f"{what}: {text} × the default's, {found}"
 
 
 def sentence(study: AnswerStudy, each: SettingTimes, default: SettingTimes) -> str:

@@ -15,12 +15,17 @@ from agglom_mpi.statistics import t_95
 
 Floats = NDArray[np.float64]
 
+TAIL: Final = 0.025
+"""Probability beyond each end of a band."""
 RESAMPLES: Final = 2000
 """Number of sets of runs that are drawn for a band."""
 
 
 class Band(NamedTuple):
-    """A value with the ends of its 95 % band; inf where too few runs reach the target."""
+    """A value with the ends of its 95 % band; inf where too few runs reach the target.
+
+    Where no run does, the value is inf and the band is open: its lower end is a bound.
+    """
 
     value: float
     low: float
@@ -86,22 +91,42 @@ class TimesToTargets(NamedTuple):
         drawn = self._drawn(random)
         return [
             Band(float(value), *_ends(values, self.runs))
+            if np.isfinite(value)
+            else Band(math.inf, self.least, math.inf)
             for value, values in zip(self.expected, drawn.T, strict=True)
         ]
+
+    @property
+    def least(self) -> float:
+        """Lower bound of the expected run time of a target that no run reaches.
+
+        A run reaches it with a probability of at most 1 − 0.025^(1/n) (Clopper and Pearson 1934).
+        What is counted is the cost of the runs that fail.
+        """
+        most = 1.0 - TAIL ** (1.0 / self.runs)
+        return float(self.spent.mean() * (1.0 - most) / most)
 
     def relative_to(self, other: "TimesToTargets", random: np.random.Generator) -> list[Band]:
         """Return ratios of the expected run times to those of other runs, with bootstrap bands.
 
-        Where no run of either reaches a target, the ratio is nan.
+        Where the runs of one of the two reach no target, its bound takes the place of its band and
+        the ratio is inf or 0; where none of both does, the ratio is nan.
         """
+        mine, theirs = self.band(random), other.band(random)
         with np.errstate(invalid="ignore", divide="ignore"):
-            values = self.expected / other.expected
             drawn = self._drawn(random) / other._drawn(random)
         runs = min(self.runs, other.runs)
-        return [
-            Band(float(value), *_ends(column, runs))
-            for value, column in zip(values, drawn.T, strict=True)
-        ]
+        found = []
+        for own, its, ratios in zip(mine, theirs, drawn.T, strict=True):
+            if math.isinf(own.value) and math.isinf(its.value):
+                found.append(Band(math.nan, math.nan, math.nan))
+            elif math.isinf(own.value):
+                found.append(Band(math.inf, own.low / its.high, math.inf))
+            elif math.isinf(its.value):
+                found.append(Band(0.0, 0.0, own.high / its.low))
+            else:
+                found.append(Band(own.value / its.value, *_ends(ratios, runs)))
+        return found
 
     def _drawn(self, random: np.random.Generator) -> Floats:
         """Return the expected run times of sets of runs drawn from these, (`RESAMPLES`, m)."""

@@ -60,6 +60,11 @@ class AnswerDocument(Section):
         return self
 
 
+def file_stem(words: str) -> str:
+    """Return a name in lower case without anything but letters, digits, points and underscores."""
+    return re.sub(r"[^a-z0-9.]+", "_", words.lower()).strip("_")
+
+
 class Setting(NamedTuple):
     """One way to answer the question: its factor, its name, and the campaign that is run."""
 
@@ -70,8 +75,7 @@ class Setting(NamedTuple):
     @property
     def stem(self) -> str:
         """Stem of the names of its files."""
-        words = self.name if self.name == DEFAULT else f"{self.factor} {self.name}"
-        return re.sub(r"[^a-z0-9.]+", "_", words.lower()).strip("_")
+        return file_stem(self.name if self.name == DEFAULT else f"{self.factor} {self.name}")
 
 
 class AnswerStudy(NamedTuple):

@@ -38,7 +38,19 @@ def test_a_target_that_no_run_reaches_costs_without_end():
     found = times([[1, INF], [2, INF]], [5, 5])
     assert found.expected.tolist() == [1.5, INF]
     band = found.band(np.random.default_rng(0))[1]
-    assert tuple(band) == (INF, INF, INF)
+    # Of two runs, each reaches it with a probability p of at most 1 − √0.025.
+    p = 1.0 - math.sqrt(0.025)
+    assert (band.value, band.high) == (INF, INF)
+    assert band.low == pytest.approx(5 * (1 - p) / p)
+
+
+def test_the_bound_of_an_unreached_target_holds_as_often_as_it_states():
+    # Runs that cost 1 and succeed with p, where the bound is just broken if none of n does.
+    n, trials = 10, 4000
+    p = 1.0 - 0.025 ** (1.0 / n)
+    none = (np.random.default_rng(8).random((trials, n)) >= p).all(axis=1).mean()
+    assert abs(none - 0.025) < 4 * math.sqrt(0.025 * 0.975 / trials)
+    assert times([INF] * n, [1.0] * n).least == pytest.approx((1 - p) / p)
 
 
 def test_a_band_is_open_where_few_runs_reach_the_target():
@@ -117,6 +129,14 @@ def test_a_ratio_is_that_of_the_expected_times(scale):
     other = times(scale * np.array([2, 4, INF]), scale * np.array([9, 9, 9]))
     [ratio] = other.relative_to(one, np.random.default_rng(0))
     assert ratio.value == pytest.approx(scale)
+
+
+def test_a_ratio_to_runs_that_fail_is_a_bound():
+    random = np.random.default_rng(0)
+    some, never = times([2.0] * 10, [9.0] * 10), times([INF] * 10, [9.0] * 10)
+    [more], [less] = never.relative_to(some, random), some.relative_to(never, random)
+    assert (more.value, more.low, more.high) == (INF, pytest.approx(never.least / 2.0), INF)
+    assert (less.value, less.low, less.high) == (0.0, 0.0, pytest.approx(2.0 / never.least))
 
 
 def test_two_that_never_reach_a_target_are_not_compared():
