@@ -22,6 +22,7 @@ from agglom_mpi.cli.common import (
         "agglom accuracy jobs/quickstart.yaml --quick --out accuracy",
         "mpirun -n 2 agglom accuracy jobs/accretion_2003.yaml --history accretion_2003.h5 "
         "--out study",
+        "mpirun -n 2 agglom accuracy jobs/accuracy/answer_quick.yaml --answer --out answer",
     )
 )
 @click.argument("sources", nargs=-1, required=True, metavar="SOURCE...")
@@ -32,23 +33,48 @@ from agglom_mpi.cli.common import (
 @click.option(
     "--history", metavar="FILE.h5", help="Also re-estimate the best strings of this campaign file."
 )
+@click.option(
+    "--answer",
+    is_flag=True,
+    help="SOURCE is an answer study: error of the answer of searches against their cost.",
+)
 @MAX_WALLTIME
 @QUIET
 @DATABASE
 @accept_code_change("a study")
 @ALLOW_CODE
-def accuracy(**options: Any) -> None:
+def accuracy(answer: bool, **options: Any) -> None:
     """Measure error against run time, and write a report with figures and tables.
 
     SOURCE is a scene or campaign, of which one setting at a time is varied (time steps, impact
     solver, cooling, ensembles, box), or a directory of extreme scenes, which are run as they are
     and as published. Variables that are ranges and not --set take the middle of their range.
     Started by mpirun it uses all ranks; run again, it goes on.
+
+    With --answer, SOURCE is the file of an answer study: a question, and settings of its search
+    that are varied one by one.
     """
+    if answer:
+        options = _of_answer(options)
 
     def run(world: Any) -> int:
+        if answer:
+            from agglom_mpi.accuracy.answer_command import AnswerOptions, answer_accuracy
+
+            return answer_accuracy(AnswerOptions(**options), world)
         from agglom_mpi.accuracy.command import AccuracyOptions, accuracy
 
         return accuracy(AccuracyOptions(**options), world)
 
     sys.exit(run_connected(run))
+
+
+def _of_answer(options: dict[str, Any]) -> dict[str, Any]:
+    """Return the options of an answer study; raise a UsageError if there are others."""
+    others = {name: options.pop(name) for name in ("quick", "settings", "samples", "history")}
+    given = ["--set" if name == "settings" else f"--{name}" for name in others if others[name]]
+    sources = options.pop("sources")
+    if given or len(sources) != 1:
+        wrong = f"not {', '.join(given)}" if given else f"not {len(sources)}"
+        raise click.UsageError(f"--answer takes one file of a study, {wrong}")
+    return options | {"source": sources[0]}

@@ -81,6 +81,8 @@ NOT_DECIDING: Final = (
     "search/studied_rules.py",
     "config/plausibility.py",
     "config/size_warnings.py",
+    # Which campaigns a study compares.
+    "config/answer_study.py",
     # Answers of a campaign in Python, of its tables and its reports.
     "config/derived.py",
     "config/estimate.py",

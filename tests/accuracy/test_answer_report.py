@@ -1,0 +1,145 @@
+"""Tables, sentences and figures of an answer study, of made-up answers."""
+
+import itertools
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.figure import Figure
+
+from agglom_mpi.accuracy.answer_errors import SAMPLES, SECONDS, Answers
+from agglom_mpi.accuracy.answer_report import AnswerReport, draw_factor, write_answer_report
+from agglom_mpi.accuracy.answer_tables import (
+    expected_times,
+    last_answers,
+    sentence,
+    times_of,
+    verdict,
+)
+from agglom_mpi.accuracy.times_to_targets import Band
+from agglom_mpi.config.answer_study import load_answer_study
+
+
+@pytest.fixture(scope="module")
+def study():
+    found = load_answer_study("jobs/accuracy/answer_quick.yaml")
+    return found._replace(targets=(0.5, 0.1, 0.01), compared=0.1)
+
+
+def answers(study, errors):
+    """Return answers with these errors after 10, 20, 30 samples, by setting and seed."""
+    rows = [
+        {
+            "factor": setting.factor,
+            "setting": setting.name,
+            "seed": seed,
+            "generation": generation,
+            SAMPLES: 10 * (generation + 1),
+            SECONDS: 0.5 * (generation + 1),
+            "error": error,
+            "bound": error,
+        }
+        for setting in study.settings
+        for seed, run in enumerate(errors[setting.name], 1)
+        for generation, error in enumerate(run)
+    ]
+    return Answers(pd.DataFrame(rows), "Λ", "a reference", 0.05)
+
+
+ERRORS = {
+    "default": [[0.4, 0.09, 0.2], [0.4, 0.3, 0.05]],
+    "Sobol points": [[0.6, 0.4, 0.3], [0.6, 0.1, 0.09]],
+}
+
+
+def test_expected_times_are_those_of_the_first_answers_within_a_target(study):
+    frame = expected_times(study, times_of(study, answers(study, ERRORS)))
+    found = frame.set_index(["setting", "target"])[f"expected {SAMPLES}"]
+    assert found["default", 0.5] == 10
+    assert found["default", 0.1] == (20 + 30) / 2
+    assert found["Sobol points", 0.5] == 20
+    assert found["Sobol points", 0.1] == (30 + 20) / 1
+    assert math.isinf(found["default", 0.01])
+    seconds = frame.set_index(["setting", "target"])[f"expected {SECONDS}"]
+    assert seconds["Sobol points", 0.1] == 2.5
+    ratio = frame.set_index(["setting", "target"])[f"{SAMPLES}, relative to the default"]
+    assert ratio["Sobol points", 0.1] == 2.0
+    assert ratio["default", 0.1] == 1.0
+
+
+def test_the_last_answers_are_what_users_would_publish(study):
+    frame = last_answers(study, answers(study, ERRORS)).set_index("setting")
+    assert frame.loc["default", "error, mean"] == pytest.approx((0.2 + 0.05) / 2)
+    assert frame.loc["default", "last answer within the target"] == 0.5
+    assert frame.loc["Sobol points", "error, most"] == 0.3
+
+
+@pytest.mark.parametrize(
+    ("ratio", "word"),
+    [
+        (Band(2.0, 1.5, 3.0), "more"),
+        (Band(0.5, 0.2, 0.9), "less"),
+        (Band(1.2, 0.8, 1.9), "not resolved"),
+        (Band(math.inf, 1.5, math.inf), "more than 1.5"),
+        (Band(math.inf, 0.7, math.inf), "not resolved"),
+        (Band(0.0, 0.0, 0.4), "less"),
+        (Band(math.nan, math.nan, math.nan), "not compared"),
+    ],
+)
+def test_a_difference_is_claimed_where_the_band_leaves_one_out(ratio, word):
+    assert word in verdict(ratio, SAMPLES)
+
+
+def test_equal_runs_show_no_difference(study):
+    errors = dict.fromkeys(ERRORS, ERRORS["default"] * 5)
+    times = times_of(study, answers(study, errors))
+    assert sentence(study, times[1], times[0]).count("not resolved") == 2
+
+
+def test_many_slower_runs_show_one(study):
+    errors = {"default": [[0.05] * 3] * 10, "Sobol points": [[0.2, 0.2, 0.05]] * 10}
+    times = times_of(study, answers(study, errors))
+    assert sentence(study, times[1], times[0]).count(", more") == 2
+
+
+def test_a_report_has_all_targets_that_are_resolved_or_says_which_are_not(study, tmp_path):
+    report = AnswerReport(study, answers(study, ERRORS), "agglom …", 1000)
+    text = write_answer_report(tmp_path, report).read_text()
+    assert "resolution of 0.05: 0.01" in text
+    assert (tmp_path / "answer_searches.png").stat().st_size > 1000
+    assert {path.name for path in tmp_path.glob("*.csv")} == {
+        "answers.csv",
+        "expected_run_times.csv",
+        "last_answers.csv",
+    }
+
+
+def test_labels_of_a_figure_do_not_overlap(study):
+    # Long names of seven settings.
+    names = [f"setting number {i} with a name" for i in range(7)]
+    settings = [s._replace(name=n) for s, n in zip([study.settings[1]] * 7, names, strict=True)]
+    many = study._replace(settings=tuple(settings))
+    made = answers(many, dict.fromkeys(names, ERRORS["default"]))
+    figure = Figure(figsize=(9.0, 7.4), dpi=110, layout="constrained")
+    draw_factor(figure, times_of(many, made), many, "Λ above its floor")
+    figure.draw_without_rendering()
+    [legend] = figure.legends
+    box = legend.get_window_extent()
+    assert box.x0 >= 0.0
+    assert box.x1 <= figure.bbox.x1
+    assert all(not box.overlaps(axes.get_tightbbox()) for axes in figure.axes)
+    for axes in figure.axes:
+        boxes = [t.get_window_extent() for t in axes.get_xticklabels() if t.get_text()]
+        inside = [b for b in boxes if b.x1 > axes.bbox.x0 and b.x0 < axes.bbox.x1]
+        assert all(a.x1 <= b.x0 + 1e-6 for a, b in itertools.pairwise(inside))
+
+
+def test_shares_of_a_figure_rise_to_those_of_the_runs(study):
+    figure = Figure()
+    times = times_of(study, answers(study, ERRORS))
+    draw_factor(figure, times, study, "Λ")
+    for line, each in zip(figure.axes[0].lines[::2], times, strict=True):
+        shares = np.asarray(line.get_ydata(), float)
+        assert (np.diff(shares) >= 0).all()
+        assert shares[-1] == each.samples.share([1e9])[0]
