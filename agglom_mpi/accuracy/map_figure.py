@@ -135,6 +135,7 @@ def _draw_panel(
     """Draw the cells of a method."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.patches import Rectangle
+    from matplotlib.ticker import NullFormatter
 
     colours = ScalarMappable(norm, "Blues")
     for cell, error in panel.errors.items():
@@ -182,6 +183,8 @@ def _draw_panel(
     ax.set_yscale("log")
     ax.set_xlim(x.value(0.0), x.value(1.0))
     ax.set_ylim(y.value(0.0), y.value(1.0))
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_minor_formatter(NullFormatter())
     ax.set_title(panel.title, fontsize="small")
     ax.tick_params(labelsize="small")
 

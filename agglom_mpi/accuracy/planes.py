@@ -33,7 +33,7 @@ DEFAULT: Final = "event engine"
 FINE_STEPS: Final = 2000
 """Number of the finer equal steps; the coarser ones are the 200 of [A]."""
 
-COLLISIONS: Final = 50.0
+COLLISIONS: Final = 100.0
 """Collisions of a grain in the plane of inelastic collapse, by Haff's law."""
 
 CONTACT_TIME: Final = 1e-2
@@ -163,7 +163,7 @@ class Heat(Plane):
 
     name = "heat"
     title = "Cooling against reaction heat"
-    x = Axis("cooling time over collision time", -6.0, 5.0)
+    x = Axis("cooling time over collision time", -5.0, 8.0)
     y = Axis("reaction heat over heat content", -6.0, 5.0)
 
     def refusal(self, scene: MapScene) -> str:
@@ -211,7 +211,7 @@ class Collapse(Plane):
     name = "collapse"
     title = "Volume fraction against restitution"
     x = Axis("volume fraction", -2.0, math.log10(0.6))
-    y = Axis("1 − e", -4.0, 0.0)
+    y = Axis("restitution e", -2.0, 0.0)
     remedy = LASTING
 
     def campaign(self, scene: MapScene, x: float, y: float) -> Campaign:
@@ -220,12 +220,12 @@ class Collapse(Plane):
         By Haff's law [J. Fluid Mech. 134, 1983, 401] an impact takes the share q = (1 − e²)/6 of
         the speed, and a grain has had n collisions at ωt = (exp(qn) − 1)/q.
         """
-        restitution = {"law": "constant", "value": 1.0 - y}
+        restitution = {"law": "constant", "value": y}
         changed = scene.campaign(
             {"restitution": restitution, "hardness": None, "solver": None},
             {"size_ratio": size_ratio(x, scene.section.third_moment)},
         )
-        rate, share = _rate(changed), y * (2.0 - y) / 6.0
+        rate, share = _rate(changed), (1.0 - y * y) / 6.0
         if rate == 0.0:
             return changed
         return with_scene(changed, end_time=math.expm1(share * COLLISIONS) / (share * rate))
@@ -250,8 +250,7 @@ class Collapse(Plane):
     def point(self, section: SceneSection, values: Values) -> tuple[float, float]:
         """Return both numbers of a scene of constant restitution."""
         fraction = volume_fraction(values["size_ratio"], section.third_moment)
-        value = section.restitution.entries().get("value", math.nan)
-        return fraction, 1.0 - float(value)
+        return fraction, float(section.restitution.entries().get("value", math.nan))
 
 
 class Masses(Plane):
