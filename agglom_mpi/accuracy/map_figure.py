@@ -132,53 +132,34 @@ def _within(
 def _draw_panel(
     ax: Any, x: "Axis", y: "Axis", panel: MapPanel, kinds: Sequence[str], norm: Any, grid: int
 ) -> None:
-    """Draw the cells of a method."""
+    """Draw the cells of a method; all of a kind at once, as single patches take long."""
     from matplotlib.cm import ScalarMappable
-    from matplotlib.patches import Rectangle
+    from matplotlib.collections import PolyCollection
     from matplotlib.ticker import NullFormatter
 
     colours = ScalarMappable(norm, "Blues")
-    for cell, error in panel.errors.items():
-        kind, edge = panel.troubles[cell], cell.edge(grid)
-        left, low = x.value(cell.column * edge), y.value(cell.row * edge)
-        right, high = x.value((cell.column + 1) * edge), y.value((cell.row + 1) * edge)
-        shown = "white" if math.isnan(error) else colours.to_rgba(np.array(error))
-        patch = Rectangle(
-            (left, low),
-            right - left,
-            high - low,
-            facecolor=shown,
-            edgecolor="0.85",
-            linewidth=0.3 if cell.level == 0 else 0.0,
-            zorder=1,
-        )
-        ax.add_patch(patch)
-        if kind:
-            place = kinds.index(kind)
-            colour = TROUBLE_COLOURS[place % len(TROUBLE_COLOURS)]
-            centre = cell.centre(grid)
-            ax.plot(
-                x.value(centre[0]),
-                y.value(centre[1]),
-                TROUBLE_MARKERS[place],
-                color=colour,
-                markersize=4.5 / 2**cell.level + 0.3,
-                markeredgewidth=0.0,
-                zorder=2,
-            )
-        if cell in panel.hatched:
-            ax.add_patch(
-                Rectangle(
-                    (left, low),
-                    right - left,
-                    high - low,
-                    facecolor="none",
-                    edgecolor="0.4",
-                    linewidth=0.0,
-                    hatch="/////",
-                    zorder=3,
-                )
-            )
+    cells = list(panel.errors)
+    errors = np.array([panel.errors[cell] for cell in cells])
+    shown = np.where(np.isnan(errors)[:, None], 1.0, colours.to_rgba(np.nan_to_num(errors)))
+    widths = [0.3 if cell.level == 0 else 0.0 for cell in cells]
+    corners = [_corners(x, y, cell, grid) for cell in cells]
+    ax.add_collection(
+        PolyCollection(corners, facecolors=shown, edgecolors="0.85", linewidths=widths, zorder=1)
+    )
+    hatched = [corner for corner, cell in zip(corners, cells, strict=True) if cell in panel.hatched]
+    if hatched:
+        edge: dict[str, Any] = {"facecolors": "none", "edgecolors": "0.4", "linewidths": 0.0}
+        ax.add_collection(PolyCollection(hatched, **edge, hatch="/////", zorder=3))
+    groups: dict[tuple[str, int], list[tuple[float, float]]] = {}
+    for cell in cells:
+        if kind := panel.troubles[cell]:
+            across, up = cell.centre(grid)
+            groups.setdefault((kind, cell.level), []).append((x.value(across), y.value(up)))
+    for (kind, level), places in groups.items():
+        marker, colour = _mark(kinds.index(kind))
+        size = 4.5 / 2**level + 0.3
+        style: dict[str, Any] = {"marker": marker, "color": colour, "markersize": size}
+        ax.plot(*np.transpose(places), linestyle="none", markeredgewidth=0.0, zorder=2, **style)
     ax.set_xscale("log")
     ax.set_yscale("log")
     ax.set_xlim(x.value(0.0), x.value(1.0))
@@ -189,24 +170,30 @@ def _draw_panel(
     ax.tick_params(labelsize="small")
 
 
+def _corners(x: "Axis", y: "Axis", cell: Cell, grid: int) -> list[tuple[float, float]]:
+    """Return the corners of a cell, one after the other."""
+    edge = cell.edge(grid)
+    left, right = x.value(cell.column * edge), x.value((cell.column + 1) * edge)
+    low, high = y.value(cell.row * edge), y.value((cell.row + 1) * edge)
+    return [(left, low), (right, low), (right, high), (left, high)]
+
+
+def _mark(place: int) -> tuple[str, str]:
+    """Return marker and colour of a kind of trouble, by its place among those of the figure."""
+    return TROUBLE_MARKERS[place], TROUBLE_COLOURS[place % len(TROUBLE_COLOURS)]
+
+
 def _add_legend(
     figure: "matplotlib.figure.Figure", kinds: Sequence[str], points: bool, hatched: bool
 ) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    handles: list[Any] = [
-        Line2D(
-            [],
-            [],
-            marker=TROUBLE_MARKERS[i],
-            linestyle="none",
-            markeredgewidth=0.0,
-            color=TROUBLE_COLOURS[i % len(TROUBLE_COLOURS)],
-            label=kind,
-        )
-        for i, kind in enumerate(kinds)
-    ]
+    handles: list[Any] = []
+    for place, kind in enumerate(kinds):
+        marker, colour = _mark(place)
+        style: dict[str, Any] = {"linestyle": "none", "markeredgewidth": 0.0, "label": kind}
+        handles.append(Line2D([], [], marker=marker, color=colour, **style))
     handles.append(Patch(facecolor="white", edgecolor="0.85", label="not resolved"))
     if hatched:
         handles.append(Patch(facecolor="white", edgecolor="0.4", hatch="/////", label="documented"))

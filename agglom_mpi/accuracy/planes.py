@@ -24,6 +24,8 @@ from agglom_mpi.physics import scales
 from agglom_mpi.physics.constants import GAS_CONSTANT, STEFAN_BOLTZMANN
 from agglom_mpi.physics.cooling import rate_slope
 from agglom_mpi.physics.impact_solvers import FixedPointIteration
+from agglom_mpi.physics.size_distributions import third_moment
+from agglom_mpi.physics.sizes import UniformSizes
 from agglom_mpi.simulation.engines import AdaptiveSteps, FixedSteps
 from agglom_mpi.variables import size_ratio, volume_fraction
 
@@ -263,10 +265,10 @@ class Masses(Plane):
 
     def campaign(self, scene: MapScene, x: float, y: float) -> Campaign:
         """Set uniform sizes, and the size ratio so that the volume fraction stays."""
-        sizes = {"sizes": {"law": "uniform", "ratio": x ** (1.0 / 3.0)}}
-        third_moment = scene.campaign(sizes, {}).scene.third_moment
-        size = size_ratio(scene.fraction, third_moment)
-        return scene.campaign(sizes, {"size_ratio": size})
+        ratio = x ** (1.0 / 3.0)
+        size = size_ratio(scene.fraction, third_moment(UniformSizes(ratio=ratio).size_law))
+        sizes = {"law": "uniform", "ratio": ratio}
+        return scene.campaign({"sizes": sizes}, {"size_ratio": size})
 
     def methods(self, campaign: Campaign, y: float, quick: bool) -> Iterator[tuple[str, Campaign]]:
         """Yield the event engine, which has no steps, and the steppers with these."""

@@ -15,7 +15,7 @@ from agglom_mpi.accuracy.soundness import EXHAUSTED, KINDS, heaped_overlaps, sum
 from agglom_mpi.accuracy.study import Rows, Setup, scene_error
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.scene import SceneSection
-from agglom_mpi.config.yaml_source import CampaignError
+from agglom_mpi.config.yaml_source import CampaignError, Problem
 from agglom_mpi.formatting import format_percent
 from agglom_mpi.report.drawing import Drawing
 
@@ -56,8 +56,8 @@ class MapSize(NamedTuple):
     quick: bool
 
 
-QUICK: Final = MapSize(grid=5, levels=2, samples=4, grains=40, budget=2000, quick=True)
-FULL: Final = MapSize(grid=8, levels=3, samples=6, grains=200, budget=5000, quick=False)
+QUICK: Final = MapSize(grid=4, levels=2, samples=4, grains=40, budget=2000, quick=True)
+FULL: Final = MapSize(grid=6, levels=3, samples=5, grains=100, budget=3000, quick=False)
 
 COLLAPSE: Final = "inelastic collapse without a contact time"
 """Documented reason why an event engine without contact time may exhaust its budget."""
@@ -130,13 +130,19 @@ class PlaneMap:
         """Return the cells of a level to simulate, by method: all, or those at an edge.
 
         The default method and its remedy take those of all others, too.
+
+        Raises
+        ------
+        CampaignError
+            If every cell is refused.
         """
         grid = self.size.grid
         if level == 0:
             first = first_cells(grid)
-            known = next(
-                (found for cell in first if not isinstance(found := self._methods(cell), str)), {}
-            )
+            found = [self._methods(cell) for cell in first]
+            known = next((methods for methods in found if not isinstance(methods, str)), None)
+            if known is None:
+                raise CampaignError(Problem(self._scene.name, None, self.plane.name, str(found[0])))
             return dict.fromkeys(known, first)
         chosen = {
             method: [
