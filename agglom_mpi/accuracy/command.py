@@ -15,11 +15,8 @@ from agglom_mpi.accuracy import (
     search_history,
     time_integration,
 )
-from agglom_mpi.accuracy.cooling import cooling_section
 from agglom_mpi.accuracy.document import Chapter, Header, ReportSection, write_document
 from agglom_mpi.accuracy.ensemble import ensemble_section
-from agglom_mpi.accuracy.few_body import few_body_section
-from agglom_mpi.accuracy.impact_solver import impact_solver_section
 from agglom_mpi.accuracy.run_times import busy_lines
 from agglom_mpi.accuracy.study import Rows, Setup, Study, closed, completed, scene_error
 from agglom_mpi.analysis.tables import time_on_free_core, wall_over_cpu
@@ -89,6 +86,8 @@ class AccuracyOptions(NamedTuple):
     accept_code_change: bool = False
     database: str | None = None
     allow_code: bool = False
+    map: str | None = None
+    """Planes to map, separated by commas; None: no map."""
 
 
 class StudyPlan(NamedTuple):
@@ -119,8 +118,7 @@ def accuracy(options: AccuracyOptions, world: "Intracomm | None") -> int:
     plans: list[StudyPlan] = []
 
     def read() -> RunRequest:
-        for library, purpose in LIBRARIES.items():
-            require_library(library, "report", purpose)
+        require_report()
         plans.append(make_plan(options))
         directory = Path(options.out)
         directory.mkdir(parents=True, exist_ok=True)
@@ -134,6 +132,12 @@ def accuracy(options: AccuracyOptions, world: "Intracomm | None") -> int:
         display.message(f"{path} with its figures and tables")
 
     return run_on_all_ranks(read, display, finish, world, max_walltime=options.max_walltime)
+
+
+def require_report() -> None:
+    """Raise a MissingLibraryError if a library that reports need is not installed."""
+    for library, purpose in LIBRARIES.items():
+        require_library(library, "report", purpose)
 
 
 def make_plan(options: AccuracyOptions) -> StudyPlan:
@@ -218,7 +222,7 @@ def write_report(plan: StudyPlan, options: AccuracyOptions, file: CampaignData) 
         f"Accuracy: {plan.study.campaign.title or plan.study.campaign.name}"
         if plan.campaign
         else "Accuracy: stiff and extreme scenes",
-        _command(options),
+        shlex.join(command_words(options)),
         (*_facts(plan, file), *_busy(file, chapters)),
     )
     return write_document(Path(options.out), header, chapters)
@@ -233,10 +237,6 @@ def _scene_sections(plan: StudyPlan, samples: Mapping[str, Rows]) -> Iterator[Re
     assert campaign is not None
     yield time_integration.time_integration_section(campaign, parameters, samples, quick)
     if not quick:
-        yield few_body_section()
-    yield impact_solver_section(quick)
-    yield cooling_section(campaign.at(parameters).build(), quick)
-    if not quick:
         yield published_method.end_to_end(campaign, samples)
     yield ensemble_section(campaign, completed(samples[time_integration.EVENT]), quick)
     yield control_volume.control_volume_section(campaign, parameters, samples, quick)
@@ -244,8 +244,8 @@ def _scene_sections(plan: StudyPlan, samples: Mapping[str, Rows]) -> Iterator[Re
         yield search_history.search_history_section(plan.history, samples)
 
 
-def _command(options: AccuracyOptions) -> str:
-    """Return the command line that asks for these options."""
+def command_words(options: AccuracyOptions) -> list[str]:
+    """Return the words of the command line that asks for these options."""
     words = ["agglom", "accuracy", *options.sources, "--out", options.out]
     for name, value in options.settings.items():
         words += ["--set", f"{name}={value}"]
@@ -255,7 +255,9 @@ def _command(options: AccuracyOptions) -> str:
         words += ["--history", options.history]
     if options.allow_code:
         words.append("--allow-code")
-    return shlex.join([*words, "--quick"] if options.quick else words)
+    if options.quick:
+        words.append("--quick")
+    return words if options.map is None else [*words, "--map", options.map]
 
 
 def _facts(plan: StudyPlan, file: CampaignData) -> Iterator[str]:

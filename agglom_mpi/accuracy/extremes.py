@@ -4,23 +4,18 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-
 from agglom_mpi.accuracy.document import ReportSection, ReportTable, Sentences, TableColumn
 from agglom_mpi.accuracy.published_method import as_published
-from agglom_mpi.accuracy.run_times import time_columns, time_text
-from agglom_mpi.accuracy.study import Rows, Setup, completed, with_scene
+from agglom_mpi.accuracy.run_times import time_text
+from agglom_mpi.accuracy.soundness import CLOSED, heaped_overlaps, summary, troubles
+from agglom_mpi.accuracy.study import Rows, Setup, with_scene
 from agglom_mpi.accuracy.time_integration import event_engine
-from agglom_mpi.analysis.tables import time_on_free_core
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
-from agglom_mpi.formatting import format_mean, format_percent
-from agglom_mpi.outcome import REASONS
-from agglom_mpi.statistics import MeanEstimate, mean_of
+from agglom_mpi.formatting import format_mean
+from agglom_mpi.statistics import MeanEstimate
 
 METHODS: Final = ("ours", "published")
-CLOSED: Final = 1e-9
-"""Energy error up to which a sample's ledger counts as closed."""
 
 
 def read_scenes(directory: Path, allow_code: bool = False) -> dict[str, Campaign]:
@@ -53,8 +48,8 @@ def extremes_section(scenes: Mapping[str, Campaign], samples: Mapping[str, Rows]
     rows = []
     for name, campaign in scenes.items():
         row = {"scene": name, "what": campaign.title}
-        row |= {f"ours: {key}": value for key, value in _summary(samples[name]).items()}
-        published = _summary(samples[published_name(name)])
+        row |= {f"ours: {key}": value for key, value in summary(samples[name]).items()}
+        published = summary(samples[published_name(name)])
         row |= {f"published: {key}": value for key, value in published.items()}
         rows.append(row)
     frame = pd.DataFrame(rows)
@@ -71,50 +66,15 @@ def extremes_section(scenes: Mapping[str, Campaign], samples: Mapping[str, Rows]
     )
 
 
-def _summary(rows: Rows) -> dict[str, Any]:
-    """Return what the samples of one set-up amount to."""
-    good = completed(rows)
-    growth = mean_of(good["mean_radius_ratio"])
-    failed = rows[rows["reason"] > 0]
-    collisions = float(np.sum(good["collisions"]))
-    return {
-        "samples": len(rows),
-        "failed": len(rows) - len(good),
-        "reason": REASONS[int(failed["reason"][0])] if len(failed) else "",
-        "mean b/b0": growth.value,
-        "standard error": growth.error,
-        "collisions per sample": collisions / max(1, len(good)),
-        "breakages per sample": float(np.sum(good["breakups"])) / max(1, len(good)),
-        "unsolved impacts": float(np.sum(good["capped_iterations"])) / max(1.0, collisions),
-        "temperatures below zero": float(np.mean(good["floored_temperatures"])) if len(good) else 0,
-        "overlaps per sample": float(np.mean(good["overlaps"])) if len(good) else np.nan,
-        "energy error": float(np.max(np.abs(good["energy_error"]))) if len(good) else np.nan,
-        "momentum error": float(np.max(good["momentum_error"])) if len(good) else np.nan,
-        **time_columns("sample", time_on_free_core(rows)),
-    }
+def _own(row: Any, method: str) -> dict[str, Any]:
+    """Return the summary of a method from a row of the table."""
+    prefix = f"{method}: "
+    return {name.removeprefix(prefix): row[name] for name in row.index if name.startswith(prefix)}
 
 
 def _troubles(row: Any, method: str) -> list[str]:
     """Return descriptions of what went wrong with a scene in one of `METHODS`."""
-    troubles = []
-    if row[f"{method}: failed"]:
-        troubles.append(
-            f"{row[f'{method}: failed']} of {row[f'{method}: samples']} samples failed "
-            f"({row[f'{method}: reason']})"
-        )
-    if row[f"{method}: unsolved impacts"] > 0:
-        troubles.append(f"{format_percent(row[f'{method}: unsolved impacts'])} of impacts unsolved")
-    if row[f"{method}: temperatures below zero"] > 0:
-        troubles.append("temperatures below zero")
-    if row[f"{method}: energy error"] > CLOSED:
-        troubles.append(f"energy error {row[f'{method}: energy error']:.1g}")
-    heaped = row["ours: overlaps per sample"] if row["ours: breakages per sample"] > 0 else 0.0
-    overlaps = row[f"{method}: overlaps per sample"]
-    if overlaps - heaped >= 0.5:
-        troubles.append(
-            f"{overlaps:.0f} overlaps" if overlaps >= 10 else f"{overlaps:.2g} overlaps"
-        )
-    return troubles
+    return list(troubles(_own(row, method), heaped_overlaps(_own(row, "ours"))).values())
 
 
 def _growth(row: Any, method: str) -> str:
@@ -125,9 +85,7 @@ def _growth(row: Any, method: str) -> str:
 
 
 def _time(row: Any, method: str) -> str:
-    prefix = f"{method}: "
-    own = {name.removeprefix(prefix): row[name] for name in row.index if name.startswith(prefix)}
-    return time_text(own, "sample")
+    return time_text(_own(row, method), "sample")
 
 
 COLUMNS: Final = (

@@ -23,6 +23,7 @@ from agglom_mpi.cli.common import (
         "mpirun -n 2 agglom accuracy jobs/accretion_2003.yaml --history accretion_2003.h5 "
         "--out study",
         "mpirun -n 2 agglom accuracy jobs/accuracy/answer_quick.yaml --answer --out answer",
+        "agglom accuracy jobs/accretion_2003.yaml jobs/extremes --out maps --map collapse,heat",
     )
 )
 @click.argument("sources", nargs=-1, required=True, metavar="SOURCE...")
@@ -38,6 +39,14 @@ from agglom_mpi.cli.common import (
     is_flag=True,
     help="SOURCE is an answer study: error of the answer of searches against their cost.",
 )
+@click.option(
+    "--map",
+    is_flag=False,
+    flag_value="all",
+    metavar="[PLANE,...]",
+    help="Map where each method breaks, in these planes or in all: softening, heat, collapse, "
+    "masses, scale; impact and cooling laws alone.",
+)
 @MAX_WALLTIME
 @QUIET
 @DATABASE
@@ -49,7 +58,8 @@ def accuracy(answer: bool, **options: Any) -> None:
     SOURCE is a scene or campaign, of which one setting at a time is varied (time steps, impact
     solver, cooling, ensembles, box), or a directory of extreme scenes, which are run as they are
     and as published. Variables that are ranges and not --set take the middle of their range.
-    Started by mpirun it uses all ranks; run again, it goes on.
+    With --map the first scene is mapped, and all others are points on its maps. Started by mpirun
+    it uses all ranks; run again, it goes on.
 
     With --answer, SOURCE is the file of an answer study: a question, and settings of its search
     that are varied one by one.
@@ -63,15 +73,17 @@ def accuracy(answer: bool, **options: Any) -> None:
 
             return answer_accuracy(AnswerOptions(**options), world)
         from agglom_mpi.accuracy.command import AccuracyOptions, accuracy
+        from agglom_mpi.accuracy.map_command import map_accuracy
 
-        return accuracy(AccuracyOptions(**options), world)
+        asked = AccuracyOptions(**options)
+        return accuracy(asked, world) if asked.map is None else map_accuracy(asked, world)
 
     sys.exit(run_connected(run))
 
 
 def _of_answer(options: dict[str, Any]) -> dict[str, Any]:
     """Return the options of an answer study; raise a UsageError if there are others."""
-    others = {name: options.pop(name) for name in ("quick", "settings", "samples", "history")}
+    others = {n: options.pop(n) for n in ("quick", "settings", "samples", "history", "map")}
     given = ["--set" if name == "settings" else f"--{name}" for name in others if others[name]]
     sources = options.pop("sources")
     if given or len(sources) != 1:

@@ -68,8 +68,6 @@ def test_the_report_has_every_section_with_its_figures_and_tables(studied):
     text = (studied / "a" / "report.md").read_text()
     for title in (
         "Time integration",
-        "Impact solver",
-        "Cooling",
         "Ensemble",
         "Control volume and end time",
         "Inversion",

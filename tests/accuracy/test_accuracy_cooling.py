@@ -1,13 +1,10 @@
-"""The section on cooling: measured limits against exact ones, and what it concludes."""
+"""Euler steps of cooling against the exact solution: limits, orders, and the map of both."""
 
 import itertools
 import math
 
-import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
-from agglom_mpi.accuracy.cooling import PUBLISHED, cooling_section, measure_errors, measure_limits
 from agglom_mpi.accuracy.cooling_methods import (
     EXAMPLE_LAW,
     euler,
@@ -16,6 +13,9 @@ from agglom_mpi.accuracy.cooling_methods import (
     least_step,
     linear_limit,
 )
+from agglom_mpi.accuracy.law_maps import EULER, EXACT, cooled_grain, cooling_map
+from agglom_mpi.accuracy.map_scene import map_scene
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.physics.contact import ContactArea
 from agglom_mpi.physics.cooling import EulerCooling, ExactCooling, QuarticCooling, RadiativeCooling
 from agglom_mpi.physics.restitution import ConstantRestitution, ImpactLaws
@@ -54,22 +54,41 @@ BOTH = pytest.mark.parametrize("case", SCENES, ids=["radiation", "quartic"])
 
 @pytest.fixture(scope="module")
 def section():
-    return cooling_section(SCENES[0], quick=True)
+    campaign = load_campaign("jobs/accuracy/agglomeration_2004_row_1.yaml")
+    return cooling_map(map_scene(campaign, {}, 100, 1000, False), quick=True)
+
+
+@pytest.fixture(scope="module")
+def cells(section):
+    return section.tables[1].frame.set_index("method")
+
+
+def test_exact_cooling_does_not_depend_on_its_intervals(cells):
+    own = cells.loc[EXACT]
+    assert (own["trouble"] == "").all()
+    assert (own["relative error of θ"] < 1e-12).all()
+
+
+def test_short_euler_steps_are_sound_and_err_and_long_ones_fail(cells):
+    own = cells.loc[EULER]
+    step = own["step over the estimated limit"]
+    short, long = own[step < 0.5], own[step > 20.0]
+    assert (short["trouble"] == "").all()
+    assert ((short["relative error of θ"] > 1e-9) & (short["relative error of θ"] < 0.3)).all()
+    assert (long["trouble"] != "").all()
+    assert set(own["trouble"]) == {"", "overshoots", "below 0 K"}
 
 
 @BOTH
-def test_every_number_is_finite_and_euler_errs_with_its_step(case):
-    limits, errors = (
-        measure_limits(grain_of(case), case, True),
-        measure_errors(grain_of(case), case, True),
-    )
-    assert np.isfinite(limits.to_numpy(float)).all()
-    assert np.isfinite(errors.select_dtypes("number").to_numpy(float)).all()
-    assert (limits.filter(like="processor time") > 0.0).all(axis=None)
-    fine = errors[(errors["run"] == "stiff") & (errors["steps"] == PUBLISHED)]
-    assert ((fine["relative error"] > 1e-8) & (fine["relative error"] < 1e-2)).all()
-    assert not errors[errors["step over the estimated limit"] < 0.5]["overshoots"].any()
-    assert (errors["change in 1000 intervals"] < 1e-12).all()
+def test_a_grain_that_steps_over_the_rest_is_marked_as_its_run_is(case):
+    grain = grain_of(case)
+    start = 3.0 * grain.rest
+    limit = linear_limit(grain, start)
+    for step in (0.1, 1.0, 10.0):
+        found = cooled_grain(grain, start, step)[EULER]
+        run = euler(grain, start, step * limit, max(1, math.ceil(10.0 / step)))
+        assert (found.trouble != "") == (run.overshoots or run.negative)
+        assert (found.trouble == "below 0 K") == run.negative
 
 
 @pytest.mark.parametrize("factor", [1.01, 3.0, 30.0])
@@ -121,37 +140,3 @@ def test_a_scene_without_cooling_takes_the_published_radiation_as_an_example():
     grain = grain_of(bare)
     assert grain.law == EXAMPLE_LAW == RADIATION
     assert grain.capacity == pytest.approx(1000.0 * bare.mass, rel=1e-15)
-    found = cooling_section(bare, quick=True)
-    assert "the values of [B], as an example" in found.setups
-    assert "as an example" not in cooling_section(SCENES[0], quick=True).setups
-
-
-def test_the_conclusions_say_what_the_tables_say(section):
-    limits, errors = (table.frame for table in section.tables)
-    text = "\n".join(section.conclusions)
-    ratios = limits["overshoots from (s)"] / limits["estimated limit (s)"]
-    assert len(limits) == len([line for line in section.conclusions if "overshoot" in line])
-    for ratio in ratios:
-        assert f"({ratio:.3g} times the estimated limit)" in text
-    worst = errors[(errors["run"] == "end time") & (errors["steps"] == PUBLISHED)]
-    assert f"off by {worst['relative error'].max():.1g} of the temperature" in text
-    overshooting = errors[(errors["run"] == "stiff") & errors["overshoots"]]
-    assert any(f"stiff runs: {len(overshooting)} of " in line for line in section.failures)
-    assert "no step of this scene can oscillate" in text
-
-
-def test_a_scene_that_lasts_long_is_told_how_many_steps_it_needs():
-    grain = grain_of(SCENES[0])
-    hottest = 10.0 * 500.0
-    end_time = 7.5 * linear_limit(grain, hottest)
-    text = "\n".join(cooling_section(SCENES[0]._replace(end_time=end_time), quick=True).conclusions)
-    assert "From 5000 K at least 8 steps to the end time are needed" in text
-
-
-def test_the_figures_and_the_table_can_be_drawn(section):
-    for figure in section.figures:
-        canvas = Figure(layout="constrained")
-        figure.draw(canvas)
-        assert canvas.axes[0].get_xlabel()
-    for column in section.tables[0].shown:
-        assert all(column.text(row) for _, row in section.tables[0].frame.iterrows())

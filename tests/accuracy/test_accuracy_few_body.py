@@ -1,12 +1,10 @@
+"""A few spheres before chaos sets in: engines against exact trajectories."""
+
 import math
 
-import matplotlib.figure
 import numpy as np
 import pytest
-
-from agglom_mpi.accuracy import few_body as section_module
-from agglom_mpi.accuracy.few_body import few_body_section, seconds_at
-from agglom_mpi.accuracy.few_body_reference import (
+from few_body_reference import (
     END_TIME,
     FRICTION,
     HALF_WIDTH,
@@ -23,16 +21,7 @@ from agglom_mpi.accuracy.few_body_reference import (
     exact_trajectory,
     initial_states,
 )
-from agglom_mpi.accuracy.few_body_study import (
-    EDGE,
-    QUICK,
-    StudySettings,
-    convergence_order,
-    engines,
-    orders,
-    study,
-)
-from agglom_mpi.accuracy.run_times import time_columns
+from few_body_study import EDGE, StudySettings, convergence_order, orders, study
 
 SETTINGS = StudySettings((100, 300, 1000, 3000), (1e-5, 1e-6, 1e-7), 48)
 SCENES = {scene.name: scene for scene in (*bouncing(), *bonding())}
@@ -242,68 +231,3 @@ def test_fit_finds_the_power_and_its_error():
     assert abs(np.mean(pulls)) < 4.0 / math.sqrt(2000)
     # The larger of two errors is taken, so that a pull is at most what the known error makes it.
     assert 0.5 < np.std(pulls) < 1.0 + 4.0 / math.sqrt(2.0 * 2000)
-
-
-def test_seconds_lie_between_the_steps_around_the_goal():
-    import pandas as pd
-
-    rows = pd.DataFrame(
-        {
-            "step (s)": [1e-3, 1e-2, 1e-1],
-            "position error": [1e-3, 1e-2, 1e-1],
-            "position error, standard error": 0.0,
-            "processor time per run (s)": [10.0, 1.0, 0.1],
-        }
-    )
-    assert seconds_at(rows, 10**-2.5) == pytest.approx(10**0.5)
-    assert seconds_at(rows, 1e-4) == math.inf
-    assert seconds_at(rows, 1.0) == 0.1
-
-
-@pytest.mark.slow
-def test_section_says_what_it_found_and_can_be_drawn(monkeypatch):
-    monkeypatch.setattr(section_module, "QUICK", SETTINGS)
-    section = few_body_section(quick=True)
-    for figure in section.figures:
-        figure.draw(matplotlib.figure.Figure())
-    for table in section.tables:
-        for _, row in table.frame.iterrows():
-            assert all(column.text(row) for column in table.shown)
-    assert len(section.failures) == 1
-    assert section.failures[0].startswith("Adaptive, two pairs: no convergence")
-    assert not any("nan" in sentence for sentence in section.conclusions)
-
-
-def made_up_frame(cases, settings, random):
-    """Rows as `study` gives them: errors proportional to the step, but for one that never falls."""
-    import pandas as pd
-
-    rows = []
-    for case in cases:
-        for engine, step, _ in engines(settings):
-            stuck = (case.name, engine) == ("two pairs", "adaptive")
-            share = 1e-15 if engine == "event" else 0.05 if stuck else 100.0 * step
-            error = {f"{what} error": share for what in ("position", "velocity")}
-            error |= {f"{name}, standard error": 1e-3 * share for name in tuple(error)}
-            error |= {f"{what} error, largest": 2.0 * share for what in ("position", "velocity")}
-            rows.append({"scene": case.name, "engine": engine, "step (s)": step, "runs": 8} | error)
-            rows[-1] |= {"other bonds": int(stuck), **time_columns("run", [1e-3])}
-    return pd.DataFrame(rows)
-
-
-def test_the_sentences_say_what_the_numbers_are(monkeypatch):
-    monkeypatch.setattr(section_module, "study", made_up_frame)
-    section = few_body_section(quick=True)
-    event, fixed, adaptive, _, costs = section.conclusions
-    assert "2.0e-15 box edges" in event
-    assert "48 runs of 6 scenes" in event
-    assert "fixed engine converges with order 1.00 to 1.00 in its step in 6 scenes" in fixed
-    assert "order 1.00 to 1.00 in its shortest step in 5 scenes" in adaptive
-    assert "event 1.0 ms, fixed – (not reached in 6 of 6)" in costs
-    assert "adaptive 1.0 ms (not reached in 1 of 6)" in costs
-    unconverged = [text for text in section.failures if "no convergence" in text]
-    assert len(unconverged) == 1
-    assert "the error is still 5.0e-02 box edges" in unconverged[0]
-    bonded = [text for text in section.failures if "other spheres bonded" in text]
-    assert len(bonded) == len(QUICK.floors)
-    assert "in 1 of 8 runs at a step of 1e-07 s" in bonded[-1]

@@ -4,11 +4,7 @@ import math
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-
-import agglom_mpi.simulation.event_driven.engine
-import agglom_mpi.simulation.time_driven.steppers  # noqa: F401  (all register their engines)
-from agglom_mpi.accuracy.few_body_reference import (
+from few_body_reference import (
     END_TIME,
     FRICTION,
     HALF_WIDTH,
@@ -23,6 +19,10 @@ from agglom_mpi.accuracy.few_body_reference import (
     hardness,
     initial_states,
 )
+from numpy.typing import ArrayLike, NDArray
+
+import agglom_mpi.simulation.event_driven.engine
+import agglom_mpi.simulation.time_driven.steppers  # noqa: F401  (all register their engines)
 from agglom_mpi.accuracy.run_times import WALL_OVER_CPU, ratio_of_clocks, time_columns
 from agglom_mpi.compilation.kernels import kernel
 from agglom_mpi.compilation.stages import inlined
@@ -220,7 +220,6 @@ FULL: Final = StudySettings(
     (1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7, 1e-7, 3e-8, 1e-8),
     128,
 )
-QUICK: Final = StudySettings((50, 200, 1000, 5000), (1e-4, 1e-5, 1e-6, 1e-7), 32)
 
 
 def engines(settings: StudySettings) -> list[tuple[str, float, Any]]:

@@ -1,0 +1,79 @@
+"""Cells of a map of the unit square: a square grid that is refined where a value changes.
+
+Cells of level l are squares of the edge 1/(grid·2^l). A cell with children is no leaf; the leaves
+cover the square.
+"""
+
+from collections.abc import Collection, Iterator, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+
+class Cell(NamedTuple):
+    """A square of the map: its level, and its column and row from the lower left at that level."""
+
+    level: int
+    column: int
+    row: int
+
+    def edge(self, grid: int) -> float:
+        """Return the length of its edge; `grid` is the number of cells of level 0 along a side."""
+        return float(1.0 / (grid * 2**self.level))
+
+    def centre(self, grid: int) -> tuple[float, float]:
+        """Return its centre in the unit square."""
+        edge = self.edge(grid)
+        return (self.column + 0.5) * edge, (self.row + 0.5) * edge
+
+    def children(self) -> list["Cell"]:
+        """Return the four cells of the next level that cover it."""
+        corners = ((0, 0), (1, 0), (0, 1), (1, 1))
+        level, column, row = self.level + 1, 2 * self.column, 2 * self.row
+        return [Cell(level, column + right, row + up) for right, up in corners]
+
+
+def first_cells(grid: int) -> list[Cell]:
+    """Return the cells of level 0, row by row."""
+    return [Cell(0, column, row) for row in range(grid) for column in range(grid)]
+
+
+def leaves(cells: Collection[Cell]) -> list[Cell]:
+    """Return those of some cells whose children are not among them."""
+    known = set(cells)
+    return [cell for cell in cells if cell.children()[0] not in known]
+
+
+def edge_cells(values: Mapping[Cell, bool], grid: int, level: int) -> Iterator[Cell]:
+    """Yield the leaves of a level that have a side in common with a leaf of another value.
+
+    Parameters
+    ----------
+    values
+        Value of every cell of the map so far; its leaves cover the square.
+    grid
+        Number of cells of level 0 along a side.
+    level
+        Level of the cells that may be refined.
+    """
+    kept = leaves(values)
+    finest = max(cell.level for cell in kept)
+    side = grid * 2**finest
+    owner = np.zeros((side, side), np.int64)
+    for number, cell in enumerate(kept):
+        width = 2 ** (finest - cell.level)
+        rows = slice(cell.row * width, (cell.row + 1) * width)
+        owner[rows, cell.column * width : (cell.column + 1) * width] = number
+    value = np.array([values[cell] for cell in kept])[owner]
+    differs = np.zeros((side, side), np.bool_)
+    beside, above = value[:, 1:] != value[:, :-1], value[1:] != value[:-1]
+    for part, change in (
+        (differs[:, 1:], beside),
+        (differs[:, :-1], beside),
+        (differs[1:], above),
+        (differs[:-1], above),
+    ):
+        part |= change
+    for number in np.unique(owner[differs]).tolist():
+        if kept[number].level == level:
+            yield kept[number]
