@@ -67,6 +67,8 @@ def _allowed(field: DeclaredField) -> Iterator[str]:
         yield from _limits(number)
         if number.unit != "1":
             yield number.unit
+    elif choice_of(field):
+        yield "any of these"
     elif texts := _texts(field.annotation):
         yield " or ".join(f"`{text}`" for text in texts)
 
