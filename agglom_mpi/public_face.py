@@ -40,8 +40,8 @@ class PublicFace(type):
             function = value.__func__ if isinstance(value, classmethod | staticmethod) else value
             if inspect.isfunction(function):
                 function.__signature__ = _plain_signature(function)  # type: ignore[attr-defined]
-        inherited = (getattr(base, "_internal", frozenset()) for base in bases)
-        namespace["_internal"] = frozenset(internal).union(*inherited)
+        inherited = [each for base in bases for each in getattr(base, "_internal", ())]
+        namespace["_internal"] = frozenset([*internal, *inherited])
         namespace.setdefault("__dir__", _public_names)
         if not constructor:
             namespace["__signature__"] = inspect.Signature()

@@ -87,6 +87,8 @@ def _allowed(field: DeclaredField) -> Iterator[str]:
         yield from limits_of(number)
         if number.unit != "1":
             yield number.unit
+    elif choice_of(field):
+        yield "any of these"
     elif texts := texts_of(field.annotation):
         yield " or ".join(f"`{text}`" for text in texts)
 

@@ -60,10 +60,10 @@ def scaled_deficit(scale: float, pair: ContactPair) -> float:
 class ViscoelasticRestitution(Restitution):
     """e(w) of viscoelastic spheres, by β w^⅕ with β = (3/2) A (ρ/m*)^⅖, ρ = (4/3) E* √R*.
 
-    ρ√ξ (ξ + (3/2) A ξ') is the force at the overlap ξ, and grains part where it, not the overlap,
+    The force at the overlap ξ is ρ√ξ (ξ + (3/2) A ξ'), and grains part where it, not the overlap,
     is zero  [SP] [R]. The Padé form is within 1 % of the e of that equation of motion up to
-    v* = √(β w^⅕) = 0.9, where e is 0.46, and within 0.009 for all speeds. Quasistatic, small
-    strains.
+    v* = √(β w^⅕) = 0.9, where e is 0.46, and within 0.009 for all speeds. Impacts are quasistatic,
+    and strains small.
 
     Attributes
     ----------

@@ -77,7 +77,7 @@ def test_values_that_are_given_are_warned_of_by_their_names() -> None:
     found = lines(campaign(), surface_energy=3, density=2.5, relative_speed=900)
     assert found[:2] == [
         "campaign.yaml: surface_energy: is 3, but nothing depends on it: the scene has no "
-        "fragmentation",
+        "fragmentation and no adhesion",
         "campaign.yaml: density: is 2.5 kg/m^3; usual is from 20 kg/m^3, foams, to 22600, osmium",
     ]
 

@@ -38,7 +38,10 @@ def laws() -> list[tuple[str, str]]:
 
 
 def scene_with(key: str, name: str) -> dict[str, object]:
-    return {**SCENE, key: {"law": name} if name else {}}
+    entry = {"law": name} if name else {}
+    fields = law_of_entry({key: entry}, key).model_fields
+    inner = [each for each, field in fields.items() if choice_of(field)]
+    return {**SCENE, key: {**entry, **dict.fromkeys(inner, "pressure")}}
 
 
 def allowed_value(limits) -> float:
