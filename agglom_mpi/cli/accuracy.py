@@ -55,8 +55,8 @@ from agglom_mpi.cli.common import (
 def accuracy(answer: bool, **options: Any) -> None:
     """Measure error against run time, and write a report with figures and tables.
 
-    SOURCE is a scene or campaign, of which one setting at a time is varied (time steps, impact
-    solver, cooling, ensembles, box), or a directory of extreme scenes, which are run as they are
+    SOURCE is a scene or campaign, of which one setting at a time is varied (time steps,
+    ensembles, box), or a directory of extreme scenes, which are run as they are
     and as published. Variables that are ranges and not --set take the middle of their range.
     With --map the first scene is mapped, and all others are points on its maps. Started by mpirun
     it uses all ranks; run again, it goes on.
