@@ -67,7 +67,10 @@ def file_stem(words: str) -> str:
 
 
 class Setting(NamedTuple):
-    """One way to answer the question: its factor, its name, and the campaign that is run."""
+    """One way to answer the question: its factor, its name, and the campaign that is run.
+
+    The text of the campaign is JSON, which is YAML, too.
+    """
 
     factor: str
     name: str
@@ -201,7 +204,7 @@ class _Variants:
         for place in dict.fromkeys(((DEFAULT,), path)):
             for section, value in _changes(self._source, place).items():
                 data[section] = data[section] | value if section == "scene" else value
-        text = json.dumps(data, indent=1)  # which is YAML, too
+        text = json.dumps(data, indent=1)
         try:
             campaign = Campaign.from_text(
                 text,
