@@ -49,7 +49,7 @@ class AnswerRun(NamedTuple):
 
     def request(self, accept_code_change: bool) -> RunRequest:
         """Return what is to be run."""
-        experiment = InversionExperiment(self.setting.campaign.with_seed(self.seed))
+        experiment = InversionExperiment(self.setting.with_seed(self.seed))
         return RunRequest(experiment, self.path, accept_code_change)
 
     def is_finished(self, request: RunRequest) -> bool:

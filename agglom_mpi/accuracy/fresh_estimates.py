@@ -1,6 +1,6 @@
 """Unbiased estimates of strings that other campaigns have found, in the scene of one question."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -10,6 +10,7 @@ from agglom_mpi.accuracy.study import Rows, Setup, Study, closed, completed
 from agglom_mpi.config.answer_study import AnswerStudy
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.identity import STUDY_SEPARATORS, digest
+from agglom_mpi.runtime.experiment import SampleSetup
 from agglom_mpi.search.objectives.objective import Objective
 from agglom_mpi.statistics import MeanEstimate
 from agglom_mpi.storage.room import table_sizes
@@ -41,6 +42,11 @@ class FreshEstimates(Study):
             "strings": len(each),
             "setups": digest({"all": each}, STUDY_SEPARATORS),
         }
+
+    def kernel_cases(self) -> Iterator[tuple[SampleSetup, NDArray[np.float64]]]:
+        """Yield the first set-up: all are of one scene, which needs the same kernels."""
+        for setup in list(self.setups.values())[:1]:
+            yield self.setup(0), setup.parameters
 
 
 def first_fresh_sample(study: AnswerStudy) -> int:

@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, NamedTuple
 
@@ -66,11 +67,19 @@ def file_stem(words: str) -> str:
 
 
 class Setting(NamedTuple):
-    """One way to answer the question: its factor, its name, and the campaign that is run."""
+    """One way to answer the question: its factor, its name, and the campaign that is run.
+
+    The text of the campaign is JSON, which is YAML, too.
+    """
 
     factor: str
     name: str
     campaign: Campaign
+
+    def with_seed(self, seed: int) -> Campaign:
+        """Return the campaign with a seed, which its text has, too."""
+        data = json.loads(self.campaign.text) | {"seed": seed}
+        return replace(self.campaign, seed=seed, text=json.dumps(data, indent=1))
 
     @property
     def stem(self) -> str:
@@ -195,7 +204,7 @@ class _Variants:
         for place in dict.fromkeys(((DEFAULT,), path)):
             for section, value in _changes(self._source, place).items():
                 data[section] = data[section] | value if section == "scene" else value
-        text = json.dumps(data, indent=1)  # which is YAML, too
+        text = json.dumps(data, indent=1)
         try:
             campaign = Campaign.from_text(
                 text,

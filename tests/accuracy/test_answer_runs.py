@@ -1,5 +1,6 @@
 """Processor times of runs, and what their answers were, from their files."""
 
+import json
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,7 +15,8 @@ from agglom_mpi.accuracy.answer_runs import (
 )
 from agglom_mpi.accuracy.answer_sets import until
 from agglom_mpi.config.answer_study import Setting
-from agglom_mpi.config.loading import load_campaign
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.yaml_source import parse
 from agglom_mpi.storage.reader import read_campaign
 
 
@@ -61,7 +63,9 @@ def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
     path = write_campaign(folder / "small.yaml", generations=3, max_samples=12)
     finish(folder, "small.yaml")
-    return AnswerRun(Setting("", "default", load_campaign(path)), 1, folder / "small.h5")
+    text = json.dumps(parse(path.read_text(), path.name).data)  # as a study writes it
+    campaign = Campaign.from_text(text, path.name)
+    return AnswerRun(Setting("", "default", campaign), campaign.seed, folder / "small.h5")
 
 
 def test_the_history_of_a_run_is_that_of_its_generations(run):

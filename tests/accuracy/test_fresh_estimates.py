@@ -107,3 +107,11 @@ def test_luck_reaches_a_target_as_rarely_as_its_bound_states():
 def test_a_bound_lies_above_the_floor_by_its_errors():
     bound = upper_bound(MeanEstimate(0.7, 0.01, 100), Floor(0.6, 0.0))
     assert bound == pytest.approx(0.1 + 0.01 * BOUND_ERRORS)
+
+
+def test_kernels_are_those_of_one_scene(study):
+    centre, lower = (study.question.parameters(fill=fill) for fill in ("centre", "lower"))
+    estimates = FreshEstimates(study.question, fresh_setups(study, [centre, lower]))
+    [(setup, string)] = estimates.kernel_cases()
+    assert setup.campaign.scene == study.question.scene
+    assert string.tobytes() == centre.tobytes()
