@@ -21,8 +21,6 @@ EXAMPLE_LAW: Final = RadiativeCooling(emissivity=0.5, surroundings=300.0).build(
 """Radiation as in [B], where a scene has no cooling."""
 EXAMPLE_CAPACITY: Final = 1000.0
 """J/(kg K), where a scene has no heat."""
-STEPS: Final = 200
-"""Steps in which a step size has to show that it overshoots."""
 TIMED: Final = 2000
 """Grains of a timed loop."""
 REPEATS: Final = 5
@@ -121,27 +119,6 @@ def linear_limit(grain: Grain, temperature: float) -> float:
     The linear law of that slope overshoots with any longer Euler step.
     """
     return 1.0 / rate_slope(grain.law, temperature, grain.surface, grain.capacity)
-
-
-def least_step(grain: Grain, temperature: float, flaw: str, guess: float) -> float:
-    """Return the shortest step in s with which Euler steps have a flaw of `Run`; nan if none has.
-
-    It is searched within a factor of a thousand of `guess`, then bisected to rounding.
-    """
-
-    def flawed(step: float) -> bool:
-        return bool(getattr(euler(grain, temperature, step, STEPS), flaw))
-
-    steps = guess * np.logspace(-3.0, 3.0, 241)
-    flaws = [flawed(step) for step in steps]
-    if not any(flaws) or flaws[0]:
-        return math.nan
-    first = flaws.index(True)
-    low, high = float(steps[first - 1]), float(steps[first])
-    while high - low > 1e-12 * high:
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if flawed(middle) else (middle, high)
-    return high
 
 
 def times_per_step(grain: Grain, temperature: float, step: float) -> list[TimeSpent]:

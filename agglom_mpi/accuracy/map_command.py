@@ -5,7 +5,6 @@ the levels before, and a run that was stopped goes on.
 """
 
 import shlex
-import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -25,11 +24,14 @@ from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.config.yaml_source import CampaignError, Problem
 from agglom_mpi.errors import BAD_INPUT, FINISHED, UserError, error_text
 from agglom_mpi.formatting import format_duration, pluralise
+from agglom_mpi.report.published_results import ACCRETION, AGGLOMERATION
 from agglom_mpi.runtime.file_setup import check_writable
 from agglom_mpi.runtime.leg import RunRequest
 from agglom_mpi.runtime.run import run_on_all_ranks
+from agglom_mpi.runtime.stop_request import StopRequest
 from agglom_mpi.storage.files import replace_file
 from agglom_mpi.storage.reader import read_campaign
+from agglom_mpi.variables import TEN
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -47,25 +49,21 @@ ALL: Final = "all"
 def map_accuracy(options: AccuracyOptions, world: "Intracomm | None") -> int:
     """Simulate the maps on all ranks and write the report; return the exit code."""
     display = StudyDisplay(options.quiet)
-    size, begun = QUICK if options.quick else FULL, time.monotonic()
+    size, stop = QUICK if options.quick else FULL, StopRequest(options.max_walltime)
     run = MapRun(
         options, size if options.samples is None else size._replace(samples=options.samples)
     )
     if not run.needs_samples:
         return run.write_laws(display) if world is None or world.rank == 0 else FINISHED
-    code = FINISHED
     for level in range(size.levels):
-        left = options.max_walltime
-        if left is not None:
-            left = max(0.0, left - (time.monotonic() - begun))
         run.level = level
-        code = run_on_all_ranks(run.request, display, run.take, world, max_walltime=left)
+        code = run_on_all_ranks(run.request, display, run.take, world, stop=stop)
         if code != FINISHED:
             return code
     if run.is_planned:
         display.message("writing the report")
         display.message(f"{run.write()} with its figures and tables")
-    return code
+    return FINISHED
 
 
 class MapRun:
@@ -227,12 +225,29 @@ def _points(
 ) -> Iterator[tuple[str, tuple[SceneSection, Values]]]:
     """Yield the scenes that are points on the maps: that of the map itself, and further sources."""
     yield source.name, _point(source, options.settings)
+    yield from _published_rows(source)
     for name in options.sources:
         if Path(name).is_dir():
             for scene, campaign in extremes.read_scenes(Path(name), options.allow_code).items():
                 yield scene, _point(campaign, {})
         elif name != source.name:
-            yield name, _point(load_campaign(name, options.allow_code), {})
+            campaign = load_campaign(name, options.allow_code)
+            yield name, _point(campaign, {})
+            yield from _published_rows(campaign)
+
+
+def _published_rows(campaign: Campaign) -> Iterator[tuple[str, tuple[SceneSection, Values]]]:
+    """Yield the rows of the paper whose variables are those of a campaign, in its scene."""
+    for paper, tables in (("[A]", ACCRETION), ("[B]", AGGLOMERATION)):
+        for number, rows in enumerate(zip(*(table.rows for table in tables), strict=True), 1):
+            row = {
+                column.name: value * column.unit
+                for table, values in zip(tables, rows, strict=True)
+                for column, value in zip(table.columns, values, strict=True)
+                if column.name in TEN
+            }
+            if set(row) == set(campaign.variables.used):
+                yield f"{paper} row {number}", _point(campaign, row)
 
 
 def _point(campaign: Campaign, settings: Mapping[str, float | str]) -> tuple[SceneSection, Values]:

@@ -96,20 +96,12 @@ def draw_map(
     rows, columns = _layout(len(panels))
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     norm = LogNorm(*ends)
+    shown = _within(points, x, y)
     kinds = list(dict.fromkeys(k for panel in panels for k in panel.troubles.values() if k))
     for ax, panel in zip(axes.flat, panels, strict=False):
         _draw_panel(ax, x, y, panel, kinds, norm, grid)
-        for place in _within(points, x, y):
-            ax.plot(
-                *place,
-                "o",
-                markersize=3.5,
-                markerfacecolor="white",
-                markeredgecolor="black",
-                markeredgewidth=0.8,
-                zorder=4,
-                clip_on=False,
-            )
+        for name, place in shown.items():
+            ax.plot(*place, **_point_style(name), linestyle="none", zorder=4, clip_on=False)
     for ax in axes.flat[len(panels) :]:
         ax.set_visible(False)
     for column in range(columns):  # shared axes have their labels in the last row alone
@@ -118,15 +110,31 @@ def draw_map(
     figure.supylabel(y.label, fontsize="medium")
     colours = ScalarMappable(norm, "Blues")
     figure.colorbar(colours, ax=axes, label=error, extend="both", shrink=0.8)
-    _add_legend(figure, kinds, bool(points), any(panel.hatched for panel in panels))
+    _add_legend(figure, kinds, shown, any(panel.hatched for panel in panels))
 
 
 def _within(
     points: Mapping[str, NDArray[np.float64]], x: "Axis", y: "Axis"
-) -> list[NDArray[np.float64]]:
+) -> dict[str, NDArray[np.float64]]:
     """Return those of some points that lie on the map."""
     low, high = np.array([x.value(0.0), y.value(0.0)]), np.array([x.value(1.0), y.value(1.0)])
-    return [place for place in points.values() if (low <= place).all() and (place <= high).all()]
+    return {
+        name: place
+        for name, place in points.items()
+        if (low <= place).all() and (place <= high).all()
+    }
+
+
+def _point_style(name: str) -> dict[str, Any]:
+    """Return how a scene is marked; rows of a paper, as `[A] row 1`, are stars."""
+    published = name.startswith("[")
+    return {
+        "marker": "*" if published else "o",
+        "markersize": 6.0 if published else 3.5,
+        "markerfacecolor": "#F0E442" if published else "white",
+        "markeredgecolor": "black",
+        "markeredgewidth": 0.6 if published else 0.8,
+    }
 
 
 def _draw_panel(
@@ -184,7 +192,10 @@ def _mark(place: int) -> tuple[str, str]:
 
 
 def _add_legend(
-    figure: "matplotlib.figure.Figure", kinds: Sequence[str], points: bool, hatched: bool
+    figure: "matplotlib.figure.Figure",
+    kinds: Sequence[str],
+    points: Mapping[str, Any],
+    hatched: bool,
 ) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
@@ -197,19 +208,10 @@ def _add_legend(
     handles.append(Patch(facecolor="white", edgecolor="0.85", label="not resolved"))
     if hatched:
         handles.append(Patch(facecolor="white", edgecolor="0.4", hatch="/////", label="documented"))
-    if points:
-        handles.append(
-            Line2D(
-                [],
-                [],
-                marker="o",
-                linestyle="none",
-                markerfacecolor="white",
-                markeredgecolor="black",
-                markersize=3.5,
-                label="scenes",
-            )
-        )
+    for label, published in (("scenes", False), ("rows of the papers", True)):
+        named = [name for name in points if name.startswith("[") == published]
+        if named:
+            handles.append(Line2D([], [], linestyle="none", label=label, **_point_style(named[0])))
     figure.legend(
         handles=handles,
         loc="outside upper center",

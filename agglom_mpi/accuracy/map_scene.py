@@ -92,10 +92,15 @@ def file_text(campaign: Campaign, title: str) -> str:
 def plain_entries(section: SceneSection) -> dict[str, Any]:
     """Return a scene as plain values that a campaign file may have."""
     return {
-        key: {name: value for name, value in entry.items() if name != SOURCE_SHA256}
-        if isinstance(entry, dict)
-        else entry
+        key: _given(entry) if isinstance(entry, dict) else entry
         for key, entry in section.entries().items()
+    }
+
+
+def _given(entry: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the entries of a law that a file gives: no digest, and nothing that is None."""
+    return {
+        name: value for name, value in entry.items() if name != SOURCE_SHA256 and value is not None
     }
 
 

@@ -212,7 +212,7 @@ class Collapse(Plane):
 
     name = "collapse"
     title = "Volume fraction against restitution"
-    x = Axis("volume fraction", -2.0, math.log10(0.6))
+    x = Axis("volume fraction", -2.0, math.log10(0.7))
     y = Axis("restitution e", -2.0, 0.0)
     remedy = LASTING
 

@@ -63,6 +63,7 @@ def run_on_all_ranks(
     world: "Intracomm | None",
     *,
     max_walltime: float | None = None,
+    stop: StopRequest | None = None,
 ) -> int:
     """Run an experiment on all ranks; any error but the user's ends the whole job.
 
@@ -78,13 +79,15 @@ def run_on_all_ranks(
         The MPI world; None for a plain run.
     max_walltime
         Time in s after which to stop cleanly.
+    stop
+        Request to stop that several runs in turn share, in place of `max_walltime`.
 
     Returns
     -------
     int
         The exit code.
     """
-    stop = StopRequest(max_walltime)
+    stop = stop or StopRequest(max_walltime)
     if world is None:
         return run_this_rank(read, display, finish, stop, world)
     launcher = LauncherWatch(lambda: stop.request("the launcher is gone"))

@@ -226,3 +226,36 @@ def test_without_matplotlib_it_says_what_to_install(folder, tmp_path):
     [message] = done.stderr.splitlines()
     assert "matplotlib" in message
     assert "agglom_mpi[report]" in message
+
+
+@pytest.mark.slow
+def test_a_map_reproduces_its_failing_cells_and_goes_on_where_it_was_stopped(folder):
+    arguments = ("small.yaml", "--quick", "--map", "collapse", "-o", "m")
+    stopped = run(folder, *arguments, "--max-walltime", "0.01")
+    assert stopped.returncode == 75, stopped.stderr
+    assert not (folder / "m" / "report.md").exists()
+    done = run(folder, *arguments)
+    assert done.returncode == 0, done.stderr
+    text = (folder / "m" / "report.md").read_text()
+    cells = {path.stem for path in (folder / "m" / "cells").glob("*.yaml")}
+    assert "collapse_event_engine" in cells
+    assert all(f"m/cells/{name}.yaml" in text for name in cells)
+    words = ["agglom", "simulate", "m/cells/collapse_event_engine.yaml", "--samples", "4"]
+    again = subprocess.run(words, cwd=folder, env=environment(), capture_output=True, text=True)
+    assert "budget of steps or events exceeded" in again.stdout + again.stderr
+
+
+def test_an_unknown_plane_is_one_message(folder):
+    done = run(folder, "small.yaml", "--map", "colapse", "-o", "x")
+    assert done.returncode == 2
+    assert "colapse" in done.stderr
+    assert "collapse" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not (folder / "x").exists()
+
+
+def test_laws_alone_are_mapped_without_any_sample(folder):
+    done = run(folder, "small.yaml", "--quick", "--map", "cooling", "-o", "laws")
+    assert done.returncode == 0, done.stderr
+    assert (folder / "laws" / "map_cooling.png").stat().st_size > 1000
+    assert not list((folder / "laws").glob("*.h5"))

@@ -3,6 +3,7 @@
 import itertools
 import math
 
+import numpy as np
 import pytest
 
 from agglom_mpi.accuracy.cooling_methods import (
@@ -10,7 +11,6 @@ from agglom_mpi.accuracy.cooling_methods import (
     euler,
     exact,
     grain_of,
-    least_step,
     linear_limit,
 )
 from agglom_mpi.accuracy.law_maps import EULER, EXACT, cooled_grain, cooling_map
@@ -46,6 +46,31 @@ def scene(cooling, capacity=1000.0, temperature=500.0, end_time=0.01):
         temperature=temperature,
         end_time=end_time,
     )
+
+
+STEPS = 200
+"""Steps in which a step size has to show that it overshoots."""
+
+
+def least_step(grain, temperature, flaw, guess):
+    """Return the shortest step in s with which Euler steps have a flaw of `Run`; nan if none has.
+
+    It is searched within a factor of a thousand of `guess`, then bisected to rounding.
+    """
+
+    def flawed(step):
+        return bool(getattr(euler(grain, temperature, step, STEPS), flaw))
+
+    steps = guess * np.logspace(-3.0, 3.0, 241)
+    flaws = [flawed(step) for step in steps]
+    if not any(flaws) or flaws[0]:
+        return math.nan
+    first = flaws.index(True)
+    low, high = float(steps[first - 1]), float(steps[first])
+    while high - low > 1e-12 * high:
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if flawed(middle) else (middle, high)
+    return high
 
 
 SCENES = [scene(ExactCooling(RADIATION)), scene(EulerCooling(QUARTIC), temperature=300.0)]

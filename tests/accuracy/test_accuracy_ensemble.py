@@ -312,7 +312,7 @@ def test_section_of_too_small_a_pool_says_so():
 
 def test_sections_are_imported_without_the_libraries_of_the_report():
     code = (
-        "import sys, agglom_mpi.accuracy.ensemble, agglom_mpi.accuracy.few_body; "
+        "import sys, agglom_mpi.accuracy.ensemble; "
         "absent = {'pandas', 'matplotlib', 'jinja2', 'mpi4py.MPI'}; "
         "sys.exit(bool(absent & set(sys.modules)))"
     )

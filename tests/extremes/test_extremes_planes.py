@@ -1,0 +1,53 @@
+"""The default method is sound in the planes of the stability maps, wherever one looks."""
+
+import os
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from agglom_mpi.accuracy.map_scene import map_scene
+from agglom_mpi.accuracy.planes import PLANES
+from agglom_mpi.accuracy.soundness import CLOSED
+from agglom_mpi.config.loading import load_campaign
+
+EXAMPLES = int(os.environ.get("AGGLOM_EXTREMES_EXAMPLES", "300")) // 3
+SHARE = st.integers(0, 1024).map(lambda k: k / 1024.0)
+JOBS = {
+    "A": "jobs/accuracy/accretion_2003_row_1.yaml",
+    "B": "jobs/accuracy/agglomeration_2004_row_1.yaml",
+}
+
+
+def assert_sound_at(scene, plane, across, up, sample):
+    """Simulate one sample of the default method, or of its remedy where it may be excused."""
+    x, y = plane.x.value(across), plane.y.value(up)
+    if plane.refusal_excuse(x, y) or (plane.name == "masses" and across == 0.0):
+        return
+    methods = dict(plane.methods(plane.campaign(scene, x, y), y, True))
+    campaign = methods[plane.remedy] if plane.remedy else next(iter(methods.values()))
+    record = campaign.simulate(campaign.parameters(), sample).record
+    assert abs(record["energy_error"]) <= CLOSED
+    assert record["capped_iterations"] == 0
+    assert record["floored_temperatures"] == 0
+    if record["breakups"] == 0:
+        assert record["overlaps"] == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("job", JOBS.values(), ids=JOBS)
+@pytest.mark.parametrize("name", PLANES)
+def test_the_default_method_is_sound_everywhere_in_a_plane(job, name):
+    scene = map_scene(load_campaign(job), {}, 40, 5000, False)
+
+    @settings(
+        max_examples=EXAMPLES,
+        deadline=None,
+        derandomize=True,
+        suppress_health_check=list(HealthCheck),
+    )
+    @given(SHARE, SHARE, st.integers(0, 9))
+    def anywhere(across, up, sample):
+        assert_sound_at(scene, PLANES[name], across, up, sample)
+
+    anywhere()
