@@ -49,6 +49,27 @@ def test_a_process_stays_within_its_power(tmp_path):
 
 
 @pytest.mark.slow
+def test_dust_grows_by_half_where_it_meets_often_and_sticks(tmp_path):
+    need_mpirun()
+    labels = ("relative_speed m/s", "surface_energy J/m^2", "mean b/b0, re-estimate")
+    speeds, energies, means = answered("dust", tmp_path, *labels)
+    assert means == pytest.approx([1.5] * 4, abs=0.1)
+    # Slower grains meet too seldom, and those of less surface energy bounce before they have grown.
+    assert min(speeds) > 0.15
+    assert min(energies) > 0.03
+
+
+@pytest.mark.slow
+def test_a_powder_doubles_in_binders_beyond_a_viscosity_and_up_to_a_spread(tmp_path):
+    need_mpirun()
+    labels = ("restitution.viscosity Pa*s", "sizes.spread", "mean b/b0, re-estimate")
+    viscosities, spreads, means = answered("granulation", tmp_path, *labels)
+    assert means == pytest.approx([2.0] * 4, abs=0.2)
+    assert min(viscosities) > 0.004
+    assert max(spreads) < 1.8
+
+
+@pytest.mark.slow
 def test_a_powder_that_lost_half_of_its_fines_is_a_fifth_coarser_at_any_speed(tmp_path):
     need_mpirun()
     labels = ("coarsening, re-estimate ", "fines, re-estimate ", "re-estimate ")

@@ -471,6 +471,33 @@ def pieces_of_a_breakup(sample):
     return (outcome.particles - 5000 + outcome.merges) / outcome.breakups + 1.0
 
 
+# sticking
+
+
+@about("adhesive_nanometres")
+def test_slow_nanograins_stick_at_every_contact():
+    for outcome in outcomes("adhesive_nanometres"):
+        assert outcome.merges == outcome.collisions > 50
+    assert head_on("adhesive_nanometres", 1.0).bonds
+    assert not head_on("adhesive_nanometres", 1e3).bonds
+
+
+@about("adhesive_kilometres")
+def test_adhesion_does_nothing_to_kilometres():
+    for outcome in outcomes("adhesive_kilometres"):
+        assert outcome.merges == 0
+        assert outcome.collisions > 200
+    assert head_on("adhesive_kilometres", 1.0).deficit < 1e-9
+    assert head_on("adhesive_kilometres", 1e-12).bonds
+
+
+@about("viscous_binder")
+def test_grains_in_pitch_stick_at_any_speed():
+    for outcome in outcomes("viscous_binder"):
+        assert outcome.merges == outcome.collisions > 50
+    assert head_on("viscous_binder", 1e6).bonds
+
+
 # few and coarse
 
 
