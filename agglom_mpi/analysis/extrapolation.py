@@ -3,9 +3,11 @@
 A box without walls has no surface, so that the leading correction of a mean per particle is one of
 1/N: the mean of a ratio of sums over N grains, each correlated with few others. The fit is by
 weighted least squares, the weights being the inverse squares of the standard errors, and all that
-it gives is a linear combination of the means. So its errors follow from theirs without further
-assumptions. They do not cover terms beyond those fitted. `curvature` estimates what 1/N² would
-change; where the means are not linear in 1/N within their errors, that term is fitted, too.
+it gives is a linear combination of the means. So its statistical errors follow from theirs without
+further assumptions. The error of the model is another one. With three numbers of grains or more,
+`curvature` estimates what a term 1/N² would change. Where the means are not linear in 1/N within
+their errors, that term is fitted, too; where they are, what it would change is added to the error
+of the limit, as a line that cannot be refuted is not therefore right.
 """
 
 import math
@@ -43,7 +45,7 @@ class Extrapolation(NamedTuple):
     order
         Highest power of 1/N in it, 1 or 2.
     limit
-        Mean for infinitely many grains.
+        Mean for infinitely many grains, with its statistical error.
     slope
         Coefficient of 1/N.
     shift
@@ -65,6 +67,20 @@ class Extrapolation(NamedTuple):
     curvature: Value
     chi_square: float
     p_value: float
+
+    @property
+    def model_error(self) -> float:
+        """Error of the limit by the model: the size of the 1/N² term that is left out.
+
+        It is 0 where that term is fitted, and below three numbers of grains, where it is unknown.
+        """
+        known = self.order == 1 and math.isfinite(self.curvature.value)
+        return abs(self.curvature.value) if known else 0.0
+
+    @property
+    def quoted(self) -> Value:
+        """The limit with its error by the means and by the model, in quadrature."""
+        return Value(self.limit.value, math.hypot(self.limit.error, self.model_error))
 
     @property
     def is_linear(self) -> bool:

@@ -121,7 +121,8 @@ class FiniteSize(NamedTuple):
         fit, objective = self.growth, self.objective
         found = {
             "limit": fit.limit.value,
-            "limit_standard_error": fit.limit.error,
+            "limit_standard_error": fit.quoted.error,
+            "limit_statistical_error": fit.limit.error,
             "shift": fit.shift.value,
             "shift_standard_error": fit.shift.error,
             "exceeds": self.exceeds,
@@ -218,7 +219,7 @@ def _objective(
     signed = [each.objective for each in means if each.objective is not None]
     if len(signed) < len(means) or not all(math.isfinite(each.value) for each in signed):
         return None
-    value, error = extrapolated(grains, signed).limit
+    value, error = extrapolated(grains, signed).quoted
     if objective_at(data, string).is_magnitude:
         value = abs(value)
     return Value(value, error)
@@ -257,8 +258,8 @@ def describe_finite_size(data: "CampaignData", shown: Sequence[int]) -> Iterator
     if not named:
         return
     yield (
-        "limits are of mean b/b0 = limit + slope/N, with 1/N² too where that does not fit; "
-        "their errors are those of the means, and do not cover what further terms would change"
+        "limits are of mean b/b0 = limit + slope/N, with 1/N² too where that does not fit; their "
+        "errors are those of the means and, of a line, what that term would change, in quadrature"
     )
     if objective_of(data).counts_grains:
         grains = named[0][1].volumes[0].grains
@@ -274,7 +275,7 @@ def describe(size: FiniteSize) -> str:
     grains = ", ".join(f"{each.grains:,}" for each in size.volumes)
     own = value_with_error(first.growth.value, first.growth.error)
     text = (
-        f"mean b/b0 {own} with {first.grains:,} grains, {value_with_error(*fit.limit)} in the "
+        f"mean b/b0 {own} with {first.grains:,} grains, {value_with_error(*fit.quoted)} in the "
         f"limit of many (from {grains}); shift {value_with_error(*fit.shift)}, {size.verdict}"
     )
     if math.isfinite(fit.p_value):

@@ -37,6 +37,24 @@ def test_another_end_time_changes_nothing_but_the_end(campaign):
         assert scene == own._replace(end_time=factor * own.end_time)
 
 
+def test_the_limit_of_many_grains_is_that_of_a_law_linear_in_inverse_n(campaign):
+    random, own = np.random.default_rng(3), campaign.scene.particles
+    by_number = {EVENT: own} | {
+        module.name_of_number(n): n for n in module.numbers(campaign, quick=False)
+    }
+    names = [EVENT, *module.setups(campaign, campaign.parameters(), 1, quick=False)]
+    samples = {}
+    for name in names:
+        number = by_number.get(name, own)
+        noise = random.normal(size=400)
+        noise -= noise.mean()
+        samples[name] = made_up(1.8 + 12.0 / number + noise / np.sqrt(number), 1e-6 * number)
+    sizes, _ = module.measure(campaign, campaign.parameters(), samples, quick=False)
+    assert module.limit_of(sizes).limit.value == pytest.approx(1.8, abs=1e-9)
+    found = module.control_volume_section(campaign, campaign.parameters(), samples, quick=False)
+    assert "box_finite_size" in [figure.name for figure in found.figures]
+
+
 def test_differences_are_judged_by_their_errors(campaign):
     random = np.random.default_rng(2)
     names = [EVENT, *module.setups(campaign, campaign.parameters(), 1, quick=True)]

@@ -106,3 +106,14 @@ def test_enough_grains_make_the_shift_as_small_as_the_error():
     assert enough_grains(100, fit, 0.0099) == 710
     assert enough_grains(100, fit, 0.5) == 100
     assert enough_grains(100, fit, 0.0) == 100
+
+
+def test_the_quoted_error_has_that_of_a_model_which_is_not_refuted():
+    line = extrapolated(GRAINS, means(map(curved, GRAINS)))
+    assert line.order == 1
+    assert line.model_error == abs(line.curvature.value) > 0.0
+    assert line.quoted == (line.limit.value, np.hypot(line.limit.error, line.model_error))
+    parabola = fitted(GRAINS, means(map(curved, GRAINS)), order=2)
+    assert parabola.quoted == parabola.limit
+    two = extrapolated(GRAINS[:2], means([2.0, 1.9], ERRORS[:2]))
+    assert two.quoted == two.limit

@@ -182,6 +182,19 @@ def test_reports_show_the_limit_beside_the_estimate(three):
     assert text.count("finite size of #") == STRINGS
 
 
+def test_an_objective_that_contains_n_keeps_the_campaigns_own(tmp_path):
+    path = write_campaign(tmp_path / "most.yaml", **TINY, final=THREE)
+    text = path.read_text().replace("{law: growth_target, ratio: 2}", "maximum_growth")
+    path.write_text(text)
+    finish(tmp_path, "most.yaml", "-q")
+    opened = open_campaign(tmp_path / "most.h5")
+    largest = 100 ** (1 / 3)
+    for row in opened.volumes.itertuples():
+        assert row.objective == pytest.approx(1.0 - row.mean_radius_ratio / largest, rel=1e-9)
+    for row in opened.limits.itertuples():
+        assert row.limit_objective == pytest.approx(1.0 - row.limit / largest, rel=1e-9)
+
+
 def test_tables_and_copies_have_the_volumes(three, tmp_path):
     source, copy, folder = three / "three.h5", tmp_path / "copy.h5", tmp_path / "tables"
     words = ["export", str(source), "--compact", str(copy), "--csv", str(folder)]

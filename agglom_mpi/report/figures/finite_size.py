@@ -45,7 +45,7 @@ def draw_finite_size(ax: Any, ranked: Ranked) -> Any:
             curve += (fit.shift.value - fit.slope.value * at[-1]) * (at / at[-1]) ** 2
         ax.plot(at + aside, curve, color=colour, linewidth=1)
         limit = {"color": colour, "fmt": "D", "markersize": 5, "capsize": 3}
-        bar = TWO_SIDED * fit.limit.error
+        bar = TWO_SIDED * fit.quoted.error
         ax.errorbar(aside, fit.limit.value, yerr=bar, markerfacecolor="white", **limit)
     ax.set_xlim(left=-0.08 * largest)
     legend_below(ax)
