@@ -8,6 +8,8 @@ from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 
 from agglom_mpi.analysis.estimates import Estimate
+from agglom_mpi.analysis.extrapolation import extrapolated
+from agglom_mpi.analysis.finite_size import FiniteSize, VolumeMeans
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.report.drawing import Drawing, write_drawing
@@ -15,8 +17,10 @@ from agglom_mpi.report.figures import FIGURES, convergence
 from agglom_mpi.report.figures.cloud import cloud_size, draw_cloud
 from agglom_mpi.report.figures.figure import FigureOptions
 from agglom_mpi.report.figures.finalists import Finalists, draw_finalists
+from agglom_mpi.report.figures.finite_size import draw_finite_size
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import prepare
+from agglom_mpi.statistics import MeanEstimate
 from agglom_mpi.storage.reader import read_campaign
 
 PLOTS = ("convergence", "cost", "radii", "best", "ensembles", "finalists", "samples", "busy")
@@ -200,8 +204,9 @@ def test_a_cloud_of_nothing_cannot_be_drawn(empty_data):
 
 def test_no_label_of_a_figure_is_clipped(finished):
     data, outside = read_campaign(finished), []
-    drawn = [f for f in FIGURES.values() if not f.on_request]
-    for drawing in (figure.drawing(data, FigureOptions()) for figure in drawn):
+    shown = (f.drawing(data, FigureOptions()) for f in FIGURES.values() if not f.on_request)
+    drawn = [drawing for drawing in shown if drawing is not None]  # there are no larger volumes
+    for drawing in drawn:
         figure = Figure(figsize=drawing.size, layout="constrained")
         canvas = FigureCanvasAgg(figure)
         drawing.draw(figure)
@@ -214,6 +219,18 @@ def test_no_label_of_a_figure_is_clipped(finished):
             outside.append((drawing.name, found))
     assert len(drawn) == 10
     assert outside == []
+
+
+def test_limits_are_drawn_where_1_over_n_is_0():
+    volumes = tuple(
+        VolumeMeans(v, 100 * v, 9, 0, MeanEstimate(1.8 + 0.1 / v, 0.01, 9), None, 0.03, 1e-3)
+        for v in (1, 2, 4)
+    )
+    fit = extrapolated([each.grains for each in volumes], [each.growth for each in volumes])
+    ax = draw_finite_size(Figure().subplots(), [("#1 string 7", FiniteSize(7, volumes, fit, None))])
+    [limit] = [line for line in ax.lines if line.get_marker() == "D"]
+    assert limit.get_xdata()[0] == pytest.approx(0.0)
+    assert limit.get_ydata()[0] == pytest.approx(1.8)
 
 
 def test_a_figure_that_cannot_be_drawn_leaves_nothing(tmp_path):
