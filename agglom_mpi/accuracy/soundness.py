@@ -32,13 +32,16 @@ FAILED: Final[Mapping[str, str]] = {
 FAILED_OTHERWISE: Final = "failed"
 """Kind of trouble of samples that did not complete for any other reason."""
 
+OVERLAPS: Final = "overlaps"
+"""Kind of trouble of spheres that overlap at the end."""
+
 KINDS: Final = (
     *FAILED.values(),
     FAILED_OTHERWISE,
     "unsolved impacts",
     "below 0 K",
     "energy not closed",
-    "overlaps",
+    OVERLAPS,
 )
 """Kinds of trouble, the most serious first."""
 
@@ -99,7 +102,7 @@ def troubles(found: Mapping[str, Any], heaped: float) -> dict[str, str]:
         wrong["energy not closed"] = f"energy error {found['energy error']:.1g}"
     overlaps = found["overlaps per sample"]
     if overlaps - heaped >= 0.5:
-        wrong["overlaps"] = (
+        wrong[OVERLAPS] = (
             f"{overlaps:.0f} overlaps" if overlaps >= 10 else f"{overlaps:.2g} overlaps"
         )
     return wrong
