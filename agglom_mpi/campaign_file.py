@@ -385,7 +385,15 @@ class CampaignFile(metaclass=PublicFace):
         return self._plot("best_strings", ax)
 
     def plot_finite_size(self, ax: Any = None) -> Any:
-        """Draw the growth of the best strings against 1/N, with limits; see `plot_convergence`."""
+        """Draw the growth of the best strings against 1/N, with limits; see `plot_convergence`.
+
+        Examples
+        --------
+        >>> import agglom_mpi
+        >>> ax = agglom_mpi.open_campaign("quickstart.h5").plot_finite_size()
+        >>> len(ax.lines)  # no larger volumes were asked for
+        0
+        """
         return self._plot("finite_size", ax)
 
     def plot_ensembles(self, ax: Any = None) -> Any:

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.simulation.boundary import Periodic
 
 Floats = NDArray[np.float64]
 
@@ -30,7 +29,7 @@ def overlaps_part(campaign: Campaign, samples: Iterable[int]) -> bool:
         Numbers of samples that complete.
     """
     scene = campaign.at(campaign.parameters()).build(None)
-    period = 2.0 * scene.half_width if isinstance(campaign.scene.escape, Periodic) else np.inf
+    period = 2.0 * scene.half_width if campaign.scene.escape.is_periodic() else np.inf
     for sample in samples:
         frames = campaign.simulate({}, sample, frames=2).frames
         assert frames is not None

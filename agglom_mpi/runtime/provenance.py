@@ -77,6 +77,8 @@ NOT_DECIDING: Final = (
     "config/consequences.py",
     "config/describe.py",
     "config/reference.py",
+    # Output of `agglom explain`.
+    "config/explanation.py",
     # Sets of rules for studies and figures.
     "search/studied_rules.py",
     "config/plausibility.py",

@@ -49,7 +49,7 @@ def test_a_value_that_nothing_depends_on_is_warned_of(agglom):
     assert done.exit_code == 0
     assert done.stderr.startswith(
         "warning: tiny.yaml: surface_energy: is 3.0, but nothing depends on it: the scene has no "
-        "fragmentation\n"
+        "fragmentation and no adhesion\n"
     )
 
 
