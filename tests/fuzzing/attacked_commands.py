@@ -31,8 +31,9 @@ ROOM = 700 << 20
 """Bytes that a command may take beside what the process has, so that both are below 1 GB."""
 PHASES = (Phase.generate, Phase.shrink)
 """Of Hypothesis; to explain a failure it traces every line, which takes longer than `SECONDS`."""
-MOST_LINES, LONGEST_LINE = 22, 600
-"""Of what a command says on standard error; the longest text is the help of `agglom`."""
+MOST_LINES, LONGEST_LINE = 14 + len(main.commands), 600
+"""Of what a command says on standard error; the longest text is the help of `agglom`, which has a
+line for each of its commands."""
 DOCUMENTED = {FINISHED, FAILURE, BAD_INPUT, STOPPED, INTERRUPTED, BROKEN_PIPE}
 UNPRINTABLE = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 FAILED_SAMPLE = re.compile(r"^rank 0 on \S+: string \d+ sample \d+ raised$", re.MULTILINE)
