@@ -5,8 +5,8 @@ from dataclasses import fields
 from typing import TYPE_CHECKING
 
 from agglom_mpi.config import loading
-from agglom_mpi.config.arguments import read_count
 from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.own_components import own_of
 
 if TYPE_CHECKING:
     from agglom_mpi.campaign_file import CampaignFile
@@ -15,27 +15,7 @@ __all__ = ["RunnableCampaign", "load_campaign"]
 
 
 class RunnableCampaign(Campaign):
-    """A validated campaign; equal campaigns have equal `identity`.
-
-    `agglom_mpi.load_campaign(path)` returns it.
-
-    Attributes
-    ----------
-    title : str
-        Title of the campaign.
-    seed : int
-        Seed of all random streams.
-    text, name : str
-        Text of the file, and its name in errors.
-
-    Examples
-    --------
-    >>> from agglom_mpi import load_campaign
-    >>> campaign = load_campaign("jobs/quickstart.yaml")
-    >>> outcome = campaign.simulate({"relative_speed": 4.3, "hardness": "67 MPa"}, sample=0)
-    >>> outcome.particles < 100, outcome.mean_radius_ratio > 1.0
-    (True, True)
-    """
+    """A validated campaign that can be run, too; `agglom_mpi.load_campaign(path)` returns it."""
 
     def run(
         self,
@@ -95,19 +75,13 @@ class RunnableCampaign(Campaign):
         if ranks is None:
             path = run_here(self, options)
         else:
-            path = run_by_ranks(self, options, _number_of_ranks(ranks))
+            path = run_by_ranks(self, options, self._count("ranks", ranks, least=1))
         return open_campaign(path, options.allow_code)
 
     @property
     def _has_code(self) -> bool:
         """Whether code of the user's was allowed to run when the campaign was loaded."""
-        own = any(each.law.own is not None for each in self.scene.laws())
-        plan = () if self.plan is None else self.plan
-        return (
-            own
-            or any(each.own is not None for each in (self.objective, *plan[:2]))
-            or (self.user_function is not None)
-        )
+        return self.user_function is not None or any(own_of(self))
 
 
 def load_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> RunnableCampaign:
@@ -141,10 +115,3 @@ def load_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> Run
     return RunnableCampaign(
         **{each.name: getattr(campaign, each.name) for each in fields(campaign) if each.init}
     )
-
-
-def _number_of_ranks(ranks: int) -> int:
-    try:
-        return read_count(ranks, least=1)
-    except ValueError as error:
-        raise ValueError(f"ranks: {error}") from None

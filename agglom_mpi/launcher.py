@@ -2,8 +2,10 @@
 
 import fcntl
 import os
+import shutil
 import stat
 import sys
+import sysconfig
 import termios
 from collections.abc import Iterator, Mapping
 from itertools import takewhile
@@ -22,6 +24,11 @@ LAUNCHING: Final = {
 """Names of processes that start ranks; Linux cuts names to 15 characters."""
 
 PROC: Final = Path("/proc")
+
+_RANK_PREFIXES: Final = ("OMPI_", "PMI_", "PMIX_", "MPI_", "MV2_", "HYDI_", "PRTE_")
+"""Prefixes of environment variables by which a process knows that it is a rank."""
+_SETTING_PREFIXES: Final = ("OMPI_MCA_", "OMPI_ALLOW", "PRTE_MCA_")
+"""Prefixes of those among them that users set."""
 
 _LOCAL_RANKS: Final = (
     "OMPI_COMM_WORLD_LOCAL_RANK",
@@ -59,6 +66,29 @@ def rank_variables(environment: Mapping[str, str] = os.environ) -> list[str]:
     """Return the names of the variables that make this process a rank."""
     names = dict.fromkeys((*_SIZES, *_RANKS, "SLURM_STEP_ID"))
     return [name for name in names if name in environment]
+
+
+def without_rank_variables(environment: Mapping[str, str]) -> dict[str, str]:
+    """Return an environment in which a process is no rank; settings of the user stay."""
+    return {
+        name: value
+        for name, value in environment.items()
+        if name.startswith(_SETTING_PREFIXES) or not name.startswith(_RANK_PREFIXES)
+    }
+
+
+def find_launcher(environment: Mapping[str, str], *, own_first: bool = False) -> str | None:
+    """Return the path of mpirun, None if there is none.
+
+    Parameters
+    ----------
+    environment
+        Its PATH is searched, and the folder of programs of this Python.
+    own_first
+        Whether that folder comes first, as where the ranks are to run this Python.
+    """
+    folders = [environment.get("PATH", os.defpath), sysconfig.get_path("scripts")]
+    return shutil.which("mpirun", path=os.pathsep.join(folders[::-1] if own_first else folders))
 
 
 def started_by_a_rank(environment: Mapping[str, str] = os.environ, proc: Path = PROC) -> bool:

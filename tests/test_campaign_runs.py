@@ -9,7 +9,8 @@ from campaign_runs import SMALL, assert_same, assert_sound, decisions, need_mpir
 
 import agglom_mpi
 from agglom_mpi.campaign_file import CampaignFile
-from agglom_mpi.runtime.python_runs import STOPS, RunFailedError
+from agglom_mpi.runtime.python_runs import RunFailedError
+from agglom_mpi.runtime.stop_request import stop_signals
 from agglom_mpi.storage.lock import CampaignLock
 
 
@@ -24,7 +25,7 @@ def expected(shared_campaign):
 
 
 def test_a_run_decides_as_the_command_does(campaign, expected, tmp_path, capfd):
-    before = {number: signal.getsignal(number) for number in STOPS}
+    before = {number: signal.getsignal(number) for number in stop_signals()}
     file = campaign.run(tmp_path / "own.h5", progress=False)
     assert isinstance(file, CampaignFile)
     assert file.path == tmp_path / "own.h5"
@@ -32,7 +33,7 @@ def test_a_run_decides_as_the_command_does(campaign, expected, tmp_path, capfd):
     assert_same(file.path, expected)
     assert_sound(file.path)
     assert capfd.readouterr() == ("", "")
-    assert {number: signal.getsignal(number) for number in STOPS} == before
+    assert {number: signal.getsignal(number) for number in stop_signals()} == before
     assert campaign.run(file.path, progress=False).status() == file.status()
 
 

@@ -12,6 +12,7 @@ from agglom_mpi.accuracy.answer_report import AnswerReport, write_answer_report
 from agglom_mpi.accuracy.answer_runs import FOLDER, AnswerRun, ProcessorClock, runs_of
 from agglom_mpi.accuracy.answer_sets import box_points, keep_set
 from agglom_mpi.accuracy.run_times import busy_lines
+from agglom_mpi.accuracy.study import StudyDisplay
 from agglom_mpi.analysis.damage import blame_damage
 from agglom_mpi.analysis.tables import wall_over_cpu
 from agglom_mpi.config.answer_study import AnswerStudy, load_answer_study
@@ -35,8 +36,6 @@ from agglom_mpi.storage.reader import read_campaign
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
 
-    from agglom_mpi.search.decisions import GenerationSummary
-
 ESTIMATES: Final = "estimates.h5"
 """File of the fresh samples, in the folder of the report."""
 LIBRARIES: Final = {"matplotlib": "figures", "pandas": "tables"}
@@ -59,18 +58,9 @@ class AnswerOptions(NamedTuple):
     allow_code: bool = False
 
 
-class EstimatesDisplay(Display):
-    """Progress of the fresh samples; nothing is shown at the end of their one generation."""
-
-    def generation(
-        self, summary: "GenerationSummary", total: int, samples: int, rate: float
-    ) -> None:
-        """Show nothing."""
-
-
 def answer_accuracy(options: AnswerOptions, world: "Intracomm | None") -> int:
     """Run all campaigns of a study, estimate their answers, and report; return the exit code."""
-    began, display = time.monotonic(), EstimatesDisplay(options.quiet)
+    began, display = time.monotonic(), StudyDisplay(options.quiet)
     code, study = shared(partial(_prepare, options), display, world)
     if study is None:
         return code

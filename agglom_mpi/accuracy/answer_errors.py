@@ -1,13 +1,13 @@
 """Errors of the answers of all runs of a study, by samples that no run has used."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.accuracy.answer_runs import AnswerRun, history_of, runs_of
+from agglom_mpi.accuracy.answer_runs import AnswerHistory, AnswerRun, history_of, runs_of
 from agglom_mpi.accuracy.answer_sets import (
     MembershipStudy,
     box_points,
@@ -62,16 +62,19 @@ def estimation(study: AnswerStudy, folder: Path) -> Study:
     """Return the samples that tell the errors of the answers of finished runs."""
     if study.answer == "set":
         return MembershipStudy(study, fresh_setups(study, box_points(study)))
-    return FreshEstimates(study.question, fresh_setups(study, distinct(study, folder).values()))
+    strings = distinct(history for _, history in histories(study, folder))
+    return FreshEstimates(study.question, fresh_setups(study, strings.values()))
 
 
-def distinct(study: AnswerStudy, folder: Path) -> dict[bytes, Floats]:
-    """Return the different strings, (k,), that were the best of any run after any generation."""
-    found: dict[bytes, Floats] = {}
+def histories(study: AnswerStudy, folder: Path) -> Iterator[tuple[AnswerRun, AnswerHistory]]:
+    """Yield all runs, which are finished, with their histories."""
     for run in runs_of(study, folder):
-        for string in history_of(run, read_inversion(run.path, allow_code=True)).best:
-            found.setdefault(string.tobytes(), string)
-    return found
+        yield run, history_of(run, read_inversion(run.path, allow_code=True))
+
+
+def distinct(found: Iterable[AnswerHistory]) -> dict[bytes, Floats]:
+    """Return the different strings, (k,), that were the best of any run after any generation."""
+    return {string.tobytes(): string for history in found for string in history.best}
 
 
 def answers_of(study: AnswerStudy, folder: Path, file: CampaignData) -> Answers:
@@ -84,14 +87,14 @@ def answers_of(study: AnswerStudy, folder: Path, file: CampaignData) -> Answers:
 def _best_strings(study: AnswerStudy, folder: Path, file: CampaignData) -> Answers:
     import pandas as pd
 
-    objective, strings = study.question.objective, distinct(study, folder)
+    objective, runs = study.question.objective, list(histories(study, folder))
+    strings = distinct(history for _, history in runs)
     samples = [file.sample_rows(number) for number in range(len(strings))]
     estimates = [estimate_of(objective, rows) for rows in samples]
     floor = floor_of(objective, samples)
     number = {key: place for place, key in enumerate(strings)}
     frames = []
-    for run in runs_of(study, folder):
-        history = history_of(run, read_inversion(run.path, allow_code=True))
+    for run, history in runs:
         own = [number[string.tobytes()] for string in history.best]
         columns = {
             "string": own,

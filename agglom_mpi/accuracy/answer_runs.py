@@ -138,7 +138,7 @@ def processor_seconds(path: Path, generations: int) -> NDArray[np.float64]:
 
 
 class AnswerHistory(NamedTuple):
-    """What a run had cost and what its answer was after each of k generations.
+    """Cost of a run so far, and its answer, after each of k generations.
 
     Attributes
     ----------

@@ -1,7 +1,7 @@
 """Sets of strings that meet a target: those of runs after some of their samples, and the true one.
 
-The true set is told at even points of the box by samples of their own, which no run has. A point is
-simulated until it is clearly in or out; points at the very edge keep an error, which is stated.
+The true set is known at even points of the box by samples of their own, which no run has. A point
+is simulated until it is clearly in or out; points at the very edge keep an error, which is stated.
 """
 
 import zipfile
@@ -33,7 +33,7 @@ Floats = NDArray[np.float64]
 LADDER: Final = 1.5
 """Factor in the number of samples between two sets of a run."""
 MEMBER: Final = 0.5
-"""Probability from which a string is taken for a member."""
+"""Lowest probability of a string that is taken for a member."""
 MIN_SAMPLES: Final = 16
 """Minimum number of samples of a point of the true set."""
 CLEAR_ERRORS: Final = 5.0
@@ -117,7 +117,7 @@ def evolving_set(file: CampaignData, study: AnswerStudy, points: Floats) -> Evol
 def keep_set(run: AnswerRun, study: AnswerStudy, points: Floats) -> None:
     """Compute the sets of a finished run and write them beside it, unless they are there."""
     file = read_inversion(run.path, allow_code=True)
-    origin = f"{file.attributes['campaign_sha256']} {study.tolerance!r} {study.points}"
+    origin = _origin(study, file)
     if _kept(run, origin) is not None:
         return
     found = evolving_set(file, study, points)
@@ -127,11 +127,15 @@ def keep_set(run: AnswerRun, study: AnswerStudy, points: Floats) -> None:
 
 def kept_set(run: AnswerRun, study: AnswerStudy, file: CampaignData) -> EvolvingSet:
     """Return the sets that `keep_set` has written."""
-    origin = f"{file.attributes['campaign_sha256']} {study.tolerance!r} {study.points}"
-    found = _kept(run, origin)
+    found = _kept(run, _origin(study, file))
     if found is None:
         raise FileNotFoundError(f"{run.set_path}: holds no sets of {run.path}")
     return found
+
+
+def _origin(study: AnswerStudy, file: CampaignData) -> str:
+    """Return what the sets of a run follow from."""
+    return f"{file.attributes['campaign_sha256']} {study.tolerance!r} {study.points}"
 
 
 def _kept(run: AnswerRun, origin: str) -> EvolvingSet | None:

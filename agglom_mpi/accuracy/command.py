@@ -18,12 +18,19 @@ from agglom_mpi.accuracy import (
 from agglom_mpi.accuracy.document import Chapter, Header, ReportSection, write_document
 from agglom_mpi.accuracy.ensemble import ensemble_section
 from agglom_mpi.accuracy.run_times import busy_lines
-from agglom_mpi.accuracy.study import Rows, Setup, Study, closed, completed, scene_error
+from agglom_mpi.accuracy.study import (
+    Rows,
+    Setup,
+    Study,
+    StudyDisplay,
+    closed,
+    completed,
+    scene_error,
+)
 from agglom_mpi.analysis.tables import time_on_free_core, wall_over_cpu
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import CampaignError, Problem
-from agglom_mpi.display.run_display import Display
 from agglom_mpi.errors import require_library
 from agglom_mpi.formatting import format_duration, pluralise
 from agglom_mpi.runtime.file_setup import check_writable
@@ -34,8 +41,6 @@ from agglom_mpi.variables import TEN, volume_fraction
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
-
-    from agglom_mpi.search.inversion import GenerationSummary
 
 SAMPLES: Final = "samples.h5"
 """Campaign file of the study, in the directory of the report."""
@@ -101,15 +106,6 @@ class StudyPlan(NamedTuple):
     quick: bool
     numbers: Mapping[str, float] = {}
     """Numbers of the scene that the string gives, in SI units, by path."""
-
-
-class StudyDisplay(Display):
-    """Progress in set-ups; nothing is shown at the end of the one generation."""
-
-    def generation(
-        self, summary: "GenerationSummary", total: int, samples: int, rate: float
-    ) -> None:
-        """Show nothing."""
 
 
 def accuracy(options: AccuracyOptions, world: "Intracomm | None") -> int:

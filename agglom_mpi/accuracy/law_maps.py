@@ -20,10 +20,11 @@ from agglom_mpi.accuracy.impact_methods import hardness_of, impact_laws, solve_a
 from agglom_mpi.accuracy.impact_reference import Exact, Material, exact_impact
 from agglom_mpi.accuracy.map_figure import MapPanel, draw_map, map_size
 from agglom_mpi.accuracy.map_scene import MapScene
+from agglom_mpi.accuracy.map_tables import cell_table, first_columns, shares_of
 from agglom_mpi.accuracy.planes import Axis
 from agglom_mpi.accuracy.quadtree import Cell, edge_cells, first_cells, leaves
 from agglom_mpi.accuracy.run_times import WALL_OVER_CPU, ratio_of_clocks, time_columns, time_name
-from agglom_mpi.formatting import format_percent, format_seconds
+from agglom_mpi.formatting import format_seconds
 from agglom_mpi.physics.impact_solvers import BracketedRoot, FixedPointIteration
 from agglom_mpi.report.drawing import Drawing
 
@@ -243,30 +244,22 @@ def _method_rows(
 ) -> Iterator[dict[str, Any]]:
     """Yield what becomes of the plane by each method; shares are of its area."""
     for method, own in found.results.items():
-        kept = leaves(own)
-        sound = [cell for cell in kept if not own[cell].trouble]
-        kinds: dict[str, float] = {}
-        for cell in kept:
-            if trouble := own[cell].trouble:
-                kinds[trouble] = kinds.get(trouble, 0.0) + cell.edge(found.grid) ** 2
+        shares = shares_of({cell: result.trouble for cell, result in own.items()}, found.grid)
         yield {
             "method": method,
             "cells": len(own),
-            "sound": sum(cell.edge(found.grid) ** 2 for cell in sound),
-            "fails by": ", ".join(
-                f"{kind} {format_percent(share)}" for kind, share in kinds.items()
+            "sound": shares.sound_area,
+            "fails by": shares.troubles,
+            "largest error of a sound cell": max(
+                (own[cell].error for cell in shares.sound), default=math.nan
             ),
-            "largest error of a sound cell": max((own[c].error for c in sound), default=math.nan),
             **times[method],
         }
 
 
 def _columns(timed: str) -> tuple[TableColumn, ...]:
     return (
-        TableColumn("method", lambda row: row["method"]),
-        TableColumn("cells", lambda row: f"{row['cells']}"),
-        TableColumn("sound", lambda row: format_percent(row["sound"])),
-        TableColumn("fails by", lambda row: row["fails by"] or "–"),
+        *first_columns("fails by"),
         TableColumn(
             "largest error of a sound cell",
             lambda row: f"{row['largest error of a sound cell']:.1e}",
@@ -279,23 +272,12 @@ def _columns(timed: str) -> tuple[TableColumn, ...]:
 
 def _cells(found: LawMap, error: str) -> "pd.DataFrame":
     """Return every cell by every method."""
-    import pandas as pd
-
-    rows = []
-    for method, own in found.results.items():
-        for cell, result in own.items():
-            across, up = cell.centre(found.grid)
-            rows.append(
-                {
-                    "method": method,
-                    "level": cell.level,
-                    found.x.label: found.x.value(across),
-                    found.y.label: found.y.value(up),
-                    error: result.error,
-                    "trouble": result.trouble,
-                }
-            )
-    return pd.DataFrame(rows)
+    return cell_table(
+        found.results,
+        (found.x, found.y),
+        found.grid,
+        lambda result: {error: result.error, "trouble": result.trouble},
+    )
 
 
 LAW_MAPS: Final[Mapping[str, Callable[[MapScene, bool], ReportSection]]] = {

@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from agglom_mpi.accuracy import extremes
-from agglom_mpi.accuracy.command import AccuracyOptions, StudyDisplay, command_words, require_report
+from agglom_mpi.accuracy.command import AccuracyOptions, command_words, require_report
 from agglom_mpi.accuracy.document import Chapter, Header, write_document
 from agglom_mpi.accuracy.law_maps import LAW_MAPS
 from agglom_mpi.accuracy.map_scene import MapScene, file_text, map_scene
 from agglom_mpi.accuracy.planes import PLANES, Values
 from agglom_mpi.accuracy.stability_map import FULL, QUICK, MapSize, PlaneMap, map_section, slug
-from agglom_mpi.accuracy.study import Rows, Setup, Study, closed
+from agglom_mpi.accuracy.study import Rows, Setup, Study, StudyDisplay, closed
 from agglom_mpi.analysis.tables import time_on_free_core
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign

@@ -8,7 +8,7 @@ in a plane but where `excuse` says so.
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
-from typing import Any, ClassVar, Final, NamedTuple, cast
+from typing import Any, ClassVar, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,7 +113,7 @@ def standard_methods(campaign: Campaign, quick: bool) -> Iterator[tuple[str, Cam
         fine = FixedSteps(steps=FINE_STEPS)
         yield f"fixed, {FINE_STEPS} steps", with_scene(campaign, engine=fine)
     engine = as_published(scene).engine
-    if engine.with_steps(1) is not None:  # equal steps, which are shown above
+    if engine.shortest_step is None:  # equal steps, which are shown above
         floor = 1e-4 * float(scene.end_time)
         engine = AdaptiveSteps(floor=floor, ceiling=CEILING * floor)
     yield "adaptive", with_scene(campaign, engine=engine)
@@ -286,8 +286,8 @@ class Masses(Plane):
         rate, engine = scales.collision_rate(section, values), as_published(section).engine
         if rate == 0.0:
             return math.nan, math.nan
-        if engine.with_steps(1) is None:
-            return ratio**3, 1.0 / (rate * cast("AdaptiveSteps", engine).floor)
+        if engine.shortest_step is not None:
+            return ratio**3, 1.0 / (rate * engine.shortest_step)
         return ratio**3, FixedSteps().steps / (rate * scales.end_time(section, values))
 
 

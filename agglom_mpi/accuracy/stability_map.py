@@ -10,6 +10,7 @@ from agglom_mpi.accuracy.document import ReportSection, ReportTable, Sentences, 
 from agglom_mpi.accuracy.grown_overlaps import overlaps_part
 from agglom_mpi.accuracy.map_figure import MapPanel, draw_map, map_size
 from agglom_mpi.accuracy.map_scene import MapScene
+from agglom_mpi.accuracy.map_tables import area_of, cell_table, first_columns, shares_of
 from agglom_mpi.accuracy.planes import DEFAULT, Plane, Values, points
 from agglom_mpi.accuracy.quadtree import Cell, edge_cells, first_cells, leaves
 from agglom_mpi.accuracy.soundness import (
@@ -324,38 +325,27 @@ def map_section(
 def _method_rows(plane_map: PlaneMap, lines: Mapping[str, str]) -> Iterator[dict[str, Any]]:
     """Yield what becomes of the plane by each method; shares are of its area."""
     for method, results in plane_map.results.items():
-        kept = leaves(results)
-        area = {cell: cell.edge(plane_map.size.grid) ** 2 for cell in kept}
-        failing = [cell for cell in kept if not results[cell].sound]
-        unexcused = [cell for cell in failing if not results[cell].excuse]
-        kinds: dict[str, float] = {}
-        for cell in failing:
-            kind = next(iter(results[cell].troubles))
-            kinds[kind] = kinds.get(kind, 0.0) + area[cell]
-        sound = [cell for cell in kept if results[cell].sound]
-        resolved = [abs(results[cell].error) for cell in sound if results[cell].resolved]
+        kinds = {cell: next(iter(result.troubles), "") for cell, result in results.items()}
+        found = shares_of(kinds, plane_map.size.grid)
+        excused = [cell for cell in found.failing if results[cell].excuse]
+        resolved = [abs(results[cell].error) for cell in found.sound if results[cell].resolved]
         yield {
             "method": method,
             "cells": len(results),
-            "sound": sum(area[cell] for cell in sound),
-            "failing, documented": sum(area[c] for c in failing if results[c].excuse),
-            "failing cells, not documented": len(unexcused),
-            "documented": "; ".join(
-                dict.fromkeys(results[c].excuse for c in failing if results[c].excuse)
-            ),
-            "troubles": ", ".join(f"{k} {format_percent(v)}" for k, v in kinds.items()),
+            "sound": found.sound_area,
+            "failing, documented": sum(area_of(cell, plane_map.size.grid) for cell in excused),
+            "failing cells, not documented": len(found.failing) - len(excused),
+            "documented": "; ".join(dict.fromkeys(results[cell].excuse for cell in excused)),
+            "troubles": found.troubles,
             "sound cells with a resolved error": len(resolved),
-            "sound cells": len(sound),
+            "sound cells": len(found.sound),
             "largest resolved error": max(resolved, default=np.nan),
             "reproduced by": lines.get(method, ""),
         }
 
 
 COLUMNS: Final = (
-    TableColumn("method", lambda row: row["method"]),
-    TableColumn("cells", lambda row: f"{row['cells']}"),
-    TableColumn("sound", lambda row: format_percent(row["sound"])),
-    TableColumn("fails by", lambda row: row["troubles"] or "–"),
+    *first_columns("troubles"),
     TableColumn(
         "sound cells with a resolved error",
         lambda row: (
@@ -377,26 +367,19 @@ COLUMNS: Final = (
 
 def _cells(plane_map: PlaneMap) -> "pd.DataFrame":
     """Return every cell by every method."""
-    import pandas as pd
-
-    plane, rows = plane_map.plane, []
-    for method, results in plane_map.results.items():
-        for cell, result in results.items():
-            x, y = plane_map.numbers(cell)
-            rows.append(
-                {
-                    "method": method,
-                    "level": cell.level,
-                    plane.x.label: x,
-                    plane.y.label: y,
-                    "mean b/b0": result.growth,
-                    "relative error": result.error,
-                    "standard error": result.standard_error,
-                    "troubles": "; ".join(result.troubles.values()),
-                    "documented": result.excuse,
-                }
-            )
-    return pd.DataFrame(rows)
+    axes = plane_map.plane.x, plane_map.plane.y
+    return cell_table(
+        plane_map.results,
+        axes,
+        plane_map.size.grid,
+        lambda result: {
+            "mean b/b0": result.growth,
+            "relative error": result.error,
+            "standard error": result.standard_error,
+            "troubles": "; ".join(result.troubles.values()),
+            "documented": result.excuse,
+        },
+    )
 
 
 def slug(method: str) -> str:

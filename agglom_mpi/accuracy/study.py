@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from agglom_mpi.config.identity import STUDY_SEPARATORS, digest
 from agglom_mpi.config.identity import objective as objective_identity
 from agglom_mpi.config.relations import NO_RELATIONS
 from agglom_mpi.config.scene import SceneSection
+from agglom_mpi.display.run_display import Display
 from agglom_mpi.outcome import COMPLETED, SampleSummary
 from agglom_mpi.runtime.experiment import Experiment, Restore, SampleSetup, StageProgress
 from agglom_mpi.search.ending import Generations
@@ -26,6 +27,9 @@ from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.room import TableSizes
 from agglom_mpi.storage.schema import STUDY
 from agglom_mpi.variables import TEN
+
+if TYPE_CHECKING:
+    from agglom_mpi.search.decisions import GenerationSummary
 
 Rows = NDArray[np.void]
 """Samples with the columns of `OUTCOME` and of `/samples`, shape (n,)."""
@@ -269,3 +273,12 @@ def paired_difference(rows: Rows, reference: Rows, name: str) -> MeanEstimate:
     ours, theirs = completed(rows), completed(reference)
     _, first, second = np.intersect1d(ours["sample"], theirs["sample"], return_indices=True)
     return mean_of(ours[name][first] - theirs[name][second])
+
+
+class StudyDisplay(Display):
+    """Progress in set-ups; nothing is shown at the end of the one generation."""
+
+    def generation(
+        self, summary: "GenerationSummary", total: int, samples: int, rate: float
+    ) -> None:
+        """Show nothing."""

@@ -49,7 +49,7 @@ def _surface_energy(scene: "SceneSection", value: Value) -> float:
 
 
 def _bonding_speed(scene: "SceneSection", value: Value) -> float:
-    """Return the approach speed in m/s from which two mean grains bond."""
+    """Return the lowest approach speed in m/s at which two mean grains bond."""
     return scene.restitution.critical_speeds(scene, value).bonds_from
 
 

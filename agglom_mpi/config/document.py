@@ -58,7 +58,7 @@ class SceneDocument(Section):
     title
         One line for people, in reports.
     seed
-        Number from which all random numbers follow.
+        Seed of all random numbers.
     scene
         What is simulated: the box, the grains, and the laws of their impacts.
     variables

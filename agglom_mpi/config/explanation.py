@@ -1,4 +1,4 @@
-"""What every key of a campaign file means, derived from the declarations of its sections.
+"""Meaning of every key of a campaign file, derived from the declarations of its sections.
 
 The text on a key is what the docstring of its class says of it, under `Attributes`; that on a
 component is the docstring itself.
@@ -36,7 +36,7 @@ class UnknownKeyError(UserError, ValueError):
 
 
 class Topic(NamedTuple):
-    """What is to be known of a section, a key, a component or a variable.
+    """An entry of the reference: on a section, a key, a component or a variable.
 
     Attributes
     ----------
@@ -255,13 +255,21 @@ def _default(section: type[Any], name: str) -> str | None:
         return "none"
     if isinstance(default, Component):
         return default.name or "as below"
-    if isinstance(default, bool):
-        return str(default).lower()
-    if isinstance(default, int | float):
-        return f"{default:g}" if isinstance(default, float) else str(default)
-    if isinstance(default, tuple):
-        return f"[{', '.join(f'{each:g}' for each in default)}]" if default else "none"
-    return str(default) or "none" if isinstance(default, str) else "as below"
+    text = value_text(default)
+    if text is None:
+        return "as below"
+    return f"[{text}]" if text and isinstance(default, tuple) else text or "none"
+
+
+def value_text(value: Any) -> str | None:
+    """Return a plain value as a file has it, a list without brackets; None of other values."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, tuple):
+        return ", ".join(f"{each:g}" for each in value)
+    if isinstance(value, int | str):
+        return str(value)
+    return f"{value:g}" if isinstance(value, float) else None
 
 
 def limits_of(number: In | Whole) -> Iterator[str]:

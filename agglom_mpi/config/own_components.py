@@ -90,7 +90,7 @@ def recorded_texts(campaign: "CampaignSections") -> dict[str, str]:
     That is what is known of components, and the modules of these and of a function of means: what
     rests on that is not stored, as what a function of samples returned is.
     """
-    found = {component.name: component for component in _own_of(campaign)}
+    found = {component.name: component for component in own_of(campaign)}
     modules = {each.own.file: each.own for each in found.values() if each.own is not None}
     function = campaign.user_function
     if campaign.objective.code_of_means and function is not None and function.source is not None:
@@ -133,7 +133,7 @@ def record_faults(texts: Mapping[str, Any], identity: Mapping[str, Any]) -> Iter
                 yield f"attributes: {OWN_MODULES} has no source with the digest {key}"
 
 
-def _own_of(campaign: "CampaignSections") -> Iterator[Component]:
+def own_of(campaign: "CampaignSections") -> Iterator[Component]:
     """Yield the components of one's own that a campaign names."""
     sections = [campaign.objective, *(campaign.plan or ())]
     sections += [getattr(campaign.scene, key) for key in type(campaign.scene).model_fields]

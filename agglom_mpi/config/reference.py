@@ -5,7 +5,15 @@ from collections.abc import Iterator
 from typing import Final
 
 from agglom_mpi.config.document import CampaignDocument
-from agglom_mpi.config.explanation import Path, below, limits_of, needed_by, texts_of, topics
+from agglom_mpi.config.explanation import (
+    Path,
+    below,
+    limits_of,
+    needed_by,
+    texts_of,
+    topics,
+    value_text,
+)
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.declaration.choices import choice_of
 from agglom_mpi.declaration.components import Component, number_of
@@ -94,14 +102,6 @@ def _allowed(field: DeclaredField) -> Iterator[str]:
 
 
 def _default(field: DeclaredField) -> Iterator[str]:
-    if field.is_required():
-        return
-    default = field.default
-    if isinstance(default, bool):
-        yield f"(`{str(default).lower()}`)"
-    elif isinstance(default, float | int):
-        yield f"({default:g})"
-    elif isinstance(default, str):
-        yield f"(`{default}`)"
-    elif isinstance(default, tuple) and default:
-        yield f"({', '.join(f'{each:g}' for each in default)})"
+    """Yield the default of a field in brackets, if it has one that can be written."""
+    if text := value_text(field.default):
+        yield f"(`{text}`)" if isinstance(field.default, bool | str) else f"({text})"

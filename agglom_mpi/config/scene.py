@@ -143,9 +143,9 @@ class SceneSection(Section):
     restitution
         How much of its approach speed a pair keeps, and when it bonds.
     duration
-        How long a contact lasts, from which its mean force and its pressure follow.
+        How long a contact lasts; that sets its mean force and its pressure.
     contact_area
-        Area of a contact, from which its pressure and the heat of reaction follow.
+        Area of a contact; that sets its pressure, and the heat of reaction.
     hardness
         How hard the surface is, and how it softens as it warms.
     friction
@@ -176,7 +176,7 @@ class SceneSection(Section):
         "half_width": "follows from the other two keys of a size, or from sizes in m",
         "hardness": "arrhenius; constant where restitution has no hardness",
     }
-    """What stands for a field that has no default and need not be given."""
+    """Texts on fields without a default that need not be given."""
 
     particles: Annotated[
         WholeNumber,

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from agglom_mpi.doctor.findings import Finding
-from agglom_mpi.doctor.ranks import find_launcher
+from agglom_mpi.launcher import find_launcher
 
 LOCAL_NETWORKS: Final = re.compile(r"docker|virbr|lxcbr|lxdbr|podman|cni|br-")
 """Beginnings of the names of networks within a machine; several machines use the same addresses."""

@@ -6,14 +6,13 @@ import shutil
 import signal
 import subprocess
 import sys
-import sysconfig
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
 from agglom_mpi.doctor.findings import Finding
 from agglom_mpi.formatting import pluralise
-from agglom_mpi.launcher import launched_size
+from agglom_mpi.launcher import find_launcher, launched_size, without_rank_variables
 
 MPI_TIMEOUT: Final = 60.0
 """Time limit for two ranks to connect, s; a busy cluster may take a while."""
@@ -31,8 +30,6 @@ if world.rank == 0:
     print(f"{world.size};{levels[MPI.Query_thread()]};{version}", flush=True)
 """
 """Code that each rank runs: prints size of the world, thread level and library."""
-RANK_PREFIXES: Final = ("OMPI_", "PMI_", "PMIX_", "MPI_", "MV2_", "HYDI_", "PRTE_")
-"""Prefixes of environment variables by which a process knows that it is a rank."""
 
 
 def check_mpi(environment: Mapping[str, str] = os.environ) -> Iterator[Finding]:
@@ -55,12 +52,6 @@ def check_mpi(environment: Mapping[str, str] = os.environ) -> Iterator[Finding]:
     yield _two_ranks(launcher, version, environment)
 
 
-def find_launcher(environment: Mapping[str, str]) -> str | None:
-    """Return the path of mpirun; that of this virtual environment comes last."""
-    folders = environment.get("PATH", os.defpath), sysconfig.get_path("scripts")
-    return shutil.which("mpirun", path=os.pathsep.join(folders))
-
-
 def _two_ranks(launcher: str, version: str, environment: Mapping[str, str]) -> Finding:
     output = _output_of([launcher, "-n", "2", sys.executable, "-c", MPI_PROBE], environment)
     if not _is_probe_output(output):
@@ -76,13 +67,10 @@ def _two_ranks(launcher: str, version: str, environment: Mapping[str, str]) -> F
 
 
 def _output_of(words: list[str], environment: Mapping[str, str]) -> str:
-    clean = {k: v for k, v in environment.items() if not k.startswith(RANK_PREFIXES)}
-    kept = {k: v for k, v in environment.items() if k.startswith(("OMPI_MCA_", "OMPI_ALLOW"))}
-    kept |= {k: v for k, v in environment.items() if k.startswith("PRTE_MCA_")}
     try:
         done = subprocess.run(
             words,
-            env=clean | kept,
+            env=without_rank_variables(environment),
             stdin=subprocess.DEVNULL,
             capture_output=True,
             text=True,

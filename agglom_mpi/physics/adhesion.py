@@ -49,7 +49,7 @@ TABOR: Final = Group(
 )
 
 JKR: Final = 5.0
-"""Tabor number from which the JKR theory applies  [JG]."""
+"""Lowest Tabor number of contacts that the JKR theory describes  [JG]."""
 HYSTERESIS: Final = 1.0
 """Tabor number below which contacts are made and broken without a jump, so that elastic ones lose
 nothing  [G]."""

@@ -60,7 +60,7 @@ class ElasticPlasticRestitution(Restitution):
     Attributes
     ----------
     yield_pressure
-        Mean pressure of a contact p_y from which it flows.
+        Mean pressure p_y at which a contact begins to flow.
     yield_stress
         Yield stress of the material, in place of `yield_pressure`.
     """

@@ -97,7 +97,7 @@ class ViscoelasticRestitution(Restitution):
 
 
 class MeasuredViscoelasticRestitution(Restitution):
-    """e(w) of viscoelastic spheres of which one restitution was measured.
+    """e(w) of viscoelastic spheres, by one measured restitution.
 
     `restitution` at `speed`, of two equal spheres of `radius` and of the material of the grains;
     other speeds and sizes follow, as v*² ∝ (√R*/m* √w)^⅖ for one material.

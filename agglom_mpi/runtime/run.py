@@ -119,17 +119,21 @@ def run_this_rank(
             end_job(world, error.exit_code)
         return error.exit_code
     except BaseException as error:
-        if world is None:
-            raise
-        if isinstance(error, KeyboardInterrupt):
-            print("interrupted; run the same command again to continue", file=sys.stderr)
-        else:
-            text = exhausted(error)
-            shown = f" {text}" if text else f"\n{printable(traceback.format_exc())}"
-            print(f"rank {world.rank}:{shown}", file=sys.stderr)
-        sys.stderr.flush()
-        end_job(world, STOPPED if isinstance(error, KeyboardInterrupt) else FAILURE)
+        if world is not None:
+            end_job_by(error, world)
         raise
+
+
+def end_job_by(error: BaseException, world: "Intracomm") -> None:
+    """Show the error that is being handled, with this rank, and end all ranks."""
+    if isinstance(error, KeyboardInterrupt):
+        print("interrupted; run the same command again to continue", file=sys.stderr)
+    else:
+        text = exhausted(error)
+        shown = f" {text}" if text else f"\n{printable(traceback.format_exc())}"
+        print(f"rank {world.rank}:{shown}", file=sys.stderr)
+    sys.stderr.flush()
+    end_job(world, STOPPED if isinstance(error, KeyboardInterrupt) else FAILURE)
 
 
 def run_worker(world: "Intracomm") -> int:

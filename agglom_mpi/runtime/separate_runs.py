@@ -3,9 +3,7 @@
 Nothing is sent while they run, but a request to stop, from rank 0 to all.
 """
 
-import sys
 import time
-import traceback
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
@@ -14,18 +12,15 @@ import numpy as np
 from agglom_mpi.display.run_display import Display
 from agglom_mpi.errors import (
     BAD_INPUT,
-    FAILURE,
     FINISHED,
     STOPPED,
     UserError,
     error_text,
-    exhausted,
 )
-from agglom_mpi.formatting import printable
 from agglom_mpi.runtime.launcher_watch import LauncherWatch
 from agglom_mpi.runtime.leg import RunRequest, wait
 from agglom_mpi.runtime.programs import MixedJobError, check_programs
-from agglom_mpi.runtime.run import end_job, run_this_rank
+from agglom_mpi.runtime.run import end_job, end_job_by, run_this_rank
 from agglom_mpi.runtime.stop_request import StopRequest
 
 if TYPE_CHECKING:
@@ -111,10 +106,9 @@ def shared(
         code = error.exit_code if isinstance(error, UserError) else BAD_INPUT
         if isinstance(error, MixedJobError) and world is not None:
             end_job(world, code)
-    except BaseException:
+    except BaseException as error:
         if world is not None:
-            traceback.print_exc()
-            end_job(world, FAILURE)
+            end_job_by(error, world)
         raise
     if world is not None:
         world.bcast((code, found), root=0)
@@ -156,10 +150,7 @@ def run_separately(
         code = _run_own(requests[own.rank :: own.size], run, stop)
         code = _worst_of_all(code, stop, own)
     except BaseException as error:
-        text = exhausted(error)
-        shown = f" {text}" if text else f"\n{printable(traceback.format_exc())}"
-        print(f"rank {world.rank}:{shown}", file=sys.stderr, flush=True)
-        end_job(world, STOPPED if isinstance(error, KeyboardInterrupt) else FAILURE)
+        end_job_by(error, world)
         raise
     watch.end(code)
     own.Free()

@@ -1,8 +1,10 @@
 """Signals, walltime and other reasons to stop a run."""
 
 import signal
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from types import FrameType
 from typing import Final
 
@@ -34,9 +36,13 @@ class StopRequest:
         self._deadline = None if max_walltime is None else time.monotonic() + max_walltime
 
     def listen(self) -> None:
-        """Take the signals INT, TERM and USR1 as requests to stop, and HUP unless under nohup."""
-        for number in _signals():
-            signal.signal(number, self._on_signal)
+        """Take the signals INT, TERM and USR1 as requests to stop, and HUP unless under nohup.
+
+        Other threads than the main one get no signals, and do not listen.
+        """
+        if _gets_signals():
+            for number in stop_signals():
+                signal.signal(number, self._on_signal)
 
     def request(self, reason: str) -> None:
         """Ask for a stop, from any thread."""
@@ -52,9 +58,12 @@ class StopRequest:
     def do_unless_stopped(self, work: Callable[[], object]) -> None:
         """Do work that cannot ask for the reason; a stop breaks it off, wherever it is.
 
-        Only the main thread may call this, as it may `listen`.
+        In another thread than the main one nothing breaks it off.
         """
         if self.reason:
+            return
+        if not _gets_signals():
+            work()
             return
         previous = signal.signal(signal.SIGALRM, self._on_signal)
         if self._deadline is not None:
@@ -90,7 +99,7 @@ class StopRequest:
 
 def interrupt_on_signals() -> None:
     """Let these signals raise KeyboardInterrupt, as INT does, until there is something to stop."""
-    for number in _signals():
+    for number in stop_signals():
         signal.signal(number, signal.default_int_handler)
 
 
@@ -100,11 +109,27 @@ def ignore_signals() -> None:
     So does a rank other than 0: rank 0 gets them too, and stops the others. So does a process at
     its end: Python takes its handlers away then, and a signal would kill it.
     """
-    for number in _signals():
+    for number in stop_signals():
         signal.signal(number, signal.SIG_IGN)
 
 
-def _signals() -> list[signal.Signals]:
+@contextmanager
+def handlers_kept() -> Iterator[None]:
+    """Put the handlers of these signals back at the end, where this thread may set them."""
+    handlers = {number: signal.getsignal(number) for number in stop_signals()}
+    try:
+        yield
+    finally:
+        if _gets_signals():
+            for number, handler in handlers.items():
+                signal.signal(number, handler)
+
+
+def _gets_signals() -> bool:
+    return threading.current_thread() is threading.main_thread()
+
+
+def stop_signals() -> list[signal.Signals]:
     """Return the signals that ask for a stop; a HUP that is ignored already, as nohup does, not."""
     found = [signal.SIGINT, signal.SIGTERM, signal.SIGUSR1]
     if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:

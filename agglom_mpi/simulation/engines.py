@@ -32,6 +32,11 @@ class Engine(Law):
         """Return the engine with another number of steps; None if it has none to choose."""
         return None
 
+    @property
+    def shortest_step(self) -> float | None:
+        """Shortest time step in s where steps differ; None where they are equal, or absent."""
+        return None
+
 
 class EventDriven(Engine):
     """Collisions at exact times, without time steps.
@@ -97,6 +102,11 @@ class AdaptiveSteps(Engine):
     law: Literal["adaptive"] = "adaptive"
     floor: Annotated[float, In("s", above=0)] = 1e-6
     ceiling: Annotated[float, In("s", above=0)] = 1e-3
+
+    @property
+    def shortest_step(self) -> float:
+        """The `floor`."""
+        return self.floor
 
     @property
     def summary(self) -> str:

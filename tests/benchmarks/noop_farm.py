@@ -21,7 +21,7 @@ from agglom_mpi.search.decisions import Progress
 
 STRINGS, SAMPLES, NUMBERS = 20, 10**9, 10
 NO_TIME = 1e-9
-"""What the scheduler is told that a sample takes, s; 0 would mean that it is not known."""
+"""Time of a sample as the scheduler gets it, s; 0 would mean that it is not known."""
 
 
 class Nothing(SampleTask):
