@@ -1,6 +1,5 @@
 """Campaigns on two hosts, by each launcher: where a rank is changes nothing, nor does its end."""
 
-import shutil
 import time
 
 import pytest
@@ -48,8 +47,7 @@ def compiled_on(host):
 def test_kernels_compile_once_on_a_host_whose_home_is_read_only(launch, tmp_path, shared_campaign):
     """The first host has kernels, mostly: all tests that run in this process share them."""
     second = launch.hosts.second
-    for kernels in (second.local / "tmp").glob("agglom_mpi-*"):
-        shutil.rmtree(kernels)
+    second.forget_kernels()
     second.close_home()
     folder = inject(tmp_path / "counting", COUNTS_COMPILATIONS)
     for host in launch.hosts:

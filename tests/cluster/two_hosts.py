@@ -173,6 +173,12 @@ class Host:
         path.write_text(RUN.format(variables=" ".join(told)))
         path.chmod(0o755)
 
+    def forget_kernels(self):
+        """Remove the kernels that other tests have compiled on this host, wherever they are."""
+        for folder in (self.local / "home", self.local / "tmp"):
+            for path in folder.iterdir():
+                shutil.rmtree(path) if path.is_dir() else path.unlink()
+
     def close_home(self):
         """Let nobody write to the home of this host, until it is renewed."""
         home = self._folder / "local" / "home"
