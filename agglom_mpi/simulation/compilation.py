@@ -24,7 +24,8 @@ from agglom_mpi.compilation.kernels import cache_folder, code_key, compile_ahead
 from agglom_mpi.compilation.stages import law_of, laws_in
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.physics.pair import ContactPair
-from agglom_mpi.simulation import initial_state, sample_kernels, sample_range, trajectory
+from agglom_mpi.simulation import census, initial_state, sample_kernels, sample_range, trajectory
+from agglom_mpi.simulation.census import EXAMPLE_LAYOUT
 from agglom_mpi.simulation.event_driven.prefetching import new_winners
 from agglom_mpi.simulation.event_driven.state import rebuild
 from agglom_mpi.simulation.impact import solve_impact
@@ -33,6 +34,7 @@ from agglom_mpi.simulation.particles import new_particles
 from agglom_mpi.simulation.sample_draws import new_draws
 from agglom_mpi.simulation.sample_range import new_results, new_watch, simulate_range
 from agglom_mpi.simulation.sample_room import (
+    CENSUS,
     ENGINE,
     MEASUREMENT,
     PLACEMENT,
@@ -45,8 +47,9 @@ from agglom_mpi.simulation.stream_states import STATE_WORDS, fill_states
 
 RANGE: Final = "sequence"
 FRAMES: Final = "frames"
-"""Kernels of a scene; `RANGE` calls the first three for one sample after another, the last one is
-for frames at set times."""
+COUNTED_RANGE: Final = "sequence with censuses"
+"""Kernels of a scene; `RANGE` calls the first three for one sample after another, `FRAMES` is for
+frames at set times."""
 
 STREAMS: Final = "streams"
 """Kernel that seeds random generators, one for all scenes."""
@@ -78,17 +81,25 @@ def kind_of(scene: Scene) -> str:
     return " ".join([*names, "prefetching"] if prefetches else names)
 
 
-def is_compiled(scene: Scene, frames: bool = False) -> bool:
+def is_compiled(scene: Scene, frames: bool = False, counts: bool = False) -> bool:
     """Return whether the kernels of a kind of scene were compiled before on this kind of machine.
 
-    With `frames`, that of frames at set times, too.
+    With `frames` that of frames at set times, with `counts` those of censuses, too.
     """
-    kinds = [_ALL, FRAMES] if frames else [_ALL]
+    kinds = [_ALL, *_further(frames, counts)]
     return not runs_compiled() or all(mark_of(scene, what).exists() for what in kinds)
 
 
+def _further(frames: bool, counts: bool) -> list[str]:
+    """Return the names of the kernels that not every sample needs."""
+    return [*([FRAMES] if frames else []), *([CENSUS, COUNTED_RANGE] if counts else [])]
+
+
 def compile_kernels(
-    scene: Scene, frames: bool = False, show: Callable[[str], None] = LOG.info
+    scene: Scene,
+    frames: bool = False,
+    show: Callable[[str], None] = LOG.info,
+    counts: bool = False,
 ) -> float:
     """Compile the kernels of a kind of scene, or load them from the cache.
 
@@ -101,6 +112,8 @@ def compile_kernels(
     show
         Called with a line on what is being compiled, where there is something; by default it goes
         to `LOG`.
+    counts
+        Whether censuses of samples will be taken.
 
     Returns
     -------
@@ -110,8 +123,10 @@ def compile_kernels(
     if not runs_compiled():
         return 0.0
     begin, together, compiled = time.perf_counter(), not is_compiled(scene), False
-    names = [PLACEMENT, MEASUREMENT, RANGE, ENGINE, *([FRAMES] if frames else [])]
-    is_new = {name: not is_compiled(scene, name == FRAMES) for name in names}
+    further = _further(frames, counts)
+    names = [PLACEMENT, MEASUREMENT, RANGE, ENGINE, *further]
+    is_new = {name: together or not mark_of(scene, name).exists() for name in further}
+    is_new = dict.fromkeys(names, together) | is_new
     if new := [name for name in names if is_new[name]]:
         show(f"compiling {pluralise(len(new), 'kernel')} of a new kind of scene: {', '.join(new)}")
     with engine_compiled_elsewhere(scene) if together else nullcontext(_nothing) as finish:
@@ -121,7 +136,7 @@ def compile_kernels(
             compiled |= _compile(name, scene)
             if is_new.get(name):
                 show(f"{name} compiled, {time.perf_counter() - begin:.0f} s")
-    for what in [_ALL, FRAMES] if frames else [_ALL]:
+    for what in [_ALL, *further]:
         with suppress(OSError):  # a cache that is full may be read-only
             mark_of(scene, what).touch()
     # What was compiled before may be missing from the cache, or be damaged.
@@ -143,17 +158,17 @@ def _compile(name: str, scene: Scene) -> bool:
         raise
 
 
-def ensure_compiled(scene: Scene, frames: bool = False) -> None:
+def ensure_compiled(scene: Scene, frames: bool = False, counts: bool = False) -> None:
     """Compile the kernels of a kind of scene where they are not in the cache, and log it."""
-    kind = kind_of(scene), frames
+    kind = kind_of(scene), frames, counts
     if kind not in READY:
-        if not is_compiled(scene, frames):
-            compile_kernels(scene, frames)
+        if not is_compiled(scene, frames, counts):
+            compile_kernels(scene, frames, counts=counts)
         READY.add(kind)
 
 
-READY: Final[set[tuple[str, bool]]] = set()
-"""Kinds of scenes, and whether with frames, that this process has found compiled."""
+READY: Final[set[tuple[str, bool, bool]]] = set()
+"""Kinds of scenes, whether with frames and with censuses, that this process has found compiled."""
 
 
 def _called(scene: Scene) -> list[str]:
@@ -168,7 +183,8 @@ def _example(name: str, scene: Scene) -> tuple[Any, tuple[Any, ...]]:
         return fill_states, (words, np.uint64(0), states)
     count, scene = scene.particles, without_law(scene._replace(particles=1))
     state = new_engine_state(scene.engine, scene, 1)
-    room = new_room(scene, state, new_particles(scene, 1))
+    observer = trajectory.new_observer(scene, 1) if name in (CENSUS, COUNTED_RANGE) else None
+    room = new_room(scene, state, new_particles(scene, 1), observer)
     if law_of(scene.engine).uses_linked_cells:
         room = room._replace(engine_state=room.engine_state._replace(winners=new_winners(count)))
     if name == CONTACT:
@@ -179,10 +195,11 @@ def _example(name: str, scene: Scene) -> tuple[Any, tuple[Any, ...]]:
         observer = trajectory.new_observer(scene, 1)
         shown = scene, room.particles, room.engine_state, observer, scene.end_time
         return trajectory.observe_particles, shown
-    if name == RANGE:
+    if name in (RANGE, COUNTED_RANGE):
         watch = new_watch(np.zeros(1, np.uint8))
         random = np.random.default_rng()
-        return simulate_range, (scene, room, random, new_draws(), watch, new_results(1))
+        results = new_results(1, EXAMPLE_LAYOUT if name == COUNTED_RANGE else None)
+        return simulate_range, (scene, room, random, new_draws(), watch, results)
     return called_kernels(scene, room)[name]
 
 
@@ -249,7 +266,7 @@ def mark_of(scene: Scene, what: str) -> Path:
     """Return the file that says that kernels of a kind of scene were compiled."""
     sources = [
         Path(str(module.__file__))
-        for module in (initial_state, sample_kernels, sample_range, trajectory)
+        for module in (census, initial_state, sample_kernels, sample_range, trajectory)
     ]
     text = f"{code_key(sources)} {kind_of(scene)} {what}"
     return cache_folder() / f"{hashlib.sha256(text.encode()).hexdigest()}.compiled"

@@ -12,6 +12,7 @@ from agglom_mpi.formatting import pluralise
 from agglom_mpi.outcome import FinalParticles
 from agglom_mpi.physics.size_distributions import draw_radii
 from agglom_mpi.public_face import PublicFace
+from agglom_mpi.simulation.census import CensusRoom
 from agglom_mpi.simulation.frames import Frames
 from agglom_mpi.simulation.initial_state import DifferentSizes, EqualSizes, scatter
 from agglom_mpi.simulation.particles import (
@@ -121,6 +122,7 @@ def simulate_scene(
     random: np.random.Generator,
     abort: npt.NDArray[np.uint8] | None = None,
     frames: Frames | None = None,
+    census: CensusRoom | None = None,
 ) -> tuple[Any, Any]:
     """Run one sample; return its `OUTCOME` record and its final `Particles`.
 
@@ -134,6 +136,8 @@ def simulate_scene(
         Shape (1,); another thread ends the run early by setting it to 1.
     frames
         Filled if given; from `new_frames` for the scene's number of grains.
+    census
+        Filled if given and no frames are; from `new_census_room` for one sample.
 
     `final_particles` makes arrays of SI values of the particles.
     """
@@ -142,9 +146,10 @@ def simulate_scene(
     if frames is not None:
         return _with_frames(scene, random, particles, abort, frames), particles
     prepared = prepared_scene(scene)
-    room = kept_room(prepared, particles)
+    room = kept_room(prepared, particles, census is not None)
     draws = with_sizes(new_draws(), [drawn_sizes(scene, random)])
-    simulate_range(prepared.scene, room, random, draws, new_watch(abort), new_results(1))
+    results = new_results(1)._replace(census=census)
+    simulate_range(prepared.scene, room, random, draws, new_watch(abort), results)
     return room.record.copy()[0], particles
 
 
@@ -195,7 +200,7 @@ def simulate_samples(
     draws, count = draws_of(scene, stream, words, first, len(results.records))
     results = results._replace(records=results.records[:count])
     prepared = prepared_scene(scene)
-    room = kept_room(prepared)
+    room = kept_room(prepared, counts=results.census is not None)
     cut: bool = simulate_range(prepared.scene, room, stream.random, draws, watch, results)
     return cut
 

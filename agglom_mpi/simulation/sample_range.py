@@ -20,20 +20,29 @@ from agglom_mpi.compilation.kernel_calls import (
 )
 from agglom_mpi.compilation.kernels import kernel
 from agglom_mpi.compilation.stages import inlined
+from agglom_mpi.simulation.census import (
+    CensusLayout,
+    CensusRoom,
+    count_last,
+    new_census_room,
+    take_census,
+)
 from agglom_mpi.simulation.initial_state import DifferentSizes, EqualSizes, scatter
 from agglom_mpi.simulation.particles import set_position, set_velocity
 from agglom_mpi.simulation.sample_kernels import measure_sample, run_engine
-from agglom_mpi.simulation.sample_room import CALLED, ENGINE, MEASUREMENT, PLACEMENT
+from agglom_mpi.simulation.sample_room import CALLED, CENSUS, ENGINE, MEASUREMENT, PLACEMENT
 from agglom_mpi.simulation.scene import is_aborted
 from agglom_mpi.simulation.stream_states import STATE_WORDS
 
 _PLACEMENT: Final = CALLED.index(PLACEMENT)
 _ENGINE: Final = CALLED.index(ENGINE)
 _MEASUREMENT: Final = CALLED.index(MEASUREMENT)
+_CENSUS: Final = CALLED.index(CENSUS)
 
 call_placement: Final[Any] = kernel_call(scatter, bool)
 call_engine: Final[Any] = kernel_call(run_engine, float)
 call_measurement: Final[Any] = kernel_call(measure_sample, None)
+call_census: Final[Any] = kernel_call(take_census, None)
 
 MAX_SECONDS: Final = 0
 BUDGET: Final = 1
@@ -76,11 +85,14 @@ class SampleResults(NamedTuple):
         `TIMES` of each, shape (n,).
     finished
         Number of samples that are finished, shape (1,).
+    census
+        Their censuses; None where none are taken. Those of a sample that failed have no meaning.
     """
 
     records: NDArray[Any]
     times: NDArray[Any]
     finished: NDArray[np.int64]
+    census: CensusRoom | None = None
 
 
 def new_watch(
@@ -94,10 +106,14 @@ def new_watch(
     return Watch(abort, begun, np.array([max_seconds, budget]), CLOCKS)
 
 
-def new_results(count: int) -> SampleResults:
-    """Return room for the results of `count` samples, none of them finished."""
+def new_results(count: int, layout: CensusLayout | None = None) -> SampleResults:
+    """Return room for the results of `count` samples, none of them finished.
+
+    With a `layout`, for their censuses, too.
+    """
     records, times = np.zeros(count, result.OUTCOME), np.zeros(count, TIMES)
-    return SampleResults(records, times, np.zeros(1, np.int64))
+    census = None if layout is None else new_census_room(layout, count)
+    return SampleResults(records, times, np.zeros(1, np.int64), census)
 
 
 @kernel
@@ -125,7 +141,7 @@ def simulate_range(scene, room, random, draws, watch, results):
                 draws.words[i] = draws.states[k, i]
         room.record[0] = results.records[k]  # without a result
         room.record[0]["state"] = result.FAILED
-        simulate_one(scene, room, random, draws, k, watch.abort)
+        simulate_one(scene, room, random, draws, results.census, k, watch.abort)
         begun, begun_processor = now, processor
         now = read_clock(watch.clocks[WALL], room.timespec)
         processor = read_clock(watch.clocks[PROCESSOR], room.timespec)
@@ -143,7 +159,7 @@ def simulate_range(scene, room, random, draws, watch, results):
 
 
 @inlined
-def simulate_one(scene, room, random, draws, k, abort):
+def simulate_one(scene, room, random, draws, census, k, abort):
     """Simulate sample k of a range; its result is in `room.record`."""
     reset(room, scene.particles)
     record = room.record[0]
@@ -152,11 +168,36 @@ def simulate_one(scene, room, random, draws, k, abort):
         return
     put_grains(room.particles, room.placed, room.velocity)
     particles, ledger, initial = room.particles, room.ledger, room.initial
-    run = (scene, particles, ledger, room.engine_state, initial, scene.end_time, abort)
-    end = call_engine(room.callees[_ENGINE], run)
+    end = run_to_end(census, scene, room, k, abort)
     call_measurement(
         room.callees[_MEASUREMENT], (scene, particles, ledger, initial, end, room.record)
     )
+    if census is not None:
+        count_last(scene, particles, census, k)
+
+
+@inlined
+def run_to_end(census, scene, room, k, abort):
+    """Run the grains of sample k to the scene's end, with its censuses before that.
+
+    Returns the time reached in s.
+    """
+    state = room.engine_state, room.initial
+    run = (scene, room.particles, room.ledger, *state, scene.end_time, abort)
+    if census is None:
+        return call_engine(room.callees[_ENGINE], run)
+    else:  # noqa: RET505  (types decide this one when it is compiled)
+        for t in range(len(census.times)):
+            time = census.times[t]
+            if time >= scene.end_time:
+                break
+            part = (scene, room.particles, room.ledger, *state, time, abort)
+            reached = call_engine(room.callees[_ENGINE], part)
+            if reached < time or is_aborted(abort):
+                return reached
+            counted = (scene, room.particles, room.engine_state, room.observer, room.initial)
+            call_census(room.callees[_CENSUS], (*counted, census, k, t))
+        return call_engine(room.callees[_ENGINE], run)
 
 
 @inlined

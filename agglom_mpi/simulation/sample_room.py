@@ -8,18 +8,21 @@ from numpy.typing import NDArray
 
 from agglom_mpi.compilation.kernel_calls import CALLEE, callee_of
 from agglom_mpi.outcome import OUTCOME
+from agglom_mpi.simulation.census import EXAMPLE_LAYOUT, new_census_room, take_census
 from agglom_mpi.simulation.initial_state import DifferentSizes, EqualSizes, scatter
 from agglom_mpi.simulation.particles import Ledger, Particles, new_ledger, new_particles
 from agglom_mpi.simulation.sample_kernels import INITIAL, measure_sample, run_engine
 from agglom_mpi.simulation.scene import Scene, new_engine_state
+from agglom_mpi.simulation.trajectory import Observer, new_observer
 
 PLACEMENT: Final = "placement"
 MEASUREMENT: Final = "measurement"
 ENGINE: Final = "engine"
-"""Names of the kernels of a sample."""
+CENSUS: Final = "census"
+"""Names of the kernels of a sample; `CENSUS` only where censuses are taken."""
 
-CALLED: Final = (PLACEMENT, ENGINE, MEASUREMENT)
-"""The kernels in `Room.callees`, in the order of a sample."""
+CALLED: Final = (PLACEMENT, ENGINE, MEASUREMENT, CENSUS)
+"""The kernels in `Room.callees`."""
 
 
 class Room(NamedTuple):
@@ -38,7 +41,9 @@ class Room(NamedTuple):
     timespec
         Answer of a clock, shape (2,).
     callees
-        Kernels of a sample, `CALLEE`, shape (3,).
+        Kernels of a sample, `CALLEE`, shape (4,).
+    observer
+        Copies of the particles of which censuses are taken; None where there are none.
     """
 
     particles: Particles
@@ -51,9 +56,12 @@ class Room(NamedTuple):
     record: NDArray[Any]
     timespec: NDArray[np.int64]
     callees: NDArray[Any]
+    observer: Observer | None = None
 
 
-def new_room(scene: Scene, engine_state: Any, particles: Particles) -> Room:
+def new_room(
+    scene: Scene, engine_state: Any, particles: Particles, observer: Observer | None = None
+) -> Room:
     """Return room for the samples of a scene; `engine_state` from `new_engine_state`."""
     return Room(
         particles,
@@ -66,6 +74,7 @@ def new_room(scene: Scene, engine_state: Any, particles: Particles) -> Room:
         np.zeros(1, OUTCOME),
         np.zeros(2, np.int64),
         np.zeros(len(CALLED), CALLEE),
+        observer,
     )
 
 
@@ -103,11 +112,15 @@ def called_kernels(scene: Scene, room: Room) -> dict[str, tuple[Any, tuple[Any, 
         sizes = DifferentSizes(np.full(1, scene.radius), scene.radius)
     laws, vectors = (scene.escape, scene.velocities), (room.placed, room.velocity)
     state = room.particles, room.ledger
-    return {
+    kernels = {
         PLACEMENT: (scatter, (*laws, random, sizes, scene.half_width, *vectors, abort)),
         ENGINE: (run_engine, (scene, *state, room.engine_state, room.initial, end, abort)),
         MEASUREMENT: (measure_sample, (scene, *state, room.initial, end, room.record)),
     }
+    if room.observer is not None:
+        counted = scene, room.particles, room.engine_state, room.observer, room.initial
+        kernels[CENSUS] = take_census, (*counted, new_census_room(EXAMPLE_LAYOUT, 1), 0, 0)
+    return kernels
 
 
 _kept = threading.local()
@@ -159,7 +172,9 @@ def prepared_scene(scene: Scene) -> PreparedScene:
     return prepared
 
 
-def kept_room(prepared: PreparedScene, particles: Particles | None = None) -> Room:
+def kept_room(
+    prepared: PreparedScene, particles: Particles | None = None, counts: bool = False
+) -> Room:
     """Return the room of this thread's last samples for those of a scene, or a new one.
 
     Parameters
@@ -168,14 +183,19 @@ def kept_room(prepared: PreparedScene, particles: Particles | None = None) -> Ro
         The scene.
     particles
         Those to simulate with, which the caller keeps; by default those of the samples before.
+    counts
+        Whether censuses are taken.
     """
     scene, kind, template = prepared
+    kind = *kind, counts
     if getattr(_kept, "kind", None) != kind:
         _kept.kind, _kept.particles = None, None
         state, none = kept_engine_state(scene, capacity_of(scene)), new_particles(scene, 0)
-        room = new_room(scene, state, none)
-        kernels = called_kernels(scene, room)
-        callees = np.array([callee_of(*kernels[name]) for name in CALLED])
+        observer = new_observer(scene, capacity_of(scene)) if counts else None
+        room = new_room(scene, state, none, observer)
+        callees = np.zeros(len(CALLED), CALLEE)
+        for name, (called, arguments) in called_kernels(scene, room).items():
+            callees[CALLED.index(name)] = callee_of(called, arguments)
         _kept.room, _kept.kind = room._replace(callees=callees), kind
     if particles is None:
         if _kept.particles is None:
