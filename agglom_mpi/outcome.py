@@ -156,6 +156,8 @@ class SampleSummary(NamedTuple):
     """Objective of this sample alone; nan where it was not computed."""
     quantities: tuple[float, ...] = ()
     """Quantities that the objective's function returned, in the order of their columns."""
+    census: Any = None
+    """Values of the columns of its censuses; None where they are not needed."""
 
 
 def summaries(rows: npt.NDArray[np.void], quantities: Sequence[str] = ()) -> list[SampleSummary]:

@@ -198,8 +198,8 @@ class Study(Experiment):
         """Sizes of the tables: one generation of all set-ups."""
         count = len(self._by_string)
         samples = max(setup.samples for setup in self._by_string)
-        quantities = self.campaign.objective.quantity_units
-        return TableSizes(count, samples, 1, count, quantities=quantities)
+        quantities, census = self.campaign.objective.quantity_units, self.campaign.census
+        return TableSizes(count, samples, 1, count, quantities=quantities, census=census)
 
     @property
     def largest(self) -> str:

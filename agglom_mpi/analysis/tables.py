@@ -10,6 +10,7 @@ from agglom_mpi.analysis.estimates import Estimate, estimates_of
 from agglom_mpi.analysis.quantity_means import quantity_table
 from agglom_mpi.analysis.ranking import order_by_estimates, search_order
 from agglom_mpi.errors import require_library
+from agglom_mpi.measurements.layout import CENSUS_COLUMNS
 from agglom_mpi.outcome import REASONS
 from agglom_mpi.search.proposals import ORIGINS
 from agglom_mpi.storage.schema import (
@@ -106,7 +107,7 @@ def samples(data: "CampaignData") -> "pd.DataFrame":
     Temperatures are nan where the scene has none.
     """
     rows, used, fresh_from = data.all_sample_rows(), data.samples_used, data.fresh_from
-    frame = _columns(_pandas(), rows, without={"state", "reason"})
+    frame = _columns(_pandas(), rows, without={"state", "reason", *CENSUS_COLUMNS})
     limits = np.array([used.get(string, 0) for string in rows["string"].tolist()], dtype=int)
     frame.insert(2, "state", _texts(rows["state"], STATES))
     frame.insert(3, "used", rows["sample"] < limits)

@@ -30,6 +30,7 @@ _PACKAGE: Final = Path(__file__).parents[1]
 _KERNEL_SOURCES: Final = (
     "compilation/*.py",
     "declaration/*.py",
+    "measurements/layout.py",
     "outcome.py",
     "physics/*.py",
     "search/mean_paths.py",

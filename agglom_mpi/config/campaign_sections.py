@@ -3,6 +3,7 @@
 import math
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from agglom_mpi.config.bounds import Bounds
+from agglom_mpi.config.census_layout import census_layout
 from agglom_mpi.config.plan import FinalAnswer, Output, Plan, Stopping
 from agglom_mpi.config.relations import NO_RELATIONS, Relations
 from agglom_mpi.config.scene import SceneSection
@@ -20,8 +22,11 @@ from agglom_mpi.config.yaml_source import (
     Problem,
     parse,
 )
+from agglom_mpi.measurements.datum import Datum
+from agglom_mpi.measurements.layout import CensusLayout
 from agglom_mpi.physics import scales
 from agglom_mpi.search.methods.method import SearchMethod
+from agglom_mpi.search.objectives.misfit import MeasuredString
 from agglom_mpi.search.objectives.objective import Objective
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.search.stopping import StoppingRule
@@ -54,6 +59,8 @@ class CampaignSections:
         Derived quantities and constraints.
     volume
         Control volume relative to the box of the file, with as many times the grains.
+    data
+        Measured data, in the order of the file.
     scenes
         The scenes of its strings; see `at`.
     """
@@ -71,6 +78,7 @@ class CampaignSections:
     user_function: UserFunction | None = None
     relations: Relations = NO_RELATIONS
     volume: int = 1
+    data: tuple[Datum, ...] = ()
     scenes: StringScenes = field(init=False)
 
     def __post_init__(self) -> None:
@@ -95,13 +103,24 @@ class CampaignSections:
 
         In a larger control volume it is that of the campaign's own number of grains.
         """
-        if not self.scenes.sizes_differ:
+        needs_data = self.objective.needs_data
+        if not (self.scenes.sizes_differ or needs_data):
             return self.objective
         try:
-            grains = self.at(string).section.equivalent_grains / self.volume
+            section, values = self.at(string)
         except ValueError:  # a law refuses the string, none of whose samples completes
             return self.objective
-        return self.objective.of_grains(grains)
+        objective = self.objective.of_grains(section.equivalent_grains / self.volume)
+        if not needs_data or self.census is None:
+            return objective
+        diameter = 2.0 * scales.grain_radius(section, values)
+        known = diameter, values["density"], section.particles
+        return objective.of_string(MeasuredString(self.data, self.census, *known))
+
+    @cached_property
+    def census(self) -> CensusLayout | None:
+        """When samples are counted by size, and in which classes; None without data."""
+        return census_layout(self)
 
     @property
     def search(self) -> SearchMethod:

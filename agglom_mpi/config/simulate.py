@@ -18,6 +18,7 @@ from agglom_mpi.config.user_function import (
 from agglom_mpi.errors import named_error
 from agglom_mpi.outcome import FinalParticles, final_particles
 from agglom_mpi.random_streams import sample_key, sample_stream
+from agglom_mpi.simulation.census import census_values, new_census_room
 from agglom_mpi.simulation.compilation import ensure_compiled
 from agglom_mpi.simulation.finished import finished_sample
 from agglom_mpi.simulation.frames import new_frames, without_temperatures
@@ -60,9 +61,11 @@ def simulate(
     scene = campaign.at(vector).build(engine)
     frames = None if times is None else new_frames(times, scene.particles)
     random = random_numbers(campaign, vector, sample)
-    ensure_compiled(scene, frames is not None)
+    layout = campaign.census if frames is None else None
+    census = None if layout is None else new_census_room(layout, 1)
+    ensure_compiled(scene, frames is not None, census is not None)
     stopwatch = Stopwatch()
-    record, particles = simulate_scene(scene, random, frames=frames)
+    record, particles = simulate_scene(scene, random, frames=frames, census=census)
     spent = stopwatch.read()
     if record["state"] != result.COMPLETED:
         raise RuntimeError(f"sample {sample} failed: {result.REASONS[record['reason']]}")
@@ -94,6 +97,9 @@ def simulate(
         record=record,
         final=final,
         frames=frames,
+        census=None
+        if census is None
+        else tuple(each[0] for each in census_values(census).values()),
     )
 
 

@@ -252,7 +252,10 @@ def poll_costs(
         file = prepare(path, experiment, accept_code_change=False)
         with CampaignWriter(path) as writer:
             coordinator = Coordinator(experiment, file, writer, _Unseen())
-            inversion, dtype = coordinator.inversion, samples_schema(file.quantities).dtype
+            inversion, dtype = (
+                coordinator.inversion,
+                samples_schema(file.quantities, file.census).dtype,
+            )
             coordinator.replay(StopRequest())
             pool = InstantRanks(workload, inversion, dtype, ranks, drawn)
             coordinator.run(cast(WorkerPool, pool), _Limit(inversion, pool))

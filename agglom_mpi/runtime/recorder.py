@@ -159,7 +159,9 @@ class RunRecorder:
         self._listener = listener
         self._top = top
         self._digest = DigestAccumulator(
-            stored.searched_samples, stored.format_version, samples_schema(stored.quantities)
+            stored.searched_samples,
+            stored.format_version,
+            samples_schema(stored.quantities, stored.census),
         )
         self._barrier = WriteOrderBarrier()
         self._strings = set(stored.parameters)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.config.simulate import evaluate_function, random_numbers, stream_key
+from agglom_mpi.measurements.layout import CENSUS_COLUMNS
 from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, FailureReason, final_particles
 from agglom_mpi.random_streams import key_words
 from agglom_mpi.runtime.abort_flag import AbortFlag
@@ -22,6 +23,11 @@ from agglom_mpi.runtime.messages import (
     failed_sample,
 )
 from agglom_mpi.scheduling.interface import MOST_SAMPLES
+from agglom_mpi.simulation.census import (
+    CensusRoom,
+    census_values,
+    new_census_room,
+)
 from agglom_mpi.simulation.compilation import compile_kernels
 from agglom_mpi.simulation.frames import frame_times, new_frames
 from agglom_mpi.simulation.sample import simulate_samples, simulate_scene
@@ -61,6 +67,8 @@ class SampleRunner:
         Largest number of particles of a sample whose particles are stored.
     quantities
         SI units of the quantities that the objective's function returns, by name.
+    census
+        Layout of the censuses of samples; None: none are taken.
     result_dtype
         Type of the results of samples, rows of `/samples`.
     """
@@ -72,7 +80,8 @@ class SampleRunner:
         self.stores_particles = experiment.table_sizes.final_particles
         self.grains = experiment.table_sizes.grains
         self.quantities = dict(experiment.table_sizes.quantities)
-        self.result_dtype = samples_schema(self.quantities).dtype
+        self.census = experiment.table_sizes.census
+        self.result_dtype = samples_schema(self.quantities, self.census).dtype
         self._strings: dict[tuple[int, bytes], StringScene] = {}
 
     def warm_up(self, show: Callable[[str], None] = lambda line: None) -> None:
@@ -82,7 +91,8 @@ class SampleRunner:
         """
         for setup, parameters in self.experiment.kernel_cases():
             scene = scene_of(setup, parameters)
-            compile_kernels(scene, bool(self.experiment.table_sizes.frames), show)
+            frames = bool(self.experiment.table_sizes.frames)
+            compile_kernels(scene, frames, show, counts=self.census is not None)
 
     def begin(self, task: np.void) -> "Task":
         """Return the task of a record of `task_type`, with no sample simulated yet."""
@@ -264,7 +274,11 @@ class SampleTask(Task):
         self._final = None
         number, record = setup.first_sample + sample, self._records[self._done]
         random = random_numbers(setup.campaign, self._parameters, number)
-        self._records[self._done], particles = simulate_scene(scene, random, self._abort_flag.abort)
+        census = None if self._runner.census is None else new_census_room(self._runner.census, 1)
+        self._records[self._done], particles = simulate_scene(
+            scene, random, self._abort_flag.abort, census=census
+        )
+        self._keep_censuses(slice(self._done, self._done + 1), census)
         if record["state"] != COMPLETED or not (stores or code):
             return True
         final = final_particles(scene, particles)
@@ -281,7 +295,8 @@ class SampleTask(Task):
         """Simulate samples by one call of compiled code, as `_simulate`."""
         setup, scene, words = self._string_scene()
         count = min(self._count - self._done, MAX_AT_ONCE, samples_at_once(scene))
-        results, watch = new_results(count), self._abort_flag.watch(seconds)
+        results = new_results(count, self._runner.census)
+        watch = self._abort_flag.watch(seconds)
         self._abort_flag.follow(results.finished)
         try:
             is_cut = simulate_samples(scene, words, setup.first_sample + sample, watch, results)
@@ -301,16 +316,27 @@ class SampleTask(Task):
         times = results.times[:count]
         here = slice(self._done, self._done + count)
         self._records[here], self._times[here] = results.records[:count], times
+        self._keep_censuses(here, results.census)
         self._accounted = TimeSpent(times["seconds"].sum(), times["cpu_seconds"].sum())
         self._done += count
+
+    def _keep_censuses(self, here: slice, census: CensusRoom | None) -> None:
+        """Keep the censuses of samples that did not fail."""
+        if census is None:
+            return
+        rows = self._rows[here]
+        completed = rows["state"] == COMPLETED
+        for name, values in census_values(census).items():
+            rows[name][completed] = values[: len(rows)][completed]
 
     def _keep(self, reason: int, spent: TimeSpent) -> None:
         at = self._done
         if reason:
             self._records[at] = np.zeros((), OUTCOME)
             self._records[at]["state"], self._records[at]["reason"] = FAILED, reason
-            for name in ("objective", *self._runner.quantities):
-                self._rows[name][at] = 0.0
+            counted = () if self._runner.census is None else CENSUS_COLUMNS
+            for name in ("objective", *self._runner.quantities, *counted):
+                self._rows[name][at] = 0
         elif self._final is not None:
             self._finals.append(self._final)
         self._times[at] = *spent, time.time()

@@ -198,12 +198,15 @@ class Ensemble:
 
     def _measure(self, outcome: SampleSummary) -> None:
         ratio, left = outcome.mean_radius_ratio, outcome.particles
-        before = self._last or (self._state() if self._ratio.count else None)
+        asks = self.rule.is_adaptive  # the objective of many samples may take long
+        before = self._last or (self._state() if asks and self._ratio.count else None)
         self._ratio.add(ratio)
         self._objective.add(outcome)
         self._grains.add(self.particles / left)
         if self.rule.needs_moments:
             self._radii.add(left, ratio, outcome.central_moments)
+        if not asks:
+            return
         self._last = self._state()
         if before is not None and self._last.samples >= self.rule.min_samples:
             self._converged = self.rule.satisfied(before, self._last)

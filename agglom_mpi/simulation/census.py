@@ -6,59 +6,20 @@ wide. A class at either end takes what lies beyond it, too.
 """
 
 import math
-from typing import Final, NamedTuple, Self
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.compilation.kernels import kernel
 from agglom_mpi.compilation.stages import inlined
+from agglom_mpi.measurements.layout import CENSUS_COLUMNS, CLASS_WIDTH, CensusLayout
 from agglom_mpi.simulation.measurement import mean_temperature
 from agglom_mpi.simulation.scene import copy_at
 from agglom_mpi.simulation.trajectory import (
     cool_copies,
     return_copies_to_box,
 )
-
-CLASS_WIDTH: Final = math.log(1.02)
-"""Width of a class, in the logarithm of the diameter."""
-
-COUNTS, MASSES, TEMPERATURES = "class_counts", "class_masses", "census_temperatures"
-"""Columns of a sample that hold its censuses."""
-
-
-class CensusLayout(NamedTuple):
-    """When censuses of a sample are taken, and in which classes.
-
-    Attributes
-    ----------
-    times
-        In s, ascending, shape (T,); inf stands for the end of a sample.
-    lower
-        Logarithm of the lower end of the first class, a diameter over twice the mean radius b⁰.
-    classes
-        Their number, B.
-    """
-
-    times: tuple[float, ...]
-    lower: float
-    classes: int
-
-    @classmethod
-    def between(cls, times: tuple[float, ...], smallest: float, largest: float) -> Self:
-        """Return the layout for diameters between two, relative to twice the mean radius b⁰.
-
-        Diameters equal to the smallest one lie in the middle of the first class.
-        """
-        lower = math.log(smallest) - 0.5 * CLASS_WIDTH
-        classes = max(1, math.ceil((math.log(largest) - lower) / CLASS_WIDTH))
-        return cls(times, lower, classes)
-
-    @property
-    def edges(self) -> NDArray[np.float64]:
-        """Ends of the classes, diameters over twice the mean radius b⁰, shape (B + 1,)."""
-        return np.exp(self.lower + CLASS_WIDTH * np.arange(self.classes + 1))
-
 
 EXAMPLE_LAYOUT: Final = CensusLayout((math.inf,), 0.0, 1)
 """A layout, for kernels to be compiled for."""
@@ -77,6 +38,8 @@ class CensusRoom(NamedTuple):
         Particles in each class, shape (n, T, B).
     masses
         Their mass in kg, shape (n, T, B).
+    largest
+        Mass of the largest particle in kg, shape (n, T).
     temperatures
         Mass-weighted mean temperature in K, shape (n, T).
     """
@@ -85,6 +48,7 @@ class CensusRoom(NamedTuple):
     lower: NDArray[np.float64]
     counts: NDArray[np.uint32]
     masses: NDArray[np.float64]
+    largest: NDArray[np.float64]
     temperatures: NDArray[np.float64]
 
 
@@ -97,7 +61,13 @@ def new_census_room(layout: CensusLayout, count: int) -> CensusRoom:
         np.zeros(shape, np.uint32),
         np.zeros(shape),
         np.zeros(shape[:2]),
+        np.zeros(shape[:2]),
     )
+
+
+def census_values(census: CensusRoom) -> dict[str, NDArray[Any]]:
+    """Return the values of the columns of n samples, each (n, …), by name."""
+    return dict(zip(CENSUS_COLUMNS, census[2:], strict=True))
 
 
 @kernel
@@ -140,11 +110,13 @@ def count_classes(scene, particles, census, k, t):
     for b in range(len(counts)):
         counts[b] = 0
         masses[b] = 0.0
-    last = len(counts) - 1
+    last, largest = len(counts) - 1, 0.0
     for i in range(particles.size[0]):
         particle = particles.records[i]
         place = (math.log(particle["radius"] / scene.radius) - census.lower[0]) / CLASS_WIDTH
         b = min(last, max(0, int(place)))
         counts[b] += 1
         masses[b] += particle["mass"]
+        largest = max(largest, particle["mass"])
+    census.largest[k, t] = largest
     census.temperatures[k, t] = mean_temperature(scene, particles)

@@ -80,6 +80,9 @@ class Outcome(metaclass=PublicFace, internal=["measured"]):
     quantities : dict
         What the objective's function returned by name, in SI units; empty where it returns one
         number, nan where its code was not allowed.
+    census : tuple of arrays or None
+        Its censuses, in the order of `CENSUS_COLUMNS`; None where the campaign has no data, or
+        frames were asked for.
     """
 
     mean_radius_ratio: float
@@ -99,6 +102,7 @@ class Outcome(metaclass=PublicFace, internal=["measured"]):
     final: FinalParticles
     frames: Frames | None
     quantities: dict[str, float] = field(default_factory=dict)
+    census: tuple[npt.NDArray[Any], ...] | None = None
 
     def __repr__(self) -> str:
         """Return the numbers in full and arrays in a few words, without record and particles."""
@@ -114,7 +118,7 @@ class Outcome(metaclass=PublicFace, internal=["measured"]):
         """Summary that decisions are based on."""
         [measured] = result.summaries(np.array([self.record], result.OUTCOME))
         returned = tuple(value for _, value in sorted(self.quantities.items()))
-        return measured._replace(objective=self.objective, quantities=returned)
+        return measured._replace(objective=self.objective, quantities=returned, census=self.census)
 
 
 def simulate_scene(

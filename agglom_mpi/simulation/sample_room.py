@@ -186,8 +186,8 @@ def kept_room(
     counts
         Whether censuses are taken.
     """
-    scene, kind, template = prepared
-    kind = *kind, counts
+    scene, _, template = prepared
+    kind = prepared.kind, counts
     if getattr(_kept, "kind", None) != kind:
         _kept.kind, _kept.particles = None, None
         state, none = kept_engine_state(scene, capacity_of(scene)), new_particles(scene, 0)

@@ -72,7 +72,7 @@ def check_digests(report: VerificationReport) -> int:
             results[np.isin(results["string"], ids)],
             samples[slice(*np.searchsorted(samples["string"], [ids[0], ids[-1] + 1]))],
             report.data.format_version,
-            samples_schema(report.data.quantities),
+            samples_schema(report.data.quantities, report.data.census),
         )
         if digest == int(row["digest"]):
             right += 1

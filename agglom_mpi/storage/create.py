@@ -12,6 +12,7 @@ import numpy as np
 from h5py import h5d, h5p, h5s, h5t
 
 from agglom_mpi.storage.access import open_file, refuse_compact
+from agglom_mpi.storage.census_columns import census_attributes
 from agglom_mpi.storage.files import atomic_file, new_file
 from agglom_mpi.storage.room import TableSizes, capacities
 from agglom_mpi.storage.rows import Rows
@@ -120,6 +121,7 @@ def create_campaign_file(
         **variable_attributes(sizes.variables),
         **campaign.own,
         **quantity_attributes(sizes.quantities),
+        **census_attributes(sizes.census),
         **volume_attributes(sizes.volumes),
     }
     with atomic_file(path) as temporary, new_file(temporary) as (file, _):

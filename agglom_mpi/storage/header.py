@@ -16,6 +16,8 @@ from agglom_mpi.declaration.reading import (
 )
 from agglom_mpi.errors import CodeNotAllowedError
 from agglom_mpi.formatting import printable
+from agglom_mpi.measurements.layout import CensusLayout
+from agglom_mpi.storage.census_columns import CENSUS, census_of
 from agglom_mpi.storage.schema import fresh_from, quantities_of, volumes_of_file
 from agglom_mpi.storage.stored_variables import variables_of
 from agglom_mpi.variables import VariableTable
@@ -33,7 +35,7 @@ _LEAST: Final = {"seed": 0, "strings": 1, "max_samples": 1, "population": 1}
 """Least values of numbers that every file has."""
 _LEAST_OPTIONAL: Final = {"fresh_from": 0, "grains": 0, "final_particles": 0, "frames": 0}
 """Least values of numbers that older files lack."""
-_TEXTS_OPTIONAL: Final = ("purpose", "quantities", OWN_MODULES, OWN_COMPONENTS, OWN_SHA256)
+_TEXTS_OPTIONAL: Final = ("purpose", "quantities", CENSUS, OWN_MODULES, OWN_COMPONENTS, OWN_SHA256)
 """Texts that older files lack, and those of campaigns without code of one's own."""
 
 
@@ -185,6 +187,11 @@ class CampaignHeader:
     def quantities(self) -> dict[str, str]:
         """SI units of the quantities of a sample by name, in the order of their columns."""
         return quantities_of(self.attributes)
+
+    @property
+    def census(self) -> CensusLayout | None:
+        """When censuses of a sample were taken, and in which classes; None: none were."""
+        return census_of(self.attributes)
 
     @property
     def format_version(self) -> int:

@@ -8,6 +8,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from agglom_mpi.formatting import value_with_prefix
+from agglom_mpi.measurements.layout import CensusLayout
+from agglom_mpi.storage.census_columns import census_attributes
 from agglom_mpi.storage.schema import (
     FAILURE_CAPACITY,
     LEG_CAPACITY,
@@ -50,6 +52,8 @@ class TableSizes(NamedTuple):
     """SI units of the quantities of a sample, by name."""
     volumes: tuple[int, ...] = ()
     """Larger control volumes in which there are fresh samples, too."""
+    census: CensusLayout | None = None
+    """Layout of the censuses of a sample; None: none are taken."""
 
 
 def table_sizes(campaign: "Campaign") -> TableSizes:
@@ -68,6 +72,7 @@ def table_sizes(campaign: "Campaign") -> TableSizes:
         campaign.variables.table,
         campaign.objective.quantity_units,
         campaign.final.larger if campaign.final else (),
+        campaign.census,
     )
 
 
@@ -98,9 +103,9 @@ def table_bytes(sizes: TableSizes) -> dict[str, int]:
         "max_samples": sizes.max_samples + sizes.fresh,
         "fresh_from": sizes.max_samples,
     }
-    del attributes["volumes"]
+    del attributes["volumes"], attributes["census"]
     attributes |= variable_attributes(sizes.variables) | quantity_attributes(sizes.quantities)
-    attributes |= volume_attributes(sizes.volumes)
+    attributes |= volume_attributes(sizes.volumes) | census_attributes(sizes.census)
     rows = capacities(attributes, sizes.generations)
     return {table.name: rows[table.name] * _row_bytes(table) for table in table_schemas(attributes)}
 

@@ -5,16 +5,19 @@ Columns of a sample's outcome are declared in `outcome`, those of the variables 
 
 import json
 from collections.abc import Iterable, Mapping
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 
+from agglom_mpi.measurements.layout import CensusLayout
 from agglom_mpi.outcome import COLUMNS
+from agglom_mpi.storage.census_columns import census_columns, census_of
+from agglom_mpi.storage.columns import CRC, Column, TableSchema
 from agglom_mpi.storage.stored_variables import variables_of
 from agglom_mpi.variables import MAX_VARIABLE_NAME, TEN, VariableTable
 
 FORMAT: Final = "agglom_mpi campaign"
-FORMAT_VERSION: Final = 4
+FORMAT_VERSION: Final = 5
 """Version of the files written; files of versions from 1 up to this one are read."""
 
 INVERSION: Final = "inversion"
@@ -41,57 +44,6 @@ VOLUMES: Final = "volumes"
 FAILURE_CAPACITY: Final = 1000
 LEG_CAPACITY: Final = 1000
 
-
-class Column(NamedTuple):
-    """One column of a table: type, unit, meaning, shape of an element, and since which version."""
-
-    name: str
-    dtype: str
-    unit: str
-    meaning: str
-    shape: tuple[int, ...] = ()
-    since: int = 1
-
-
-class TableSchema(NamedTuple):
-    """One table: its name and meaning, what the number of a row is, and its columns."""
-
-    name: str
-    meaning: str
-    row: str
-    fields: tuple[Column, ...]
-
-    @property
-    def dtype(self) -> np.dtype:
-        """The packed row type, texts as fixed-size UTF-8."""
-        return np.dtype([(field.name, _scalar(field.dtype), field.shape) for field in self.fields])
-
-    def at(self, version: int) -> "TableSchema":
-        """Return the schema of a format version."""
-        fields = tuple(field for field in self.fields if field.since <= version)
-        return self._replace(fields=fields)
-
-    @property
-    def done(self) -> str:
-        """Name of the dataset of done bytes."""
-        return f"{self.name}_done"
-
-    @property
-    def final(self) -> bool:
-        """Whether rows carry a checksum and a done byte."""
-        return self.fields[-1] is CRC
-
-
-def _scalar(code: str) -> np.dtype:
-    if code[0] != "S":
-        return np.dtype(code)
-    # Imported here: the size of a file is known without HDF5.
-    import h5py
-
-    return h5py.string_dtype("utf-8", int(code[1:]))
-
-
-CRC: Final = Column("crc", "u4", "", "zlib.crc32 of the bytes of this row with this field zero")
 
 VARIABLE_TABLE: Final = TableSchema(
     "variables",
@@ -196,7 +148,7 @@ SAMPLES: Final = TableSchema(
         CRC,
     ),
 )
-"""Samples of a campaign whose objective has no quantities; see `samples_schema`."""
+"""Samples without quantities and censuses; see `samples_schema`."""
 sample_dtype: Final = SAMPLES.dtype
 """One row of `/samples`; what a run hands to the writer, `crc` not filled in."""
 
@@ -204,20 +156,25 @@ QUANTITY_MEANING: Final = "quantity of the sample by the objective's function; 0
 """Meaning of the columns of quantities."""
 
 
-def samples_schema(quantities: Mapping[str, str]) -> TableSchema:
+def samples_schema(
+    quantities: Mapping[str, str], census: CensusLayout | None = None
+) -> TableSchema:
     """Return the schema of `/samples` with columns of quantities, by the order of their names.
 
     Parameters
     ----------
     quantities
         Their SI units by name.
+    census
+        Layout of the censuses of a sample, whose columns follow those.
     """
-    if not quantities:
+    if not quantities and census is None:
         return SAMPLES
     columns = [
         Column(name, "f8", unit, QUANTITY_MEANING, since=4)
         for name, unit in sorted(quantities.items())
     ]
+    columns += census_columns(census)
     at = [field.name for field in SAMPLES.fields].index("objective") + 1
     return SAMPLES._replace(fields=(*SAMPLES.fields[:at], *columns, *SAMPLES.fields[at:]))
 
@@ -251,14 +208,16 @@ def volume_table(volume: int) -> str:
     return f"samples_volume_{volume}"
 
 
-def volume_schema(volume: int, quantities: Mapping[str, str]) -> TableSchema:
+def volume_schema(
+    volume: int, quantities: Mapping[str, str], census: CensusLayout | None = None
+) -> TableSchema:
     """Return the schema of the samples of a larger control volume, with the columns of `/samples`.
 
     Parameters
     ----------
     volume
         Volume of the box, and number of grains, relative to those of `/samples`.
-    quantities
+    quantities, census
         As for `samples_schema`.
     """
     meaning = (
@@ -266,7 +225,7 @@ def volume_schema(volume: int, quantities: Mapping[str, str]) -> TableSchema:
         f"a box of {volume} times the volume; the objective is that of the campaign's own number "
         "of grains"
     )
-    return samples_schema(quantities)._replace(
+    return samples_schema(quantities, census)._replace(
         name=volume_table(volume), meaning=meaning, row=IN_VOLUME
     )
 
@@ -468,8 +427,8 @@ def table_schemas(attributes: Mapping[str, Any]) -> tuple[TableSchema, ...]:
         bulk.append(final_particles_schema(grains))
     if attributes.get("frames", 0):
         bulk.append(frames_schema(grains))
-    quantities = quantities_of(attributes)
-    bulk += [volume_schema(volume, quantities) for volume in volumes_of_file(attributes)]
+    quantities, census = quantities_of(attributes), census_of(attributes)
+    bulk += [volume_schema(volume, quantities, census) for volume in volumes_of_file(attributes)]
     variables = variables_of(attributes)
     tables = (
         variables_schema(variables),
@@ -479,7 +438,7 @@ def table_schemas(attributes: Mapping[str, Any]) -> tuple[TableSchema, ...]:
         RESULTS,
         generations_schema(int(attributes["population"])),
         FAILURES,
-        samples_schema(quantities),
+        samples_schema(quantities, census),
         *bulk,
     )
     return tuple(table.at(version) for table in tables)

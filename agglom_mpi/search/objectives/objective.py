@@ -82,6 +82,10 @@ class Objective(Component):
         Whether it contains the number of grains itself.
     has_moments
         Whether it has targets for single moments, which `reached` returns.
+    needs_data
+        Whether it compares samples with the section `data`.
+    rules
+        Names of the stopping rules that may go with it; None: all.
     symbol
         The papers' name of it.
     """
@@ -92,6 +96,8 @@ class Objective(Component):
     has_target: ClassVar[bool] = False
     counts_grains: ClassVar[bool] = False
     has_moments: ClassVar[bool] = False
+    needs_data: ClassVar[bool] = False
+    rules: ClassVar[tuple[str, ...] | None] = None
     symbol: ClassVar[str] = ""
     _grains: float = math.nan
 
@@ -103,6 +109,10 @@ class Objective(Component):
         bound = self.model_copy()
         bound.__dict__["_grains"] = grains
         return bound
+
+    def of_string(self, string: Any) -> Self:
+        """Return the objective of the samples of a string, by what its censuses refer to."""
+        return self
 
     @property
     def wanted_growth(self) -> tuple[FieldPath, float] | None:

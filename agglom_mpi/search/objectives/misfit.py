@@ -1,0 +1,155 @@
+"""The objective of measured data: how far all samples of a string together are from them."""
+
+import math
+from collections.abc import Sequence
+from functools import cached_property
+from typing import ClassVar, Final, Literal, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglom_mpi.measurements.census import Census
+from agglom_mpi.measurements.datum import Datum
+from agglom_mpi.measurements.layout import CENSUS_COLUMNS, CensusLayout
+from agglom_mpi.measurements.misfit import Misfit, misfit_of
+from agglom_mpi.outcome import SampleSummary, summaries
+from agglom_mpi.search.objectives.objective import Objective
+
+Floats = NDArray[np.float64]
+
+RULES: Final = ("fixed", "standard_error")
+"""Stopping rules that need no objective of a sample alone."""
+
+
+class MeasuredString(NamedTuple):
+    """What the samples of a string are compared with, and what their censuses refer to.
+
+    Attributes
+    ----------
+    data
+        The measured data.
+    layout
+        Times and classes of the censuses.
+    diameter
+        Twice the mean radius b⁰ of the grains, m.
+    density
+        Of the grains, kg/m³.
+    grains
+        Number of grains that a sample begins with.
+    """
+
+    data: tuple[Datum, ...]
+    layout: CensusLayout
+    diameter: float
+    density: float
+    grains: int
+
+    def census(self, columns: Sequence[NDArray[np.generic]]) -> Census:
+        """Return the censuses of n samples, whose columns are those of `CENSUS_COLUMNS`."""
+        counts, masses, largest, temperatures = (np.asarray(each, np.float64) for each in columns)
+        edges = self.diameter * self.layout.edges
+        content = counts, masses, temperatures, largest
+        return Census(edges, *content, self.grains, self.density)
+
+
+class MisfitOfData(Objective):
+    """Misfit of the data of the section `data`: χ² over its rank, sampling noise removed.
+
+    The sizes of all samples of a string are pooled. A sample alone has no objective.
+
+    Attributes
+    ----------
+    string
+        What the samples of a string are compared with; None where that is not known yet.
+    """
+
+    least: ClassVar[float] = -math.inf
+    has_target: ClassVar[bool] = True
+    needs_data: ClassVar[bool] = True
+    rules: ClassVar[tuple[str, ...] | None] = RULES
+    symbol: ClassVar[str] = "χ²/rank"
+    law: Literal["misfit"] = "misfit"
+    _string: MeasuredString | None = None
+
+    @property
+    def summary(self) -> str:
+        """One line on the objective."""
+        return "misfit of the measured data, χ² over its rank; about 1 where only errors differ"
+
+    def of_string(self, string: MeasuredString) -> Self:
+        """Return the objective of the samples of a string."""
+        bound = self.model_copy()
+        bound.__dict__["_string"] = string
+        return bound
+
+    def accumulator(self) -> "MisfitAccumulator":
+        """Return an accumulator without samples."""
+        return MisfitAccumulator(self._known)
+
+    def of_samples(self, rows: NDArray[np.void]) -> Floats:
+        """Return nan for each sample: alone it has no distribution."""
+        return np.full(len(rows), math.nan)
+
+    def influence_values(self, outcomes: Sequence[SampleSummary]) -> Floats:
+        """Return the jackknife's pseudo-values, shape (n,)."""
+        accumulator = self.accumulator()
+        for outcome in outcomes:
+            accumulator.add(outcome)
+        return accumulator.misfit.pseudo_values
+
+    def summaries(self, rows: NDArray[np.void]) -> list[SampleSummary]:
+        """Return the summaries of samples with their censuses."""
+        censuses = zip(*(rows[name] for name in CENSUS_COLUMNS), strict=True)
+        return [
+            summary._replace(census=census)
+            for summary, census in zip(summaries(rows), censuses, strict=True)
+        ]
+
+    def misfit(self, outcomes: Sequence[SampleSummary]) -> Misfit:
+        """Return the misfit of completed samples with all that is known of each datum."""
+        accumulator = self.accumulator()
+        for outcome in outcomes:
+            accumulator.add(outcome)
+        return accumulator.misfit
+
+    @property
+    def _known(self) -> MeasuredString:
+        if self._string is None:
+            raise ValueError("the misfit of samples is known of a string of the campaign alone")
+        return self._string
+
+
+class MisfitAccumulator:
+    """The censuses of the samples so far, and their misfit when it is asked for.
+
+    Parameters
+    ----------
+    string
+        What the samples are compared with.
+    """
+
+    def __init__(self, string: MeasuredString) -> None:
+        self._string = string
+        self._censuses: list[tuple[NDArray[np.generic], ...]] = []
+
+    def add(self, outcome: SampleSummary) -> None:
+        """Take one more completed sample."""
+        assert outcome.census is not None
+        self._censuses.append(outcome.census)
+        self.__dict__.pop("misfit", None)
+
+    @cached_property
+    def misfit(self) -> Misfit:
+        """The misfit of the samples so far."""
+        columns = [np.stack(each) for each in zip(*self._censuses, strict=True)]
+        return misfit_of(self._string.census(columns), self._string.data)
+
+    @property
+    def value(self) -> float:
+        """The misfit; nan without samples."""
+        return self.misfit.value if self._censuses else math.nan
+
+    @property
+    def standard_error(self) -> float:
+        """Its standard error by the jackknife; nan below two samples."""
+        return self.misfit.standard_error if len(self._censuses) > 1 else math.nan
