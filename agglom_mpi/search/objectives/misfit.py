@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from agglom_mpi.measurements.census import Census
 from agglom_mpi.measurements.datum import Datum
 from agglom_mpi.measurements.layout import CENSUS_COLUMNS, CensusLayout
-from agglom_mpi.measurements.misfit import Misfit, misfit_of
+from agglom_mpi.measurements.misfit import Misfit, misfit
 from agglom_mpi.outcome import SampleSummary, summaries
 from agglom_mpi.search.objectives.objective import Objective
 
@@ -91,11 +91,18 @@ class MisfitOfData(Objective):
         return np.full(len(rows), math.nan)
 
     def influence_values(self, outcomes: Sequence[SampleSummary]) -> Floats:
-        """Return the jackknife's pseudo-values, shape (n,)."""
-        accumulator = self.accumulator()
-        for outcome in outcomes:
-            accumulator.add(outcome)
-        return accumulator.misfit.pseudo_values
+        """Return the jackknife's pseudo-values, moved and scaled to the stated value and error.
+
+        Without a sample the sampling noise is larger, too, which is none of that sample's doing.
+        """
+        whole = self.misfit(outcomes)
+        if len(outcomes) < 3 or not math.isfinite(whole.standard_error):
+            return np.full(len(outcomes), whole.value)
+        rest = [[*outcomes[:i], *outcomes[i + 1 :]] for i in range(len(outcomes))]
+        away = -np.array([self.misfit(others).value for others in rest])
+        away -= away.mean()
+        spread = float(away.std(ddof=1)) / math.sqrt(len(away))
+        return np.asarray(whole.value + away * (whole.standard_error / spread if spread else 0.0))
 
     def summaries(self, rows: NDArray[np.void]) -> list[SampleSummary]:
         """Return the summaries of samples with their censuses."""
@@ -142,7 +149,7 @@ class MisfitAccumulator:
     def misfit(self) -> Misfit:
         """The misfit of the samples so far."""
         columns = [np.stack(each) for each in zip(*self._censuses, strict=True)]
-        return misfit_of(self._string.census(columns), self._string.data)
+        return misfit(self._string.census(columns), self._string.data)
 
     @property
     def value(self) -> float:
