@@ -3,13 +3,11 @@
 import math
 from collections.abc import Iterator
 from contextlib import suppress
-from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import Any, Final
 
 from agglom_mpi.measurements.layout import CensusLayout
-
-if TYPE_CHECKING:
-    from agglom_mpi.config.campaign_sections import CampaignSections
+from agglom_mpi.physics.size_distributions import draw_radii
+from agglom_mpi.random_streams import sample_stream
 
 SAMPLES_OF_SIZES: Final = 16
 """Samples of a string whose grains are drawn to see how small and large they can be."""
@@ -18,8 +16,14 @@ MARGIN: Final = 1.2
 """Sizes may lie outside those drawn by this factor; the classes at the ends take what is beyond."""
 
 
-def census_layout(campaign: "CampaignSections") -> CensusLayout | None:
-    """Return the layout of the censuses of a campaign's samples; None where it has no data."""
+def census_layout(campaign: Any) -> CensusLayout | None:
+    """Return the layout of the censuses of a campaign's samples; None where it has no data.
+
+    Parameters
+    ----------
+    campaign
+        The `CampaignSections`.
+    """
     if not campaign.data:
         return None
     times = {math.inf if datum.time is None else datum.time for datum in campaign.data}
@@ -31,11 +35,8 @@ def census_layout(campaign: "CampaignSections") -> CensusLayout | None:
     return CensusLayout.between(tuple(sorted(times)), smallest, largest)
 
 
-def _drawn_radii(campaign: "CampaignSections") -> Iterator[tuple[float, float]]:
+def _drawn_radii(campaign: Any) -> Iterator[tuple[float, float]]:
     """Yield the smallest and largest b/b⁰ of grains of some samples; none where all are equal."""
-    from agglom_mpi.config.simulate import random_numbers
-    from agglom_mpi.simulation.sample import initial_radii
-
     box = campaign.variables
     if campaign.scene.sizes is None:
         return
@@ -43,5 +44,6 @@ def _drawn_radii(campaign: "CampaignSections") -> Iterator[tuple[float, float]]:
         with suppress(ValueError):  # a law refuses the numbers together
             scene = campaign.at(string).build()
             for k in range(SAMPLES_OF_SIZES):
-                radii = initial_radii(scene, partial(random_numbers, campaign, string, k))
+                random = sample_stream(campaign.seed, box.stream_key(string), k)
+                radii = draw_radii(scene.sizes, random, scene.particles)
                 yield float(radii.min()), float(radii.max())
