@@ -1,0 +1,297 @@
+"""Misfit of a string: how far its predictions are from the data, in units of the errors of both.
+
+The residuals are compared by χ² = rᵀ C⁻¹ r, where C is the covariance of the measurement plus that
+of the samples. The latter is the covariance of the jackknife, over all data together, as data of
+the same samples correlate. Few samples do not determine it: its correlations are shrunk towards 0
+by the fraction that minimises the expected error (Schäfer and Strimmer, Stat. Appl. Genet. Mol.
+Biol. 4, 2005, 32, with variances of normal samples).
+
+Shares of classes sum to 1, so their residuals lie in a subspace. All is calculated there, after the
+covariance has been projected on it, and no class is left out. To drop any one class of the
+projected covariance gives the same χ².
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+
+from agglom_mpi.measurements.census import Census
+from agglom_mpi.measurements.datum import Datum
+from agglom_mpi.measurements.prediction import predictions
+
+Floats = NDArray[np.float64]
+
+MIN_RELATIVE_VARIANCE: Final = 1e-10
+"""Variance of a direction relative to the largest of its datum below which it has no error."""
+
+
+class DatumMisfit(NamedTuple):
+    """Comparison of a string with one datum.
+
+    Attributes
+    ----------
+    name
+        Of the datum.
+    residual, error
+        Prediction minus measurement, and the standard error of this difference, shape (q,) each.
+    share
+        Part of the χ² of all data that is due to this datum. The parts sum to 1; that of a datum
+        may be negative, where others explain its residual.
+    chi_square, rank, p_value
+        Of this datum alone.
+    """
+
+    name: str
+    residual: Floats
+    error: Floats
+    share: float
+    chi_square: float
+    rank: int
+    p_value: float
+
+
+class Misfit(NamedTuple):
+    """Comparison of a string with data.
+
+    Attributes
+    ----------
+    value
+        (χ² − what the noise of the samples adds to it)/rank; about 1 where only the errors of the
+        measurement are left. It may be negative. It is inf without samples, or where the samples
+        have no finite prediction.
+    standard_error
+        Of the value, by the noise of the samples alone; nan below two samples.
+    chi_square, rank
+        χ² = rᵀ C⁻¹ r by the errors of measurement and samples, and its number of directions.
+    p_value
+        Probability of a larger χ² if the string were right; nan below two samples.
+    parts
+        One for each datum.
+    """
+
+    value: float
+    standard_error: float
+    chi_square: float
+    rank: int
+    p_value: float
+    parts: tuple[DatumMisfit, ...]
+
+
+def misfit(census: Census, data: Sequence[Datum]) -> Misfit:
+    """Return how far a string is from data.
+
+    Parameters
+    ----------
+    census
+        The samples of the string, at the times of `data_times(data)`.
+    data
+        At least one datum.
+    """
+    frame = _Frame(data)
+    if census.samples == 0:
+        return frame.nothing()
+    predicted = predictions(census, data)
+    if not np.all(np.isfinite(predicted.pooled)):
+        return frame.nothing()
+    noise = sampling_noise(predicted.left_out)
+    return frame.compare(predicted.pooled, noise)
+
+
+class SamplingNoise(NamedTuple):
+    """Covariance of predictions by the scatter of the samples.
+
+    Attributes
+    ----------
+    raw, shrunk
+        The covariance of the jackknife, and the same with smaller correlations, shape (Q, Q); 0
+        with a single sample.
+    intensity
+        Fraction λ by which the correlations are smaller, from 0 to 1.
+    freedom
+        Degrees of freedom, the number of samples less 1.
+    """
+
+    raw: Floats
+    shrunk: Floats
+    intensity: float
+    freedom: int
+
+
+def sampling_noise(left_out: Floats) -> SamplingNoise:
+    """Return the covariance of predictions from those without one sample each, shape (n, Q).
+
+    With the correlations r of the jackknife, λ = Σ var(r)/Σ r² over all pairs; var(r) is that of
+    the covariance of two normal numbers in units of their deviations, (1 + r²)/(n − 1).
+    """
+    n, size = left_out.shape
+    if n < 2:
+        zero = np.zeros((size, size))
+        return SamplingNoise(zero, zero, 1.0, 0)
+    away = left_out - np.mean(left_out, axis=0)
+    raw = (n - 1) / n * (away.T @ away)
+    deviations = np.sqrt(np.diag(raw))
+    scale = np.where(deviations > 0.0, deviations, 1.0)
+    correlations = raw / np.outer(scale, scale)
+    noisy = int(np.count_nonzero(deviations))
+    squares = float(np.sum(correlations**2)) - noisy
+    variances = (noisy * (noisy - 1) + squares) / (n - 1)
+    intensity = min(1.0, variances / squares) if squares > 0.0 else 1.0
+    shrunk = (1.0 - intensity) * raw + intensity * np.diag(np.diag(raw))
+    return SamplingNoise(raw, shrunk, intensity, n - 1)
+
+
+class _Frame:
+    """The data in the subspace in which residuals lie and the measurement has errors.
+
+    Its basis has orthonormal columns, (Q, p). Each datum has its own columns, scaled by its
+    largest standard error, so that data in different units are treated alike.
+    """
+
+    def __init__(self, data: Sequence[Datum]) -> None:
+        self.data = data
+        self.measured = np.concatenate([datum.values for datum in data])
+        bases = [_basis(datum) for datum in data]
+        self.rows = _slices([len(datum.values) for datum in data])
+        self.columns = _slices([basis.shape[1] for basis in bases])
+        self.basis = np.asarray(block_diag(*bases))
+        self.covariance = np.asarray(block_diag(*(datum.covariance for datum in data)))
+        self.rank = self.basis.shape[1]
+
+    def nothing(self) -> Misfit:
+        """Return the misfit of a string that predicts nothing."""
+        parts = tuple(
+            DatumMisfit(
+                datum.name,
+                np.full(len(datum.values), math.nan),
+                np.full(len(datum.values), math.nan),
+                math.nan,
+                math.inf,
+                columns.stop - columns.start,
+                math.nan,
+            )
+            for datum, columns in zip(self.data, self.columns, strict=True)
+        )
+        return Misfit(math.inf, math.nan, math.inf, self.rank, math.nan, parts)
+
+    def compare(self, predicted: Floats, noise: SamplingNoise) -> Misfit:
+        """Return the misfit of predictions, (Q,), with their noise."""
+        residuals = predicted - self.measured
+        total = self.covariance + noise.shrunk
+        inside = self.basis.T @ residuals
+        inverse = np.linalg.inv(self.basis.T @ total @ self.basis)
+        weights = self.basis @ inverse @ self.basis.T
+        chi_square = float(inside @ inverse @ inside)
+        variance = weight_variance(weights, noise)
+        return Misfit(
+            (chi_square - float(np.sum(weights * noise.raw))) / self.rank,
+            value_error(residuals, weights, noise, self.rank),
+            chi_square,
+            self.rank,
+            tail_probability(chi_square, self.rank, variance) if noise.freedom else math.nan,
+            self._parts(residuals, weights, chi_square, total, noise),
+        )
+
+    def _parts(
+        self,
+        residuals: Floats,
+        weights: Floats,
+        chi_square: float,
+        total: Floats,
+        noise: SamplingNoise,
+    ) -> tuple[DatumMisfit, ...]:
+        pulls = residuals * (weights @ residuals)
+        errors = np.sqrt(np.diag(total))
+        parts = []
+        for datum, rows, columns in zip(self.data, self.rows, self.columns, strict=True):
+            basis = self.basis[rows, columns]
+            own = basis @ np.linalg.inv(basis.T @ total[rows, rows] @ basis) @ basis.T
+            own_chi = float(residuals[rows] @ own @ residuals[rows])
+            rank = basis.shape[1]
+            own_noise = SamplingNoise(
+                noise.raw[rows, rows], noise.shrunk[rows, rows], noise.intensity, noise.freedom
+            )
+            own_variance = weight_variance(own, own_noise)
+            p = tail_probability(own_chi, rank, own_variance) if noise.freedom else math.nan
+            share = float(np.sum(pulls[rows])) / chi_square if chi_square > 0.0 else math.nan
+            parts.append(
+                DatumMisfit(datum.name, residuals[rows], errors[rows], share, own_chi, rank, p)
+            )
+        return tuple(parts)
+
+
+def _basis(datum: Datum) -> Floats:
+    """Return the directions of a datum that are compared, over its error, shape (q, p)."""
+    covariance = datum.covariance
+    if datum.quantity == "sizes":
+        size = len(covariance)
+        centring = np.eye(size) - 1.0 / size
+        covariance = centring @ covariance @ centring
+    variances, directions = np.linalg.eigh(covariance)
+    kept = variances > MIN_RELATIVE_VARIANCE * variances[-1]
+    return np.asarray(directions[:, kept] / np.sqrt(variances[kept]))
+
+
+def _slices(sizes: Sequence[int]) -> list[slice]:
+    ends = np.cumsum(sizes).tolist()
+    return [slice(end - size, end) for end, size in zip(ends, sizes, strict=True)]
+
+
+def weight_variance(weights: Floats, noise: SamplingNoise) -> float:
+    """Return E tr(W Δ W Δ), where Δ is the error of the shrunk covariance of the samples.
+
+    With n − 1 degrees of freedom the error of a covariance S has the covariance
+    (S_ik S_jl + S_il S_jk)/(n − 1); shrinking multiplies it by 1 − λ off the diagonal. W is the
+    inverse of the whole covariance, (Q, Q).
+    """
+    if noise.freedom == 0:
+        return math.nan
+    kept, shrunk = 1.0 - noise.intensity, noise.intensity
+    product = weights @ noise.shrunk
+    traces = float(np.trace(product)) ** 2 + float(np.sum(product * product.T))
+    diagonal = float(np.sum(np.diag(product) ** 2))
+    squares = float(np.sum((weights * noise.shrunk) ** 2))
+    whole = kept**2 * traces + 4.0 * kept * shrunk * diagonal + 2.0 * shrunk**2 * squares
+    return whole / noise.freedom
+
+
+def value_error(residuals: Floats, weights: Floats, noise: SamplingNoise, rank: int) -> float:
+    """Return the standard error of the value of a misfit; nan below two samples.
+
+    To first order in the noise e of the predictions, rᵀWr changes by 2 rᵀWe; the squares eᵀWe
+    add 2 tr(WSWS), and the error of the covariance in W adds 2 (rᵀWSWr)²/(n − 1).
+    """
+    if noise.freedom == 0:
+        return math.nan
+    pulls = weights @ residuals
+    linear = float(pulls @ noise.raw @ pulls)
+    product = weights @ noise.raw
+    squares = float(np.sum(product * product.T))
+    by_weights = 2.0 * linear**2 / noise.freedom
+    return math.sqrt(4.0 * max(linear - squares, 0.0) + 2.0 * squares + by_weights) / rank
+
+
+def tail_probability(chi_square: float, rank: int, variance: float) -> float:
+    """Return the probability of a larger χ² where the samples' covariance is estimated.
+
+    χ² is taken for Hotelling's T² with the degrees of freedom f = (p + p²)/variance: those of a
+    covariance that is estimated as well as the sum of a known and an estimated one (Nel and van
+    der Merwe 1986; Krishnamoorthy and Yu, Stat. Probab. Lett. 66, 2004, 161).
+
+    Parameters
+    ----------
+    chi_square, rank
+        χ² and its number of directions p.
+    variance
+        From `weight_variance`.
+    """
+    from scipy.special import chdtrc, fdtrc
+
+    if not variance > 0.0:
+        return float(chdtrc(rank, chi_square))
+    freedom = (rank + rank**2) / variance
+    rest = max(freedom - rank + 1.0, 1.0)
+    return float(fdtrc(rank, rest, chi_square * rest / (freedom * rank)))
