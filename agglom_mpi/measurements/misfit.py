@@ -139,7 +139,7 @@ def sampling_noise(left_out: Floats) -> SamplingNoise:
     noisy = int(np.count_nonzero(deviations))
     squares = float(np.sum(correlations**2)) - noisy
     variances = (noisy * (noisy - 1) + squares) / (n - 1)
-    intensity = min(1.0, variances / squares) if squares > 0.0 else 1.0
+    intensity = min(1.0, variances / squares) if noisy > 1 else 1.0
     shrunk = (1.0 - intensity) * raw + intensity * np.diag(np.diag(raw))
     return SamplingNoise(raw, shrunk, intensity, n - 1)
 
@@ -262,16 +262,24 @@ def value_error(residuals: Floats, weights: Floats, noise: SamplingNoise, rank: 
     """Return the standard error of the value of a misfit; nan below two samples.
 
     To first order in the noise e of the predictions, rᵀWr changes by 2 rᵀWe; the squares eᵀWe
-    add 2 tr(WSWS), and the error of the covariance in W adds 2 (rᵀWSWr)²/(n − 1).
+    have the variance 2 tr(WSWS); and the error Δ of the covariance in W changes it by rᵀWΔWr,
+    whose variance follows as in `weight_variance`.
     """
     if noise.freedom == 0:
         return math.nan
+    kept, shrunk = 1.0 - noise.intensity, noise.intensity
     pulls = weights @ residuals
     linear = float(pulls @ noise.raw @ pulls)
-    product = weights @ noise.raw
+    product = weights @ noise.shrunk
     squares = float(np.sum(product * product.T))
-    by_weights = 2.0 * linear**2 / noise.freedom
-    return math.sqrt(4.0 * max(linear - squares, 0.0) + 2.0 * squares + by_weights) / rank
+    along = pulls * (noise.shrunk @ pulls)
+    by_weights = (
+        kept**2 * float(np.sum(along)) ** 2
+        + 2.0 * kept * shrunk * float(np.sum(along**2))
+        + shrunk**2 * float(pulls**2 @ noise.shrunk**2 @ pulls**2)
+    )
+    variance = 4.0 * max(linear - squares, 0.0) + 2.0 * squares
+    return math.sqrt(variance + 2.0 / noise.freedom * by_weights) / rank
 
 
 def tail_probability(chi_square: float, rank: int, variance: float) -> float:
