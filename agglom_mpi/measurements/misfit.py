@@ -13,6 +13,7 @@ projected covariance gives the same χ².
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -91,7 +92,7 @@ def misfit(census: Census, data: Sequence[Datum]) -> Misfit:
     data
         At least one datum.
     """
-    frame = _Frame(data)
+    frame = _frame(tuple(data))
     if census.samples == 0:
         return frame.nothing()
     predicted = predictions(census, data)
@@ -119,6 +120,10 @@ class SamplingNoise(NamedTuple):
     shrunk: Floats
     intensity: float
     freedom: int
+
+    def of(self, rows: slice) -> "SamplingNoise":
+        """Return the noise of some of the predictions."""
+        return self._replace(raw=self.raw[rows, rows], shrunk=self.shrunk[rows, rows])
 
 
 def sampling_noise(left_out: Floats) -> SamplingNoise:
@@ -181,46 +186,59 @@ class _Frame:
         """Return the misfit of predictions, (Q,), with their noise."""
         residuals = predicted - self.measured
         total = self.covariance + noise.shrunk
-        inside = self.basis.T @ residuals
         inverse = np.linalg.inv(self.basis.T @ total @ self.basis)
         weights = self.basis @ inverse @ self.basis.T
-        chi_square = float(inside @ inverse @ inside)
-        variance = weight_variance(weights, noise)
+        chi_square = float(residuals @ weights @ residuals)
         return Misfit(
             (chi_square - float(np.sum(weights * noise.raw))) / self.rank,
             value_error(residuals, weights, noise, self.rank),
             chi_square,
             self.rank,
-            tail_probability(chi_square, self.rank, variance) if noise.freedom else math.nan,
-            self._parts(residuals, weights, chi_square, total, noise),
+            _probability(chi_square, self.rank, weight_variance(weights, noise), noise),
+            self._parts(residuals, total, weights @ residuals, noise),
         )
 
     def _parts(
-        self,
-        residuals: Floats,
-        weights: Floats,
-        chi_square: float,
-        total: Floats,
-        noise: SamplingNoise,
+        self, residuals: Floats, total: Floats, pulls: Floats, noise: SamplingNoise
     ) -> tuple[DatumMisfit, ...]:
-        pulls = residuals * (weights @ residuals)
+        """Return the comparison with each datum; `pulls` is C⁻¹ r, and `total` is C."""
+        products = residuals * pulls
+        chi_square = float(np.sum(products))
         errors = np.sqrt(np.diag(total))
         parts = []
         for datum, rows, columns in zip(self.data, self.rows, self.columns, strict=True):
-            basis = self.basis[rows, columns]
-            own = basis @ np.linalg.inv(basis.T @ total[rows, rows] @ basis) @ basis.T
-            own_chi = float(residuals[rows] @ own @ residuals[rows])
-            rank = basis.shape[1]
-            own_noise = SamplingNoise(
-                noise.raw[rows, rows], noise.shrunk[rows, rows], noise.intensity, noise.freedom
+            share = float(np.sum(products[rows])) / chi_square if chi_square > 0.0 else math.nan
+            alone = _alone(
+                residuals[rows], total[rows, rows], self.basis[rows, columns], noise.of(rows)
             )
-            own_variance = weight_variance(own, own_noise)
-            p = tail_probability(own_chi, rank, own_variance) if noise.freedom else math.nan
-            share = float(np.sum(pulls[rows])) / chi_square if chi_square > 0.0 else math.nan
-            parts.append(
-                DatumMisfit(datum.name, residuals[rows], errors[rows], share, own_chi, rank, p)
-            )
+            parts.append(DatumMisfit(datum.name, residuals[rows], errors[rows], share, *alone))
         return tuple(parts)
+
+
+def _alone(
+    residuals: Floats, total: Floats, basis: Floats, noise: SamplingNoise
+) -> tuple[float, int, float]:
+    """Return χ², its rank and its p-value by the rows of one datum."""
+    if len(residuals) == 1:  # what follows, in numbers: most data have one value
+        weight = 1.0 / float(total[0, 0])
+        chi_square = weight * float(residuals[0]) ** 2
+        variance = 2.0 * (weight * float(noise.raw[0, 0])) ** 2 / max(noise.freedom, 1)
+    else:
+        weights = basis @ np.linalg.inv(basis.T @ total @ basis) @ basis.T
+        chi_square = float(residuals @ weights @ residuals)
+        variance = weight_variance(weights, noise)
+    rank = basis.shape[1]
+    return chi_square, rank, _probability(chi_square, rank, variance, noise)
+
+
+def _probability(chi_square: float, rank: int, variance: float, noise: SamplingNoise) -> float:
+    return tail_probability(chi_square, rank, variance) if noise.freedom else math.nan
+
+
+@lru_cache(maxsize=16)
+def _frame(data: tuple[Datum, ...]) -> _Frame:
+    """Return the frame of data, once for all strings; data are told apart by identity."""
+    return _Frame(data)
 
 
 def _basis(datum: Datum) -> Floats:
