@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from agglom_mpi.measurements.datum import (
     QUANTITIES,
-    WEIGHTS,
+    PARTICLE_WEIGHTS,
     Datum,
     data_times,
     multinomial_covariance,
@@ -100,7 +100,7 @@ def test_times_ascend_and_the_end_comes_last():
 
 def test_one_number_has_a_value_for_every_quantity_but_sizes():
     for quantity in QUANTITIES.keys() - {"sizes"}:
-        for weight in WEIGHTS:
+        for weight in PARTICLE_WEIGHTS:
             datum = Datum.of_value(quantity, 2.0, 0.5, weight)
             assert datum.values.tolist() == [2.0]
             assert datum.covariance.tolist() == [[0.25]]

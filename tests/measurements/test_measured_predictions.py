@@ -9,7 +9,7 @@ from measured_samples import census_of, drawn_census, expected_census
 from scipy.special import ndtr, ndtri
 
 from agglom_mpi.measurements.census import census_edges
-from agglom_mpi.measurements.datum import QUANTITIES, WEIGHTS, Datum
+from agglom_mpi.measurements.datum import QUANTITIES, PARTICLE_WEIGHTS, Datum
 from agglom_mpi.measurements.prediction import QUANTILES, predictions
 
 POWERS = {"number": 0, "area": 2, "mass": 3}
@@ -26,8 +26,13 @@ def classes(edges, weight="mass"):
 
 
 ALL = [
-    *(number(name, weight) for name in QUANTITIES if name != "sizes" for weight in WEIGHTS),
-    *(classes(CLASSES, weight) for weight in WEIGHTS),
+    *(
+        number(name, weight)
+        for name in QUANTITIES
+        if name != "sizes"
+        for weight in PARTICLE_WEIGHTS
+    ),
+    *(classes(CLASSES, weight) for weight in PARTICLE_WEIGHTS),
 ]
 SMOOTH = [datum for datum in ALL if datum.quantity not in QUANTILES]
 
@@ -58,7 +63,7 @@ def test_lognormal_sizes_have_the_diameters_of_hatch_and_choate(decade, log_spre
     assert predicted(census, number("spread")) == pytest.approx(spread, rel=1e-2)
 
 
-@pytest.mark.parametrize("weight", WEIGHTS)
+@pytest.mark.parametrize("weight", PARTICLE_WEIGHTS)
 def test_shares_of_classes_are_those_of_the_lognormal(weight):
     census = expected_census(1e-4, 0.3)
     scaled = np.log(CLASSES[1:-1] / 1e-4) / 0.3 - 0.3 * POWERS[weight]
@@ -96,7 +101,7 @@ def test_numbers_of_unequal_samples_are_those_of_all_particles_together():
 
 def test_equal_grains_have_exact_mean_diameters_and_no_spread():
     census = census_of([[np.full(5, 1e-4)]], 1, census_edges(1e-4, 2e-4), grains=5)
-    data = [number("mean_diameter", weight) for weight in WEIGHTS] + [number("d32")]
+    data = [number("mean_diameter", weight) for weight in PARTICLE_WEIGHTS] + [number("d32")]
     assert predicted(census, *data) == pytest.approx(np.full(4, 1e-4), rel=1e-12)
     assert predicted(census, number("spread"))[0] < 1e-7
     assert predicted(census, number("d50"))[0] == pytest.approx(1e-4, rel=1e-12)
@@ -118,7 +123,7 @@ def test_left_out_predictions_are_those_of_the_other_samples():
 
 def test_left_out_quantiles_move_as_those_of_the_other_samples():
     census = drawn_census(20, np.random.default_rng(1), grains=2000)
-    data = [number("d50", weight) for weight in WEIGHTS]
+    data = [number("d50", weight) for weight in PARTICLE_WEIGHTS]
     both = predictions(census, data)
     moves = both.left_out - both.pooled
     direct = np.array([predicted(without(census, s), *data) for s in range(20)]) - both.pooled
