@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agglom_mpi.measurements.datum import (
-    QUANTITIES,
     PARTICLE_WEIGHTS,
+    QUANTITIES,
     Datum,
     data_times,
     multinomial_covariance,

@@ -9,7 +9,7 @@ from measured_samples import census_of, drawn_census, expected_census
 from scipy.special import ndtr, ndtri
 
 from agglom_mpi.measurements.census import census_edges
-from agglom_mpi.measurements.datum import QUANTITIES, PARTICLE_WEIGHTS, Datum
+from agglom_mpi.measurements.datum import PARTICLE_WEIGHTS, QUANTITIES, Datum
 from agglom_mpi.measurements.prediction import QUANTILES, predictions
 
 POWERS = {"number": 0, "area": 2, "mass": 3}
