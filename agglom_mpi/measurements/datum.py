@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float64]
 
-WEIGHTS: Final = ("number", "area", "mass")
+PARTICLE_WEIGHTS: Final = ("number", "area", "mass")
 """What a particle counts by in a distribution: 1, its surface, or its mass."""
 
 
@@ -67,7 +67,7 @@ class Datum:
         Covariance of the errors of the measurement, shape (q, q). It may be singular, as that of
         shares is; directions without an error are not compared.
     weight
-        One of `WEIGHTS`; ignored by quantities without a weight.
+        One of `PARTICLE_WEIGHTS`; ignored by quantities without a weight.
     time
         In s; None: the end of the simulation.
     edges
@@ -110,8 +110,10 @@ class Datum:
     def __post_init__(self) -> None:
         if self.quantity not in QUANTITIES:
             raise ValueError(f"quantity {self.quantity!r}; must be one of {', '.join(QUANTITIES)}")
-        if self.weight not in WEIGHTS:
-            raise ValueError(f"weight {self.weight!r}; must be one of {', '.join(WEIGHTS)}")
+        if self.weight not in PARTICLE_WEIGHTS:
+            raise ValueError(
+                f"weight {self.weight!r}; must be one of {', '.join(PARTICLE_WEIGHTS)}"
+            )
         size = len(self.values)
         if self.covariance.shape != (size, size):
             shape = self.covariance.shape

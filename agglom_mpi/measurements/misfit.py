@@ -13,6 +13,7 @@ projected covariance gives the same χ².
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -60,9 +61,9 @@ class Misfit(NamedTuple):
     Attributes
     ----------
     value
-        (χ² − what the noise of the samples adds to it)/rank; about 1 where only the errors of the
-        measurement are left. It may be negative. It is inf without samples, or where the samples
-        have no finite prediction.
+        (χ² − tr(C⁻¹S))/rank, with the covariance S of the samples: what their noise adds to χ² is
+        subtracted. About 1 where only the errors of the measurement are left; it may be negative.
+        It is inf without samples, or where they have no finite prediction.
     standard_error
         Of the value, by the noise of the samples alone; nan below two samples.
     chi_square, rank
@@ -91,7 +92,7 @@ def misfit(census: Census, data: Sequence[Datum]) -> Misfit:
     data
         At least one datum.
     """
-    frame = _Frame(data)
+    frame = _frame(tuple(data))
     if census.samples == 0:
         return frame.nothing()
     predicted = predictions(census, data)
@@ -112,36 +113,48 @@ class SamplingNoise(NamedTuple):
     intensity
         Fraction λ by which the correlations are smaller, from 0 to 1.
     freedom
-        Degrees of freedom, the number of samples less 1.
+        Degrees of freedom, the number of samples less 1; 0 where the noise is not known.
+    deviations
+        Of each sample from the mean, shape (n, Q): the pseudo-values of the jackknife.
     """
 
     raw: Floats
     shrunk: Floats
     intensity: float
     freedom: int
+    deviations: Floats
+
+    def of(self, rows: slice) -> "SamplingNoise":
+        """Return the noise of some of the predictions."""
+        return self._replace(
+            raw=self.raw[rows, rows],
+            shrunk=self.shrunk[rows, rows],
+            deviations=self.deviations[:, rows],
+        )
 
 
 def sampling_noise(left_out: Floats) -> SamplingNoise:
     """Return the covariance of predictions from those without one sample each, shape (n, Q).
 
     With the correlations r of the jackknife, λ = Σ var(r)/Σ r² over all pairs; var(r) is that of
-    the covariance of two normal numbers in units of their deviations, (1 + r²)/(n − 1).
+    the covariance of two normal numbers in units of their deviations, (1 + r²)/(n − 1). The noise
+    is not known from one sample, or where a prediction fails without one of them.
     """
     n, size = left_out.shape
-    if n < 2:
+    if n < 2 or not np.all(np.isfinite(left_out)):
         zero = np.zeros((size, size))
-        return SamplingNoise(zero, zero, 1.0, 0)
-    away = left_out - np.mean(left_out, axis=0)
-    raw = (n - 1) / n * (away.T @ away)
-    deviations = np.sqrt(np.diag(raw))
-    scale = np.where(deviations > 0.0, deviations, 1.0)
+        return SamplingNoise(zero, zero, 1.0, 0, np.zeros((n, size)))
+    deviations = (n - 1) * (np.mean(left_out, axis=0) - left_out)
+    raw = deviations.T @ deviations / (n * (n - 1))
+    errors = np.sqrt(np.diag(raw))
+    scale = np.where(errors > 0.0, errors, 1.0)
     correlations = raw / np.outer(scale, scale)
-    noisy = int(np.count_nonzero(deviations))
+    noisy = int(np.count_nonzero(errors))
     squares = float(np.sum(correlations**2)) - noisy
     variances = (noisy * (noisy - 1) + squares) / (n - 1)
-    intensity = min(1.0, variances / squares) if noisy > 1 else 1.0
+    intensity = min(1.0, variances / squares) if squares > 0.0 else 1.0
     shrunk = (1.0 - intensity) * raw + intensity * np.diag(np.diag(raw))
-    return SamplingNoise(raw, shrunk, intensity, n - 1)
+    return SamplingNoise(raw, shrunk, intensity, n - 1, deviations)
 
 
 class _Frame:
@@ -181,46 +194,59 @@ class _Frame:
         """Return the misfit of predictions, (Q,), with their noise."""
         residuals = predicted - self.measured
         total = self.covariance + noise.shrunk
-        inside = self.basis.T @ residuals
         inverse = np.linalg.inv(self.basis.T @ total @ self.basis)
         weights = self.basis @ inverse @ self.basis.T
-        chi_square = float(inside @ inverse @ inside)
-        variance = weight_variance(weights, noise)
+        chi_square = float(residuals @ weights @ residuals)
         return Misfit(
             (chi_square - float(np.sum(weights * noise.raw))) / self.rank,
             value_error(residuals, weights, noise, self.rank),
             chi_square,
             self.rank,
-            tail_probability(chi_square, self.rank, variance) if noise.freedom else math.nan,
-            self._parts(residuals, weights, chi_square, total, noise),
+            _probability(chi_square, self.rank, weight_variance(weights, noise), noise),
+            self._parts(residuals, total, weights @ residuals, noise),
         )
 
     def _parts(
-        self,
-        residuals: Floats,
-        weights: Floats,
-        chi_square: float,
-        total: Floats,
-        noise: SamplingNoise,
+        self, residuals: Floats, total: Floats, pulls: Floats, noise: SamplingNoise
     ) -> tuple[DatumMisfit, ...]:
-        pulls = residuals * (weights @ residuals)
+        """Return the comparison with each datum; `pulls` is C⁻¹ r, and `total` is C."""
+        products = residuals * pulls
+        chi_square = float(np.sum(products))
         errors = np.sqrt(np.diag(total))
         parts = []
         for datum, rows, columns in zip(self.data, self.rows, self.columns, strict=True):
-            basis = self.basis[rows, columns]
-            own = basis @ np.linalg.inv(basis.T @ total[rows, rows] @ basis) @ basis.T
-            own_chi = float(residuals[rows] @ own @ residuals[rows])
-            rank = basis.shape[1]
-            own_noise = SamplingNoise(
-                noise.raw[rows, rows], noise.shrunk[rows, rows], noise.intensity, noise.freedom
+            share = float(np.sum(products[rows])) / chi_square if chi_square > 0.0 else math.nan
+            alone = _alone(
+                residuals[rows], total[rows, rows], self.basis[rows, columns], noise.of(rows)
             )
-            own_variance = weight_variance(own, own_noise)
-            p = tail_probability(own_chi, rank, own_variance) if noise.freedom else math.nan
-            share = float(np.sum(pulls[rows])) / chi_square if chi_square > 0.0 else math.nan
-            parts.append(
-                DatumMisfit(datum.name, residuals[rows], errors[rows], share, own_chi, rank, p)
-            )
+            parts.append(DatumMisfit(datum.name, residuals[rows], errors[rows], share, *alone))
         return tuple(parts)
+
+
+def _alone(
+    residuals: Floats, total: Floats, basis: Floats, noise: SamplingNoise
+) -> tuple[float, int, float]:
+    """Return χ², its rank and its p-value by the rows of one datum."""
+    if len(residuals) == 1:  # what follows, in numbers: most data have one value
+        weight = 1.0 / float(total[0, 0])
+        chi_square = weight * float(residuals[0]) ** 2
+        variance = 2.0 * (weight * float(noise.raw[0, 0])) ** 2 / max(noise.freedom, 1)
+    else:
+        weights = basis @ np.linalg.inv(basis.T @ total @ basis) @ basis.T
+        chi_square = float(residuals @ weights @ residuals)
+        variance = weight_variance(weights, noise)
+    rank = basis.shape[1]
+    return chi_square, rank, _probability(chi_square, rank, variance, noise)
+
+
+def _probability(chi_square: float, rank: int, variance: float, noise: SamplingNoise) -> float:
+    return tail_probability(chi_square, rank, variance) if noise.freedom else math.nan
+
+
+@lru_cache(maxsize=16)
+def _frame(data: tuple[Datum, ...]) -> _Frame:
+    """Return the frame of data, once for all strings; data are told apart by identity."""
+    return _Frame(data)
 
 
 def _basis(datum: Datum) -> Floats:
@@ -259,27 +285,25 @@ def weight_variance(weights: Floats, noise: SamplingNoise) -> float:
 
 
 def value_error(residuals: Floats, weights: Floats, noise: SamplingNoise, rank: int) -> float:
-    """Return the standard error of the value of a misfit; nan below two samples.
+    """Return the standard error of the value of a misfit by the jackknife; nan below two samples.
 
-    To first order in the noise e of the predictions, rᵀWr changes by 2 rᵀWe; the squares eᵀWe
-    have the variance 2 tr(WSWS); and the error Δ of the covariance in W changes it by rᵀWΔWr,
-    whose variance follows as in `weight_variance`.
+    A sample that deviates by u moves r by u/n, and so rᵀWr by 2 rᵀWu/n. It also moves the
+    covariance in W by uuᵀ/n², less its shrunk correlations, and so rᵀWr by −(rᵀWu)²/n². Both are
+    taken together, as the deviations of skewed numbers correlate with their squares.
+
+    The noise of r itself adds 4 tr(WSWS) to the mean square of the first term, which is removed,
+    and 2 tr(WSWS) to the variance of rᵀWr.
     """
     if noise.freedom == 0:
         return math.nan
-    kept, shrunk = 1.0 - noise.intensity, noise.intensity
-    pulls = weights @ residuals
-    linear = float(pulls @ noise.raw @ pulls)
+    n = noise.freedom + 1
+    terms = noise.deviations * (weights @ residuals)
+    along = np.sum(terms, axis=1)
+    squared = (1.0 - noise.intensity) * along**2 + noise.intensity * np.sum(terms**2, axis=1)
+    variance = float(np.var(2.0 * along - squared / n, ddof=1)) / n
     product = weights @ noise.shrunk
     squares = float(np.sum(product * product.T))
-    along = pulls * (noise.shrunk @ pulls)
-    by_weights = (
-        kept**2 * float(np.sum(along)) ** 2
-        + 2.0 * kept * shrunk * float(np.sum(along**2))
-        + shrunk**2 * float(pulls**2 @ noise.shrunk**2 @ pulls**2)
-    )
-    variance = 4.0 * max(linear - squares, 0.0) + 2.0 * squares
-    return math.sqrt(variance + 2.0 / noise.freedom * by_weights) / rank
+    return math.sqrt(max(variance - 4.0 * squares, 0.0) + 2.0 * squares) / rank
 
 
 def tail_probability(chi_square: float, rank: int, variance: float) -> float:

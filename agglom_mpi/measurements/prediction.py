@@ -95,9 +95,9 @@ class _Moment:
     def power_sum(self, power: int) -> Floats:
         """Return the sums of dᵖ over the particles, in mᵖ, shape (1 + n,)."""
         if power < 3:
-            return left_out_sums(np.sum(self.counts * self.diameters**power, axis=1))
-        weighted = self.masses * self.diameters ** (power - 3)
-        return left_out_sums(self.cubes_per_mass * np.sum(weighted, axis=1))
+            return left_out_sums(np.einsum("sb,sb->s", self.counts, self.diameters**power))
+        sums = np.einsum("sb,sb->s", self.masses, self.diameters ** (power - 3))
+        return left_out_sums(self.cubes_per_mass * sums)
 
     def shares(self, datum: Datum) -> Floats:
         """Return the shares of the classes of a datum, shape (1 + n, q)."""
