@@ -1,0 +1,1 @@
+"""Measured data against simulated samples: predictions, their errors, and the misfit."""

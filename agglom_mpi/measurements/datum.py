@@ -1,0 +1,203 @@
+"""What was measured: one number, or the shares of size classes, with the covariance of its errors.
+
+All values are in SI units. `shares_from_cumulative` and `multinomial_covariance` give the
+covariance of shares from what laboratories report: a cumulative curve, or numbers of particles.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float64]
+
+WEIGHTS: Final = ("number", "area", "mass")
+"""What a particle counts by in a distribution: 1, its surface, or its mass."""
+
+
+class MeasuredQuantity(NamedTuple):
+    """A quantity that can be measured: its SI unit, and whether it depends on the weight."""
+
+    unit: str
+    has_weight: bool
+    summary: str
+
+
+QUANTITIES: Final = {
+    "sizes": MeasuredQuantity("1", True, "shares of classes of diameter"),
+    "d10": MeasuredQuantity("m", True, "diameter below which 10 % lie"),
+    "d50": MeasuredQuantity("m", True, "median diameter"),
+    "d90": MeasuredQuantity("m", True, "diameter below which 90 % lie"),
+    "d43": MeasuredQuantity("m", False, "De Brouckere mean diameter D[4,3]"),
+    "d32": MeasuredQuantity("m", False, "Sauter mean diameter D[3,2]"),
+    "mean_diameter": MeasuredQuantity("m", True, "mean diameter"),
+    "mean_radius": MeasuredQuantity("m", True, "mean radius"),
+    "spread": MeasuredQuantity(
+        "1", False, "standard deviation of the diameters relative to their mean, by number"
+    ),
+    "particles_left": MeasuredQuantity(
+        "1", False, "number of particles relative to that of the grains at the start"
+    ),
+    "largest_mass_fraction": MeasuredQuantity(
+        "1", False, "mass of the largest particle relative to the total mass"
+    ),
+    "temperature": MeasuredQuantity("K", False, "mean temperature by mass"),
+}
+"""The quantities by name."""
+
+
+MAX_SUM_ERROR: Final = 1e-6
+"""Largest difference between the sum of the shares of a datum and 1."""
+
+
+@dataclass(frozen=True, eq=False)
+class Datum:
+    """One measured quantity at one time.
+
+    Parameters
+    ----------
+    quantity
+        A key of `QUANTITIES`.
+    values
+        What was measured, shape (q,); for `sizes` the shares of the classes, which sum to 1; else
+        one number.
+    covariance
+        Covariance of the errors of the measurement, shape (q, q). It may be singular, as that of
+        shares is; directions without an error are not compared.
+    weight
+        One of `WEIGHTS`; ignored by quantities without a weight.
+    time
+        In s; None: the end of the simulation.
+    edges
+        Diameters between the classes of `sizes` in m, shape (q + 1,), ascending; the first may be
+        0 and the last inf. The first class has everything below it, and the last class everything
+        above it, so that the shares of a simulation sum to 1 as well.
+    name, unit
+        For people; the numbers of a datum are in SI units whatever its `unit` is.
+
+    Raises
+    ------
+    ValueError
+        If these do not fit together.
+    """
+
+    quantity: str
+    values: Floats
+    covariance: Floats
+    weight: str = "number"
+    time: float | None = None
+    edges: Floats | None = None
+    name: str = ""
+    unit: str = ""
+
+    @classmethod
+    def of_value(
+        cls,
+        quantity: str,
+        value: float,
+        error: float,
+        weight: str = "number",
+        time: float | None = None,
+        name: str = "",
+        unit: str = "",
+    ) -> Self:
+        """Return the datum of one number and its standard error, both in SI units."""
+        covariance = np.array([[float(error) ** 2]])
+        return cls(quantity, np.array([float(value)]), covariance, weight, time, None, name, unit)
+
+    def __post_init__(self) -> None:
+        if self.quantity not in QUANTITIES:
+            raise ValueError(f"quantity {self.quantity!r}; must be one of {', '.join(QUANTITIES)}")
+        if self.weight not in WEIGHTS:
+            raise ValueError(f"weight {self.weight!r}; must be one of {', '.join(WEIGHTS)}")
+        size = len(self.values)
+        if self.covariance.shape != (size, size):
+            shape = self.covariance.shape
+            raise ValueError(f"covariance of shape {shape}; must be ({size}, {size}), as values")
+        if not (np.all(np.isfinite(self.values)) and np.all(np.isfinite(self.covariance))):
+            raise ValueError("values and covariance must be finite")
+        if np.trace(self.covariance) <= 0.0:
+            raise ValueError("error 0; must be above 0")
+        self._check_edges()
+
+    def _check_edges(self) -> None:
+        size = len(self.values)
+        if self.quantity != "sizes":
+            if self.edges is not None or size != 1:
+                raise ValueError(f"{self.quantity} has one value and no edges")
+            return
+        if size < 2:
+            raise ValueError("one class; there must be at least two")
+        if self.edges is None or len(self.edges) != size + 1:
+            raise ValueError(f"{size} classes must have {size + 1} edges")
+        if self.edges[0] < 0.0 or not np.all(np.diff(self.edges) > 0.0):
+            raise ValueError("edges of classes must ascend from at least 0")
+        if abs(float(np.sum(self.values)) - 1.0) > MAX_SUM_ERROR:
+            raise ValueError(f"shares sum to {np.sum(self.values):.6g}; must sum to 1")
+
+
+def data_times(data: Sequence[Datum]) -> tuple[float | None, ...]:
+    """Return the different times of data, ascending and the end last: the T times of a `Census`."""
+    times = {datum.time for datum in data}
+    ends: tuple[None, ...] = (None,) if None in times else ()
+    return (*sorted(time for time in times if time is not None), *ends)
+
+
+class ClassShares(NamedTuple):
+    """Shares of size classes, (q,), their covariance, (q, q), and edges in m, (q + 1,)."""
+
+    values: Floats
+    covariance: Floats
+    edges: Floats
+
+
+def shares_from_cumulative(sizes: ArrayLike, passing: ArrayLike, errors: ArrayLike) -> ClassShares:
+    """Return the shares between sieves, from what passes them.
+
+    A share is the difference of two neighbours, so that neighbouring shares are anticorrelated.
+    There is a class below the first size and one above the last, except where nothing passes the
+    first or everything passes the last with an error of 0.
+
+    Parameters
+    ----------
+    sizes
+        Diameters in m, shape (k,), ascending.
+    passing
+        Share below each of them, from 0 to 1, shape (k,).
+    errors
+        Standard errors of `passing`, independent of each other; shape (k,) or one number.
+    """
+    diameters = np.asarray(sizes, float)
+    below = np.asarray(passing, float)
+    variances = np.broadcast_to(np.asarray(errors, float), below.shape) ** 2
+    if not (below[0] == 0.0 and variances[0] == 0.0):
+        diameters = np.concatenate([[0.0], diameters])
+        below = np.concatenate([[0.0], below])
+        variances = np.concatenate([[0.0], variances])
+    if not (below[-1] == 1.0 and variances[-1] == 0.0):
+        diameters = np.concatenate([diameters, [np.inf]])
+        below = np.concatenate([below, [1.0]])
+        variances = np.concatenate([variances, [0.0]])
+    between = np.diag(-variances[1:-1], 1)
+    covariance = np.diag(variances[:-1] + variances[1:]) + between + between.T
+    return ClassShares(np.diff(below), covariance, diameters)
+
+
+def multinomial_covariance(shares: ArrayLike, counted: float) -> Floats:
+    """Return the covariance of the shares of independently counted particles, shape (q, q).
+
+    (diag(p) − p pᵀ)/counted. The p of this formula are the shares after half a particle more in
+    each class (Jeffreys' prior), so that an empty class has an error as well.
+
+    Parameters
+    ----------
+    shares
+        Measured shares, shape (q,), which sum to 1.
+    counted
+        Number of particles counted.
+    """
+    measured = np.asarray(shares, float)
+    p = (counted * measured + 0.5) / (counted + 0.5 * len(measured))
+    return np.asarray((np.diag(p) - np.outer(p, p)) / counted)
