@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from agglom_mpi.config.bounds import Bounds
+from agglom_mpi.config.data_section import DatumEntry
 from agglom_mpi.config.plan import FinalAnswer, Output, Plan, Stopping
 from agglom_mpi.config.relations import NO_RELATIONS, Relations
 from agglom_mpi.config.scene import SceneSection
@@ -20,6 +21,7 @@ from agglom_mpi.config.yaml_source import (
     Problem,
     parse,
 )
+from agglom_mpi.measurements.datum import Datum
 from agglom_mpi.physics import scales
 from agglom_mpi.search.methods.method import SearchMethod
 from agglom_mpi.search.objectives.objective import Objective
@@ -54,6 +56,10 @@ class CampaignSections:
         Derived quantities and constraints.
     volume
         Control volume relative to the box of the file, with as many times the grains.
+    data
+        Measured data, in the order of the file.
+    data_entries
+        Section `data`, which they are built from.
     scenes
         The scenes of its strings; see `at`.
     """
@@ -71,6 +77,8 @@ class CampaignSections:
     user_function: UserFunction | None = None
     relations: Relations = NO_RELATIONS
     volume: int = 1
+    data: tuple[Datum, ...] = ()
+    data_entries: tuple[DatumEntry, ...] = ()
     scenes: StringScenes = field(init=False)
 
     def __post_init__(self) -> None:

@@ -67,7 +67,9 @@ def read_size_curve(folder: Path, name: str, keys: CurveKeys) -> SizeCurve:
     try:
         found = _curve(read_table(content, is_size_title, CURVE_EXAMPLE, MAX_ROWS), keys)
         if len(found.shares) < 2:
-            raise TableError("has all its grains in one class; must have at least two classes")
+            raise TableError(
+                "has fewer than two classes with grains, or with enough counted ones; must have two"
+            )
         if len(found.shares) > MAX_CLASSES:
             raise TableError(f"has {len(found.shares)} classes; must have at most {MAX_CLASSES}")
     except FieldError:

@@ -222,7 +222,7 @@ REFUSED = {
         "sieve (um);passing (%)\n125;100\n63;20\npan;20\n",
         ("line 4", "'20'"),
     ),
-    "one class": ("class (um);share (%)\n63-125;100\n", ("two classes",)),
+    "one class": ("class (um);share (%)\n63-125;100\n", ("classes", "two")),
     "an open class alone": ("class (um);passing (%)\n>63;100\n", ("sieve",)),
     "a unit of another kind": ("sieve (kg);passing (%)\n63;20\n125;100\n", ("'kg'", "length")),
     "no sizes": ("mass (g);passing (%)\n63;20\n125;100\n", ("line 1", "heading")),
