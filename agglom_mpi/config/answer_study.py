@@ -9,6 +9,7 @@ from typing import Annotated, Any, Final, Literal, NamedTuple
 from pydantic import Field, ValidationError, model_validator
 
 from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.data_files import DataBesideCampaign
 from agglom_mpi.config.field_errors import to_campaign_error
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.own_components import BesideCampaign
@@ -190,7 +191,8 @@ class _Variants:
         self._data.pop("output", None)
         folder = Path(question.name).parent
         self._read_sizes = read_beside(folder)
-        self._reading = Reading(own=BesideCampaign(folder, allow_code))
+        own, files = BesideCampaign(folder, allow_code), DataBesideCampaign(folder)
+        self._reading = Reading(own=own, files=files)
 
     def of(self, path: FieldPath) -> Campaign:
         """Return the campaign of the setting at a place of the study's file.

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 
 CAMPAIGN_INTERNALS: Final = (
     *("scene", "variables", "objective", "plan", "output", "final", "user_function", "relations"),
+    *("data", "data_entries"),
     *("at", "most_grains", "objective_at", "scenes", "used_values"),
     *("search", "ensemble", "stopping", "common_configurations", "max_framed", "max_strings"),
     *("first_sample", "given_strings", "space", "allowed_strings", "fraction", "volume"),
@@ -99,6 +100,8 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
             plan=document.plan,
             output=document.output,
             final=document.final,
+            data=tuple(entry.build() for entry in document.data),
+            data_entries=document.data,
             text=text,
             name=name,
             user_function=user_function,

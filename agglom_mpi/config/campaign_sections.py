@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from agglom_mpi.config.bounds import Bounds
 from agglom_mpi.config.census_layout import census_layout
+from agglom_mpi.config.data_section import DatumEntry
 from agglom_mpi.config.plan import FinalAnswer, Output, Plan, Stopping
 from agglom_mpi.config.relations import NO_RELATIONS, Relations
 from agglom_mpi.config.scene import SceneSection
@@ -61,6 +62,8 @@ class CampaignSections:
         Control volume relative to the box of the file, with as many times the grains.
     data
         Measured data, in the order of the file.
+    data_entries
+        Section `data`, which they are built from.
     scenes
         The scenes of its strings; see `at`.
     """
@@ -79,6 +82,7 @@ class CampaignSections:
     relations: Relations = NO_RELATIONS
     volume: int = 1
     data: tuple[Datum, ...] = ()
+    data_entries: tuple[DatumEntry, ...] = ()
     scenes: StringScenes = field(init=False)
 
     def __post_init__(self) -> None:

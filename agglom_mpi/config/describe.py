@@ -99,6 +99,7 @@ def sections(campaign: "CampaignSections") -> list[Paragraph]:
         ("Scene", _known(lambda: _scene(campaign))),
         ("Variables", _variables(campaign)),
         *_relations(campaign),
+        *_data(campaign),
         ("What follows", _known(lambda: consequences(campaign))),
         ("Submodels", used),
         ("Left out", left_out + _not_stored(campaign) or ["nothing"]),
@@ -125,6 +126,12 @@ def _relations(campaign: "CampaignSections") -> list[Paragraph]:
         )
         lines += share
     return [("Constraints", lines)]
+
+
+def _data(campaign: "CampaignSections") -> list[Paragraph]:
+    """Return a line for each measured datum."""
+    lines = [entry.summary for entry in campaign.data_entries]
+    return [("Data", lines)] if lines else []
 
 
 def _not_stored(campaign: "CampaignSections") -> list[str]:

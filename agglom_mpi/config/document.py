@@ -22,6 +22,8 @@ from agglom_mpi.config.bounds import (
     ranges_of,
     required_variables,
 )
+from agglom_mpi.config.data_files import with_curves
+from agglom_mpi.config.data_section import DataLimits, DatumEntry
 from agglom_mpi.config.field_errors import to_campaign_error
 from agglom_mpi.config.path_entries import PathEntries, read_paths
 from agglom_mpi.config.plan import (
@@ -67,6 +69,8 @@ class SceneDocument(Section):
         Quantities by arithmetic of the variables, `{pressure: density * relative_speed**2}`.
     constraints
         Comparisons that every string satisfies, `[pressure < 0.1 * hardness]`.
+    data
+        List of measurements that samples are compared with, each a mapping with its `quantity`.
     objective
         What is minimised, the wanted growth or another moment of the sizes.
     output
@@ -81,6 +85,7 @@ class SceneDocument(Section):
     variables: VariableEntries = Field(description="the section of values and ranges")
     derived: Any = ()
     constraints: Any = ()
+    data: tuple[DatumEntry, ...] = ()
     objective: Annotated[Objective, Choice(Objective)] = MaximumGrowth()
     output: Output = Output()
     final: Annotated[FinalAnswer | None, NONE] = FinalAnswer()
@@ -127,6 +132,21 @@ class SceneDocument(Section):
         constraints, problems = read_constraints(entries, used, info.data["derived"], reading)
         raise_field_errors(problems)
         return constraints
+
+    @field_validator("data")
+    @classmethod
+    def _data_fit_scene(
+        cls, data: tuple[DatumEntry, ...], info: ValidationInfo
+    ) -> tuple[DatumEntry, ...]:
+        reading = reading_of(info)
+        entries, problems = with_curves(data, reading.files)
+        raise_field_errors(problems)
+        if "scene" in info.data:
+            scene = info.data["scene"]
+            differs = scene.end_time == "characteristic" or "end_time" in reading.variables
+            limits = DataLimits(None if differs else scene.end_time, not scene.heating.is_absent)
+            raise_field_errors(limits.problems(entries))
+        return entries
 
     @field_validator("objective")
     @classmethod

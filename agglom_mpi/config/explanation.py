@@ -247,9 +247,11 @@ def _pydantic_limits(field: Any) -> Iterator[str]:
 def _default(section: type[Any], name: str) -> str | None:
     """Return the value of a key that is not given, as in a file; None if it must be."""
     field = section.model_fields[name]
+    supplied: Mapping[str, str] = getattr(section, "SUPPLIED", {})
+    if name in supplied:
+        return supplied[name]
     if field.is_required():
-        supplied: Mapping[str, str] = getattr(section, "SUPPLIED", {})
-        return supplied.get(name)
+        return None
     default = field.default
     if default is None or default is PydanticUndefined or default is MISSING:
         return "none"

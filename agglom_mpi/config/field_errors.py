@@ -161,6 +161,8 @@ class _Models(NamedTuple):
         """Return the models that pydantic may have tried at a location."""
         models: Models = [self.outermost]
         for i, part in enumerate(loc):
+            if isinstance(part, int):  # an entry of a list, whose type the key before it gives
+                continue
             tagged = [found for found in models if part in _tags(found)]
             models = tagged or [
                 inner

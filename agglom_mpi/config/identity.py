@@ -40,6 +40,8 @@ def identity(campaign: "CampaignSections") -> dict[str, object]:
     }
     if campaign.relations.constraints:
         sections["constraints"] = sorted(campaign.relations.canonical())
+    if campaign.data_entries:
+        sections["data"] = [entry.entries() for entry in campaign.data_entries]
     if campaign.plan is not None:
         sections |= _required_plan(campaign.plan)
     given = {f"scene.{name}" for name in _given_as_variables(variables)}

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.data_files import DataBesideCampaign, RecordedData
 from agglom_mpi.config.own_components import ONLY_ALLOWED, BesideCampaign
 from agglom_mpi.config.size_file import read_beside, recorded_sizes
 from agglom_mpi.config.user_function import (
@@ -44,7 +45,7 @@ def check_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> Ca
 def _campaign(name: str, allow_code: bool) -> Campaign:
     """Return the campaign of a file, without its function."""
     folder = Path(name).parent
-    reading = Reading(own=BesideCampaign(folder, allow_code))
+    reading = Reading(own=BesideCampaign(folder, allow_code), files=DataBesideCampaign(folder))
     return Campaign.from_text(read_text(name), name, None, read_beside(folder), reading)
 
 
@@ -66,7 +67,7 @@ def campaign_of_record(
         If the text is damaged.
     """
     function, sizes = recorded_function(identity), recorded_sizes(identity)
-    reading = Reading(True, own, _recorded_variables(identity))
+    reading = Reading(True, own, _recorded_variables(identity), RecordedData(identity))
     return Campaign.from_text(text, name, allowed or function, sizes, reading)
 
 

@@ -88,21 +88,26 @@ def read_diameters(folder: Path, name: str) -> Diameters:
     ValueError
         If it cannot be read, or holds something else.
     """
-    if not name.isprintable():
-        raise ValueError(f"is {quoted(name)}, which holds a character that cannot be printed")
-    path = folder / name
-    if begins_as_hdf5(path):
-        raise ValueError(f"is {quoted(name)}, an HDF5 file; must be a text of one diameter a line")
-    try:
-        content = read_bounded(path, MAX_BYTES)
-    except OSError as error:
-        raise ValueError(
-            f"is {quoted(name)}, but {path} cannot be read: {error.strerror}"
-        ) from None
+    content = read_content(folder, name)
     try:
         return _diameters(read_table(content, is_diameter, EXAMPLE, MAX_ROWS))
     except ValueError as error:
         raise ValueError(f"is {quoted(name)}: {error}") from None
+
+
+def read_content(folder: Path, name: str) -> bytes:
+    """Return the bytes of a file that a campaign names; raise a ValueError if it is no text."""
+    if not name.isprintable():
+        raise ValueError(f"is {quoted(name)}, which holds a character that cannot be printed")
+    path = folder / name
+    if begins_as_hdf5(path):
+        raise ValueError(f"is {quoted(name)}, an HDF5 file; must be a text file with a table")
+    try:
+        return read_bounded(path, MAX_BYTES)
+    except OSError as error:
+        raise ValueError(
+            f"is {quoted(name)}, but {path} cannot be read: {error.strerror}"
+        ) from None
 
 
 def is_diameter(title: str) -> bool:
@@ -114,15 +119,21 @@ def _diameters(table: TextTable) -> Diameters:
     """Return the diameters of a table."""
     column = _column(table)
     unit = (table.headings[column].unit or "") if table.headings else ""
-    factor = _metres(unit)
     numbers = table.numbers(column)
     _check(numbers, lambda row: f"{table.place(row, column)}: {table.field(row, column)}")
     _refuse_histogram(table, column, numbers)
-    # 40 um are 40/1e6 m to the bit, as in a campaign file; 40 * 1e-6 are not.
+    return Diameters(tuple(in_metres(numbers, unit)), unit not in RELATIVE)
+
+
+def in_metres(numbers: Sequence[float], unit: str) -> list[float]:
+    """Return lengths in m; unchanged of no unit. Raise a TableError if the unit is none of length.
+
+    40 um are 40/1e6 m to the bit, as in a campaign file; 40 * 1e-6 are not.
+    """
+    factor = _metres(unit)
     whole = round(1.0 / factor)
     divides = whole > 0 and 1.0 / whole == factor
-    values = tuple(number / whole if divides else number * factor for number in numbers)
-    return Diameters(values, unit not in RELATIVE)
+    return [number / whole if divides else number * factor for number in numbers]
 
 
 def _metres(unit: str) -> float:

@@ -79,19 +79,33 @@ class TextTable(NamedTuple):
         TableError
             If a field is not a number, or can be two.
         """
-        found = []
-        for row, cells in enumerate(self.rows):
-            cell = cells[column] if column < len(cells) else ""
-            point = cell.replace(",", ".") if self.decimal_comma else cell
-            if NUMBER.fullmatch(point) is None:
-                raise TableError(f"{self.place(row, column)}: {_no_number(cell)}")
-            found.append(float(as_python(point)))
+        return [self.number(row, column) for row in range(len(self.rows))]
+
+    def number(self, row: int, column: int) -> float:
+        """Return the number in a field; raise a TableError if it is none, or can be two."""
+        cell = self.cell(row, column)
+        found = self.number_of(cell)
+        if found is None:
+            raise TableError(f"{self.place(row, column)}: {_no_number(cell)}")
         return found
+
+    def number_of(self, cell: str) -> float | None:
+        """Return the number of a text that is written as those of the table; None of others."""
+        point = cell.replace(",", ".") if self.decimal_comma else cell
+        return float(as_python(point)) if NUMBER.fullmatch(point) else None
+
+    def cell(self, row: int, column: int) -> str:
+        """Return the text of a field; empty where the row is shorter."""
+        cells = self.rows[row]
+        return cells[column] if column < len(cells) else ""
 
     def field(self, row: int, column: int) -> str:
         """Return a field as a message quotes it."""
-        cells = self.rows[row]
-        return quoted_start(cells[column] if column < len(cells) else "")
+        return quoted_start(self.cell(row, column))
+
+    def shown(self, row: int, column: int) -> str:
+        """Return the place of a field and its value, as a message begins."""
+        return f"{self.place(row, column)}: {self.field(row, column)}"
 
     def place(self, row: int, column: int) -> str:
         """Return the line of a field, and its column where there are several."""

@@ -62,6 +62,35 @@ NO_OWN: Final = OwnComponents()
 """Finds none."""
 
 
+class DataFiles:
+    """Reads the files that the section `data` names; this one reads none."""
+
+    def curve(self, place: int, name: str, keys: Any) -> Any:
+        """Return the size distribution of a file.
+
+        Parameters
+        ----------
+        place
+            Number of the entry, from 0.
+        name
+            Name of the file.
+        keys
+            What the entry states of it.
+
+        Raises
+        ------
+        ValueError
+            If it cannot be read, with the reason.
+        """
+        raise ValueError(
+            f"is {quoted(name)}, which is read beside a campaign file; this text has none"
+        )
+
+
+NO_FILES: Final = DataFiles()
+"""Reads none."""
+
+
 class Reading(NamedTuple):
     """How the text of a campaign is read.
 
@@ -74,11 +103,14 @@ class Reading(NamedTuple):
         Finds the components of one's own that it names.
     variables
         Variables of its strings.
+    files
+        Reads the files of measured data.
     """
 
     recorded: bool = False
     own: OwnComponents = NO_OWN
     variables: VariableTable = TEN
+    files: DataFiles = NO_FILES
 
 
 PLAIN: Final = Reading()

@@ -1,0 +1,256 @@
+"""Section `data`: what was measured, when, and with which error.
+
+An entry gives one number with its error, or the file of a size distribution. `data_files` reads
+the files; the identity of a campaign has their numbers, so that a stored campaign needs none.
+"""
+
+from collections.abc import Iterator
+from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple, Self
+
+import numpy as np
+from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_validator
+
+from agglom_mpi.config.size_choice import CurveKeys
+from agglom_mpi.config.size_curve import ShareWeight, SizeCurve
+from agglom_mpi.declaration.components import In, Whole
+from agglom_mpi.declaration.declared import FieldPath, raise_field_errors
+from agglom_mpi.declaration.field_types import Line
+from agglom_mpi.declaration.sections import Section
+from agglom_mpi.declaration.units import has_offset, quoted, to_si, unit_in
+from agglom_mpi.formatting import in_unit, value_with_prefix
+from agglom_mpi.measurements.datum import QUANTITIES, Datum
+
+SIZES_QUANTITY: Final = "sizes"
+"""The quantity whose numbers are in a file."""
+MASS_QUANTITIES: Final = (SIZES_QUANTITY, "d10", "d50", "d90")
+"""Quantities that are by mass unless something else is stated."""
+FRACTIONS_OF_ONE: Final = ("particles_left", "largest_mass_fraction")
+"""Quantities that are at most 1."""
+_OF_FILES: Final = ("file", "column", "unit", "counted")
+"""Keys of an entry with a file."""
+
+
+class DatumEntry(Section):
+    """One measurement: a number with its error, or a file of sizes.
+
+    Attributes
+    ----------
+    quantity
+        What was measured. `d43` and `d32` are mean diameters by volume and by surface, `spread` is
+        the standard deviation of the diameters over their mean, `particles_left` a share of the
+        grains at the start, `temperature` the mean by mass.
+    value
+        Measured value, with a unit or in SI units; of every quantity but `sizes`.
+    error
+        Standard error of the value; of a file that of each share, or of each value of a cumulative
+        curve, if it has no column of errors.
+    weight
+        What a particle counts by. Quantities without a weight take none.
+    time
+        Time of the measurement from the start of a sample; without it the end.
+    file
+        Name of the file, beside the campaign file: a cumulative curve, a histogram, or a list of
+        diameters, under headings with units such as `sieve size (mm)` and `passing (%)`.
+    column
+        Heading of the column to read, where a file has several.
+    unit
+        Unit of the sizes, where their heading has none.
+    counted
+        Number of grains that were counted for the shares in the file, in place of `error`. Columns
+        of counts and lists of diameters count themselves.
+    """
+
+    SUPPLIED: ClassVar[dict[str, str]] = {
+        "weight": "as in the file, else mass for sizes, d10, d50, d90, number for means",
+        "time": "the end",
+    }
+    """Texts on defaults."""
+
+    quantity: Literal[
+        "sizes",
+        "d10",
+        "d50",
+        "d90",
+        "d43",
+        "d32",
+        "mean_diameter",
+        "mean_radius",
+        "spread",
+        "particles_left",
+        "largest_mass_fraction",
+        "temperature",
+    ] = Field(description=f"allowed: {', '.join(QUANTITIES)}")
+    value: float | None = None
+    error: float | None = None
+    weight: ShareWeight | None = None
+    time: Annotated[float | None, In("s", above=0)] = None
+    file: Line | None = None
+    column: Line = ""
+    unit: Line = ""
+    counted: Annotated[int, Whole(at_least=10)] | None = None
+    _curve: SizeCurve | None = PrivateAttr(None)
+
+    @field_validator("value", mode="before")
+    @classmethod
+    def _in_its_unit(cls, value: Any, info: ValidationInfo) -> Any:
+        quantity = info.data.get("quantity")
+        if quantity is None or quantity == SIZES_QUANTITY:
+            return None
+        number, unit = to_si(value, QUANTITIES[quantity].unit), QUANTITIES[quantity].unit
+        if not number > 0.0:
+            raise ValueError(f"is {quoted(value)}; must be greater than {in_unit('0', unit)}")
+        if quantity in FRACTIONS_OF_ONE and number > 1.0:
+            raise ValueError(f"is {quoted(value)}; must be at most 1")
+        return number
+
+    @field_validator("error", mode="before")
+    @classmethod
+    def _error_in_its_unit(cls, value: Any, info: ValidationInfo) -> Any:
+        quantity = info.data.get("quantity")
+        if quantity is None:
+            return None
+        unit = QUANTITIES[quantity].unit
+        number = to_si(value, unit)
+        given = unit_in(value)
+        if given and has_offset(given):
+            raise ValueError(f"is {quoted(value)}; a difference of temperatures must be in K")
+        if not number > 0.0:
+            raise ValueError(f"is {quoted(value)}; must be greater than {in_unit('0', unit)}")
+        if quantity == SIZES_QUANTITY and number >= 1.0:
+            raise ValueError(f"is {quoted(value)}; the error of a share must be less than 100 %")
+        return number
+
+    @model_validator(mode="after")
+    def _keys_fit_quantity(self) -> Self:
+        raise_field_errors(self._problems())
+        return self
+
+    def _problems(self) -> Iterator[tuple[FieldPath, str]]:
+        """Yield keys that the quantity lacks, or does not have."""
+        is_file = self.quantity == SIZES_QUANTITY
+        if not QUANTITIES[self.quantity].has_weight and self.weight is not None:
+            weighted = ", ".join(name for name, each in QUANTITIES.items() if each.has_weight)
+            message = f"is {self.weight!r}; must be left out of {self.quantity}, and belongs to"
+            yield ("weight",), f"{message} {weighted}"
+        for key in ("value",) if is_file else _OF_FILES:
+            if key in self.model_fields_set:
+                other = (
+                    "the numbers of sizes are in their file" if is_file else "only sizes have it"
+                )
+                yield (key,), f"must be left out of {self.quantity}; {other}"
+        if is_file and self.file is None:
+            yield ("file",), "is missing; a curve, a histogram or a list, like 'sieve.csv'"
+        for key in () if is_file else ("value", "error"):
+            if getattr(self, key) is None:
+                unit = QUANTITIES[self.quantity].unit
+                like = "a number" if unit == "1" else f"a number in {unit}, or a text with a unit"
+                yield (key,), f"is missing; {like}"
+
+    @property
+    def curve_keys(self) -> CurveKeys:
+        """What the entry states of its file."""
+        return CurveKeys(self.weight, self.column, self.unit, self.error, self.counted)
+
+    def with_curve(self, curve: SizeCurve) -> Self:
+        """Return the entry with what its file holds."""
+        copy = self.model_copy()
+        copy._curve = curve
+        return copy
+
+    @property
+    def used_weight(self) -> ShareWeight:
+        """Weight of the quantity; by number if it has none."""
+        if self._curve is not None:
+            return self._curve.weight
+        return self.weight or ("mass" if self.quantity in MASS_QUANTITIES else "number")
+
+    @property
+    def label(self) -> str:
+        """Name of the datum for people, as `sizes by mass at 2 ms`."""
+        weight = f" by {self.used_weight}" if QUANTITIES[self.quantity].has_weight else ""
+        time = "the end" if self.time is None else value_with_prefix(self.time, "s")
+        return f"{self.quantity}{weight} at {time}"
+
+    @property
+    def summary(self) -> str:
+        """One line on the datum and its numbers."""
+        if self._curve is None:
+            unit = QUANTITIES[self.quantity].unit
+            value, error = (_shown(number, unit) for number in (self.value, self.error))
+            return f"{self.label}: {value} ± {error}"
+        low, high = self._curve.edges[0], self._curve.edges[-1]
+        lower = _length("below", self._curve.edges[1]) if low == 0.0 else _length("", low)
+        upper = _length("above", self._curve.edges[-2]) if high == np.inf else _length("", high)
+        return f"{self.label}: {len(self._curve.shares)} classes, {lower} to {upper}, {self.file}"
+
+    def build(self) -> Datum:
+        """Return the datum in SI units."""
+        if self._curve is None:
+            value, error = float(self.value or 0.0), float(self.error or 0.0)
+            return Datum.of_value(
+                self.quantity, value, error, self.used_weight, self.time, self.label
+            )
+        return Datum(
+            quantity=self.quantity,
+            values=np.array(self._curve.shares),
+            covariance=self._curve.covariance,
+            weight=self.used_weight,
+            time=self.time,
+            edges=np.array(self._curve.edges),
+            name=self.label,
+        )
+
+    def entries(self) -> dict[str, Any]:
+        """Return the datum as plain values; the numbers of a file as texts, without its name."""
+        found: dict[str, Any] = {"quantity": self.quantity}
+        if QUANTITIES[self.quantity].has_weight:
+            found["weight"] = self.used_weight
+        if self.time is not None:
+            found["time"] = self.time
+        if self._curve is None:
+            return {**found, "value": self.value, "error": self.error}
+        numbers = {name: " ".join(map(repr, getattr(self._curve, name))) for name in CURVE_NUMBERS}
+        return {**found, "errors_of": self._curve.errors_of, **numbers}
+
+
+CURVE_NUMBERS: Final = ("edges", "shares", "errors")
+"""Entries of an identity with the numbers of a file."""
+
+
+class DataLimits(NamedTuple):
+    """What a scene allows of data.
+
+    Attributes
+    ----------
+    end
+        Fixed end of the samples in s; None where it differs between strings.
+    has_heat
+        Whether particles have a temperature.
+    """
+
+    end: float | None
+    has_heat: bool
+
+    def problems(self, data: tuple[DatumEntry, ...]) -> Iterator[tuple[FieldPath, str]]:
+        """Yield data that the scene cannot have, and those that stand twice."""
+        recorded = [entry.entries() for entry in data]
+        for i, entry in enumerate(data):
+            if entry.time is not None and self.end is not None and entry.time > self.end:
+                own, end = (value_with_prefix(time, "s") for time in (entry.time, self.end))
+                yield (i, "time"), f"is {own}; must be at most the end_time of the scene, {end}"
+            if entry.quantity == "temperature" and not self.has_heat:
+                message = "is 'temperature', but heating is 'none'; the scene must have heating"
+                yield (i, "quantity"), message
+            if recorded[i] in recorded[:i]:
+                first = recorded.index(recorded[i])
+                yield (i,), f"is the same as data.{first}; each must stand once"
+
+
+def _length(word: str, length: float) -> str:
+    return f"{word} {value_with_prefix(length, 'm')}".strip()
+
+
+def _shown(number: float | None, unit: str) -> str:
+    """Return a number with its unit; lengths with a prefix."""
+    number = 0.0 if number is None else number
+    return value_with_prefix(number, unit) if unit == "m" else in_unit(f"{number:g}", unit)
