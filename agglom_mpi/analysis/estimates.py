@@ -179,7 +179,7 @@ def objective_at(data: "CampaignData", string: int) -> "Objective":
     """Return the same for the samples of a string, which start with its own grains."""
     law = objective_of(data)
     known = string in data.parameters  # or its row is damaged
-    if not known or not data.variables.has_numbers_of("sizes"):
+    if not known or not (law.needs_data or data.variables.has_numbers_of("sizes")):
         return law
     from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
