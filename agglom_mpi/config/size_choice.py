@@ -114,16 +114,20 @@ class SizeTable(NamedTuple):
         return self._only(chosen)
 
     def _only(self, columns: list[SizeColumn]) -> SizeColumn:
-        """Return a column; raise a FieldError if the entry must name one of several."""
-        if len(columns) > 1:
+        """Return a column; raise a FieldError if the entry must name one of several.
+
+        Of columns that differ by their units alone, as masses and percentages, it is the first.
+        """
+        if len({column.title.lower() for column in columns}) > 1:
             message = f"is missing; the file has {_titles(columns[:4])}, of which it must name one"
             raise FieldError((("column",), message))
         return columns[0]
 
     def _is_named(self, column: SizeColumn) -> bool:
         """Return whether the entry names a column."""
-        wanted = parse_heading(self.keys.column).title.lower()
-        return bool(wanted) and column.title.lower() == wanted
+        title, unit = parse_heading(self.keys.column)
+        is_unit = unit in (None, column.unit) or (column.is_percent and "%" in (unit or ""))
+        return bool(title) and column.title.lower() == title.lower() and is_unit
 
     def _numbers_rows(self, column: SizeColumn) -> bool:
         """Return whether a column numbers its rows 1, 2, 3 and so on."""

@@ -29,6 +29,7 @@ from agglom_mpi.config.size_headings import (
     SIZES,
     SizeColumn,
     is_size_title,
+    names_other_amounts,
     size_columns,
 )
 from agglom_mpi.config.size_rows import SizeRow, classes_between, size_rows
@@ -263,13 +264,14 @@ def _counted(curve: SizeCurve, counted: float) -> SizeCurve:
 
 def _listed(found: SizeTable) -> SizeCurve:
     """Return the curve of a file with one grain in each row."""
+    column = found.grains()
+    numbers = found.table.numbers(column.position)
+    _refuse_amounts(found.table, numbers)
     for name in ("error", "counted"):
         given = getattr(found.keys, name)
         if given is not None:
             message = f"is {given:g}, but the file has a row for each grain, which counts itself"
             raise FieldError(((name,), f"{message}; leave it out"))
-    column = found.grains()
-    numbers = found.table.numbers(column.position)
     for row, number in enumerate(numbers):
         if number <= 0.0:
             raise TableError(f"{found.shown(row, column)}; must be greater than 0")
@@ -279,3 +281,21 @@ def _listed(found: SizeTable) -> SizeCurve:
     else:
         diameters = np.array(in_metres(numbers, found.unit(column)))
     return curve_of_diameters(diameters, found.keys.weight or "mass")
+
+
+def _refuse_amounts(table: TextTable, diameters: list[float]) -> None:
+    """Raise a TableError if a column seems to be the amount of each size, by none of the weights.
+
+    Sizes beside a single other column that are in order and all different are classes.
+    """
+    others = [heading.title for heading in table.headings if names_other_amounts(heading)]
+    steps = {(b > a) - (b < a) for a, b in pairwise(diameters)}
+    if not others and table.width == 2 and len(diameters) > 2 and steps in ({1}, {-1}):
+        others = [
+            heading.title for heading in table.headings if not is_size_title(heading.title.lower())
+        ]
+    if others:
+        raise TableError(
+            f"has column {quoted_start(others[0])} beside the sizes, which is no amount by number, "
+            "by area or by mass; must have such a title"
+        )
