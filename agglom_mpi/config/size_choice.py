@@ -1,5 +1,6 @@
-"""Which columns of a table of measured sizes are read, and the errors of their shares."""
+"""Tables of measured sizes: which columns are read, and the errors of their shares."""
 
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -7,15 +8,21 @@ import numpy.typing as npt
 
 from agglom_mpi.config.bounded_reading import quoted_start
 from agglom_mpi.config.size_curve import Numbers, ShareWeight
-from agglom_mpi.config.size_headings import AMOUNTS, SizeColumn
+from agglom_mpi.config.size_headings import AMOUNTS, Role, SizeColumn
 from agglom_mpi.config.size_rows import SizeRow
 from agglom_mpi.config.table_layout import TableError
 from agglom_mpi.config.text_table import TextTable, parse_heading
 from agglom_mpi.declaration.declared import FieldError
-from agglom_mpi.declaration.units import quoted
+from agglom_mpi.declaration.units import quoted, to_si
 
 CURVE_EXAMPLE: Final = "sieve size (mm)"
 """Heading that messages give as an example."""
+PREFERRED_AMOUNTS: Final[tuple[tuple[Role, ...], ...]] = (
+    ("passing", "cumulative"),
+    ("cumulative retained",),
+    ("retained", "amount"),
+)
+"""Roles of amounts, those first that are read where a file has several."""
 
 
 class CurveKeys(NamedTuple):
@@ -42,134 +49,207 @@ class CurveKeys(NamedTuple):
     counted: int | None = None
 
 
-def amount_column(
-    table: TextTable, columns: list[SizeColumn], keys: CurveKeys
-) -> SizeColumn | None:
-    """Return the column of amounts to read; None of a list of single grains.
+class SizeTable(NamedTuple):
+    """A table of measured sizes.
 
-    A cumulative curve goes before the shares that it was made from, and what passes before what is
-    retained.
-    """
-    found = [each for each in columns if each.role in AMOUNTS and not _numbers_rows(table, each)]
-    if keys.column:
-        wanted = parse_heading(keys.column).title.lower()
-        named = [each for each in columns if each.title.lower() == wanted]
-        if not named:
-            titles = ", ".join(quoted_start(each.title) for each in columns[:6])
-            raise FieldError((("column",), f"is {quoted(keys.column)}; the file has {titles}"))
-        found = [each for each in named if each.role in AMOUNTS]
-    matching = [each for each in found if keys.weight in (None, each.weight)]
-    for roles in (("passing", "cumulative"), ("cumulative retained",), ("retained", "amount")):
-        ranked = [each for each in matching or found if each.role in roles]
-        if len(ranked) > 1:
-            titles = ", ".join(quoted_start(each.title) for each in ranked[:4])
-            message = f"is missing; the file has {titles}, of which it must name one"
-            raise FieldError((("column",), message))
-        if ranked:
-            return ranked[0]
-    return None
-
-
-def _numbers_rows(table: TextTable, column: SizeColumn) -> bool:
-    """Return whether a column numbers its rows 1, 2, 3 and so on."""
-    texts = [table.cell(row, column.position) for row in range(len(table.rows))]
-    return len(texts) > 2 and texts == [str(number + 1) for number in range(len(texts))]
-
-
-def size_column(columns: list[SizeColumn], roles: tuple[str, ...], keys: CurveKeys) -> SizeColumn:
-    """Return the one column of sizes with the first of some roles that there is.
-
-    Raises
-    ------
-    TableError
-        If there are several, or none.
-    """
-    for role in roles:
-        found = [column for column in columns if column.role == role]
-        with_unit = [column for column in found if column.is_length]
-        named = parse_heading(keys.column).title.lower() if keys.column else None
-        chosen = [each for each in found if each.title.lower() == named] or with_unit or found
-        if len(chosen) > 1:
-            titles = ", ".join(quoted_start(column.title) for column in chosen[:4])
-            raise TableError(f"has several columns of sizes, {titles}; keep one of them")
-        if chosen:
-            return chosen[0]
-    raise TableError(f"has no column of sizes; must have a heading like '{CURVE_EXAMPLE}'")
-
-
-def unit_of_sizes(column: SizeColumn, keys: CurveKeys, example: str = "um") -> str:
-    """Return the unit of the sizes; raise an error if there is none, or there are two."""
-    if column.unit and keys.unit:
-        message = f"is {quoted(keys.unit)}, but the file gives {quoted_start(column.unit)}"
-        raise FieldError((("unit",), f"{message}; leave it out"))
-    if not (column.unit or keys.unit):
-        title = quoted_start(column.title)
-        raise TableError(
-            f"the sizes in column {title} have no unit; write it in the heading like "
-            f"'{CURVE_EXAMPLE}', or add `unit: {example}` to the entry"
-        )
-    return column.unit or keys.unit
-
-
-def share_errors(
-    table: TextTable,
-    columns: list[SizeColumn],
-    amount: SizeColumn,
-    rows: list[SizeRow],
-    keys: CurveKeys,
-    scale: float,
-    needed: npt.NDArray[np.bool_],
-) -> Numbers | None:
-    """Return the standard errors of the shares in some rows, shape (n,); None if grains counted.
-
-    Parameters
+    Attributes
     ----------
-    table, columns, amount, rows, keys
-    scale
-        Factor of what is written.
-    needed
-        Whether a row needs an error, shape (n,): 0 % and 100 % of a cumulative curve have none.
-
-    Raises
-    ------
-    FieldError
-        If errors are given twice.
-    TableError
-        If an error is not greater than 0.
+    table
+        The text fields.
+    columns
+        The columns whose roles their headings state.
+    keys
+        What the entry of `data` states of the file.
     """
-    found = [column for column in columns if column.role == "error"]
-    if len(found) > 1:
-        raise TableError(f"has {len(found)} columns of errors; keep one of them")
-    given = [name for name in ("error", "counted") if getattr(keys, name) is not None]
-    if len(given) + len(found) > 1:
-        beside = f"column {quoted_start(found[0].title)} of the file" if found else given[0]
-        raise FieldError(((given[-1],), f"is given beside {beside}; must be one of them"))
-    if keys.error is not None:
-        return np.full(len(rows), keys.error)
-    if not found:
+
+    table: TextTable
+    columns: list[SizeColumn]
+    keys: CurveKeys
+
+    def shown(self, row: int, column: SizeColumn) -> str:
+        """Return the place of a field and its value, as a message begins."""
+        return self.table.shown(row, column.position)
+
+    def is_empty(self, row: int, column: SizeColumn) -> bool:
+        """Return whether a field is empty."""
+        return not self.table.cell(row, column.position)
+
+    def numbers(self, rows: Sequence[SizeRow], column: SizeColumn) -> Numbers:
+        """Return the numbers of a column in some rows, shape (n,)."""
+        return np.array([self.table.number(row.position, column.position) for row in rows])
+
+    def amount(self) -> SizeColumn | None:
+        """Return the column of amounts to read; None of a list of single grains.
+
+        A cumulative curve goes before the shares that it was made from, and what passes before what
+        is retained.
+
+        Raises
+        ------
+        FieldError
+            If the entry must name one of several columns, or names none.
+        """
+        found = [c for c in self.columns if c.role in AMOUNTS and not self._numbers_rows(c)]
+        if self.keys.column:
+            named = [column for column in self.columns if self._is_named(column)]
+            if not named:
+                titles = _titles(self.columns[:6])
+                message = f"is {quoted(self.keys.column)}; the file has {titles}"
+                raise FieldError((("column",), message))
+            found = [column for column in named if column.role in AMOUNTS]
+        matching = [column for column in found if self.keys.weight in (None, column.weight)]
+        for roles in PREFERRED_AMOUNTS:
+            ranked = [column for column in matching or found if column.role in roles]
+            if ranked:
+                return self._only(ranked)
         return None
-    (column,) = found
-    if column.unit not in ("", amount.unit):
-        title, units = quoted_start(column.title), quoted_start(amount.unit)
-        raise TableError(
-            f"column {title} has the unit {quoted_start(column.unit)}; must be {units}"
-        )
-    errors = np.zeros(len(rows))
-    for i, row in enumerate(rows):
-        if needed[i]:
-            errors[i] = table.number(row.position, column.position) * scale
+
+    def grains(self) -> SizeColumn:
+        """Return the column of sizes of a list of single grains."""
+        sizes = [column for column in self.columns if column.role in ("size", "projected area")]
+        named = [column for column in sizes if self._is_named(column)]
+        chosen = named or [column for column in sizes if column.is_length] or sizes
+        if not chosen:
+            raise TableError("has no column of amounts beside its classes, and none of diameters")
+        return self._only(chosen)
+
+    def _only(self, columns: list[SizeColumn]) -> SizeColumn:
+        """Return a column; raise a FieldError if the entry must name one of several.
+
+        Of columns that differ by their units alone, as masses and percentages, it is the first.
+        """
+        if len({column.title.lower() for column in columns}) > 1:
+            message = f"is missing; the file has {_titles(columns[:4])}, of which it must name one"
+            raise FieldError((("column",), message))
+        return columns[0]
+
+    def _is_named(self, column: SizeColumn) -> bool:
+        """Return whether the entry names a column."""
+        title, unit = parse_heading(self.keys.column)
+        is_unit = unit in (None, column.unit) or (column.is_percent and "%" in (unit or ""))
+        return bool(title) and column.title.lower() == title.lower() and is_unit
+
+    def _numbers_rows(self, column: SizeColumn) -> bool:
+        """Return whether a column numbers its rows 1, 2, 3 and so on."""
+        texts = [self.table.cell(row, column.position) for row in range(len(self.table.rows))]
+        return len(texts) > 2 and texts == [str(number + 1) for number in range(len(texts))]
+
+    def sizes(self, roles: Sequence[Role]) -> SizeColumn:
+        """Return the one column of sizes with the first of some roles that there is.
+
+        Raises
+        ------
+        TableError
+            If there are several, or none.
+        """
+        for role in roles:
+            found = [column for column in self.columns if column.role == role]
+            chosen = [column for column in found if column.is_length] or found
+            if len(chosen) > 1:
+                titles = _titles(chosen[:4])
+                raise TableError(f"has several columns of sizes, {titles}; keep one of them")
+            if chosen:
+                return chosen[0]
+        raise TableError(f"has no column of sizes; must have a heading like '{CURVE_EXAMPLE}'")
+
+    def unit(self, column: SizeColumn, kind: str = "m", example: str = "um") -> str:
+        """Return the unit of a column of sizes, of the kind of an SI unit.
+
+        Raises
+        ------
+        FieldError
+            If both the entry and the heading give a unit, or that of the entry is of another kind.
+        TableError
+            If there is none, or that of the heading is of another kind.
+        """
+        own, title = self.keys.unit, quoted_start(column.title)
+        if column.unit and own:
+            message = f"is {quoted(own)}, but the file gives {quoted_start(column.unit)}"
+            raise FieldError((("unit",), f"{message}; leave it out"))
+        unit = column.unit or own
+        if not unit:
+            raise TableError(
+                f"the sizes in column {title} have no unit; write it in the heading like "
+                f"'{CURVE_EXAMPLE}', or add `unit: {example}` to the entry"
+            )
+        try:
+            to_si(f"1 {unit}", kind)
+        except ValueError:
+            if own:
+                raise FieldError(
+                    (("unit",), f"is {quoted(own)}; must be like '{example}'")
+                ) from None
+            message = f"column {title} has the unit {quoted_start(unit)}; must be like '{example}'"
+            raise TableError(message) from None
+        return unit
+
+    def errors(
+        self,
+        amount: SizeColumn,
+        rows: Sequence[SizeRow],
+        scale: float,
+        needed: npt.NDArray[np.bool_],
+    ) -> Numbers | None:
+        """Return the standard errors of the shares in some rows, shape (n,); None if counted.
+
+        Parameters
+        ----------
+        amount
+            Column of the shares.
+        rows
+        scale
+            Factor of what is written.
+        needed
+            Whether a row needs an error, shape (n,): 0 % and 100 % of a cumulative curve have none.
+
+        Raises
+        ------
+        FieldError
+            If errors are given twice.
+        TableError
+            If an error is not greater than 0.
+        """
+        found = [column for column in self.columns if column.role == "error"]
+        if len(found) > 1:
+            raise TableError(f"has {len(found)} columns of errors; keep one of them")
+        given = [name for name in ("error", "counted") if getattr(self.keys, name) is not None]
+        if len(given) + len(found) > 1:
+            beside = f"column {_titles(found)} of the file" if found else given[0]
+            raise FieldError(((given[-1],), f"is given beside {beside}; must be one of them"))
+        if self.keys.error is not None:
+            return np.full(len(rows), self.keys.error)
+        return self._written_errors(found[0], amount, rows, scale, needed) if found else None
+
+    def _written_errors(
+        self,
+        column: SizeColumn,
+        amount: SizeColumn,
+        rows: Sequence[SizeRow],
+        scale: float,
+        needed: npt.NDArray[np.bool_],
+    ) -> Numbers:
+        """Return the errors of a column, 0 where none is needed."""
+        if column.unit not in ("", amount.unit):
+            title, own, unit = map(quoted_start, (column.title, column.unit, amount.unit))
+            raise TableError(f"column {title} has the unit {own}; must be {unit}")
+        errors = np.zeros(len(rows))
+        for i in np.flatnonzero(needed).tolist():
+            position = rows[i].position
+            errors[i] = self.table.number(position, column.position) * scale
             if not errors[i] > 0.0:
-                shown = table.shown(row.position, column.position)
-                raise TableError(f"{shown}; an error must be greater than 0")
-    return errors
+                raise TableError(f"{self.shown(position, column)}; an error must be greater than 0")
+        return errors
+
+    def required_count(self) -> float:
+        """Return the number of counted grains; raise a FieldError if nothing states the errors."""
+        if self.keys.counted is None:
+            message = (
+                "is missing; give the error of each share like '2 percent', or `counted` with the "
+                "number of grains, or a column 'error' in the file"
+            )
+            raise FieldError((("error",), message))
+        return float(self.keys.counted)
 
 
-def required_count(keys: CurveKeys) -> float:
-    """Return the number of counted grains; raise a FieldError if nothing states the errors."""
-    if keys.counted is None:
-        message = (
-            "is missing; give the error of each share like '2 percent', or `counted` with the "
-            "number of grains, or a column 'error' in the file"
-        )
-        raise FieldError((("error",), message))
-    return float(keys.counted)
+def _titles(columns: Sequence[SizeColumn]) -> str:
+    return ", ".join(quoted_start(column.title) for column in columns)

@@ -14,15 +14,7 @@ from typing import Final
 import numpy as np
 
 from agglom_mpi.config.bounded_reading import quoted_start
-from agglom_mpi.config.size_choice import (
-    CURVE_EXAMPLE,
-    CurveKeys,
-    amount_column,
-    required_count,
-    share_errors,
-    size_column,
-    unit_of_sizes,
-)
+from agglom_mpi.config.size_choice import CURVE_EXAMPLE, CurveKeys, SizeTable
 from agglom_mpi.config.size_curve import (
     Numbers,
     SizeCurve,
@@ -37,11 +29,12 @@ from agglom_mpi.config.size_headings import (
     SIZES,
     SizeColumn,
     is_size_title,
+    names_other_amounts,
     size_columns,
 )
 from agglom_mpi.config.size_rows import SizeRow, classes_between, size_rows
 from agglom_mpi.config.table_layout import TableError
-from agglom_mpi.config.text_table import TextTable, parse_heading, read_table
+from agglom_mpi.config.text_table import TextTable, read_table
 from agglom_mpi.declaration.declared import FieldError
 from agglom_mpi.declaration.units import quoted, to_si
 
@@ -85,57 +78,61 @@ def _curve(table: TextTable, keys: CurveKeys) -> SizeCurve:
         columns = [SizeColumn(0, "size", None, "", "")]
     if not any(column.role in SIZES for column in columns):
         raise TableError(f"has no column of sizes; must have a heading like '{CURVE_EXAMPLE}'")
-    amount = amount_column(table, columns, keys)
+    found = SizeTable(table, columns, keys)
+    amount = found.amount()
     if amount is None:
-        return _listed(table, columns, keys)
+        return _listed(found)
     if keys.weight and amount.weight and keys.weight != amount.weight:
         column = quoted_start(amount.title)
         message = f"is '{keys.weight}', but the column {column} of the file is by {amount.weight}"
         raise FieldError((("weight",), message))
-    reader = _cumulative if amount.role in CURVES else _histogram
-    return reader(table, columns, amount, keys)
+    return _cumulative(found, amount) if amount.role in CURVES else _histogram(found, amount)
+
+
+def _check_sizes(found: SizeTable, rows: list[SizeRow], sizes: Numbers, column: SizeColumn) -> None:
+    """Raise a TableError unless sizes ascend; the last are those of the rows."""
+    if len(sizes) < 2:
+        raise TableError("has no two sizes with amounts; must have at least two")
+    for row, low, high in zip(rows[::-1], sizes[-2::-1], sizes[:0:-1], strict=False):
+        if not low < high:
+            shown = found.shown(row.position, column)
+            raise TableError(f"{shown} makes a class without width; must lie above the one below")
 
 
 # Cumulative curves
 
 
-def _cumulative(
-    table: TextTable, columns: list[SizeColumn], amount: SizeColumn, keys: CurveKeys
-) -> SizeCurve:
-    order = ("size", "lower") if amount.role == "cumulative retained" else ("size", "upper")
-    column = size_column(columns, (*order, "lower", "upper"), keys)
-    rows = size_rows(table, [column.position], unit_of_sizes(column, keys))
-    rows = [row for row in rows if row.upper > 0.0 or table.cell(row.position, amount.position)]
-    values, scale = _cumulative_values(table, amount, rows)
-    retained = amount.role == "cumulative retained"
-    if retained or (amount.role == "cumulative" and values[-1] < values[0]):
-        values, retained = 1.0 - values, True
-    _check_ascent(table, amount, rows, values)
-    sizes = np.array([row.lower if retained and row.is_class else row.upper for row in rows])
-    inner = (values > 0.0) & (values < 1.0)
-    errors = share_errors(table, columns, amount, rows, keys, scale, inner)
+def _cumulative(found: SizeTable, amount: SizeColumn) -> SizeCurve:
+    is_oversize = amount.role == "cumulative retained"
+    column = found.sizes(("size", *(("lower", "upper") if is_oversize else ("upper", "lower"))))
+    rows = size_rows(found.table, [column.position], found.unit(column))
+    rows = [row for row in rows if row.upper > 0.0 or not found.is_empty(row.position, amount)]
+    values, scale = _cumulative_values(found, amount, rows)
+    if is_oversize or (amount.role == "cumulative" and values[-1] < values[0]):
+        values, is_oversize = 1.0 - values, True
+    _check_ascent(found, amount, rows, values)
+    sizes = np.array([row.lower if is_oversize else row.upper for row in rows])
+    errors = found.errors(amount, rows, scale, (values > 0.0) & (values < 1.0))
     if sizes[0] == 0.0:  # the pan, below which there is nothing
         if values[0] > MAX_SUM_DEVIATION:
-            raise TableError(f"{_cell(table, rows[0], amount)}; must be 0 at size 0")
+            raise TableError(f"{found.shown(rows[0].position, amount)}; must be 0 % at size 0")
         values[0] = 0.0
     kept = slice(0, -1) if np.isinf(sizes[-1]) else slice(None)
-    sizes, values = sizes[kept], values[kept]
-    if not len(sizes):
-        raise TableError("has no size but an open class; must have at least one sieve")
-    weight = amount.weight or keys.weight or "mass"
+    rows, sizes, values = rows[kept], sizes[kept], values[kept]
+    _check_sizes(found, rows, np.array([-1.0, *sizes]), column)
+    weight = amount.weight or found.keys.weight or "mass"
     if errors is not None:
         return curve_of_passing(sizes, values, errors[kept], weight)
-    zeros = np.zeros(len(values))
-    curve = curve_of_passing(sizes, values, zeros, weight)
-    return _counted(curve, required_count(keys))
+    curve = curve_of_passing(sizes, values, np.zeros(len(values)), weight)
+    return _counted(curve, found.required_count())
 
 
 def _cumulative_values(
-    table: TextTable, amount: SizeColumn, rows: list[SizeRow]
+    found: SizeTable, amount: SizeColumn, rows: list[SizeRow]
 ) -> tuple[Numbers, float]:
     """Return cumulative shares from 0 to 1, shape (n,), and the factor of what is written."""
-    numbers = np.array([table.number(row.position, amount.position) for row in rows])
-    largest = float(numbers.max())
+    numbers = found.numbers(rows, amount)
+    largest = max(numbers.tolist(), default=0.0)
     if amount.is_percent or (not amount.unit and abs(largest - 100.0) <= 0.1):
         scale = 0.01
     elif not amount.unit and largest <= 1.0 + _ROUNDING:
@@ -147,74 +144,83 @@ def _cumulative_values(
     values = numbers * scale
     for row, value in zip(rows, values, strict=True):
         if not 0.0 <= value <= 1.0 + _ROUNDING:
-            raise TableError(f"{_cell(table, row, amount)}; must be from 0 to {1.0 / scale:g}")
+            shown = found.shown(row.position, amount)
+            raise TableError(f"{shown}; must be from 0 to {1.0 / scale:g}")
     return np.minimum(values, 1.0), scale
 
 
 def _check_ascent(
-    table: TextTable, amount: SizeColumn, rows: list[SizeRow], values: Numbers
+    found: SizeTable, amount: SizeColumn, rows: list[SizeRow], values: Numbers
 ) -> None:
-    """Raise a TableError unless what is smaller than a size grows with the size."""
+    """Raise a TableError unless there are values, which grow with the size."""
+    if not rows:
+        raise TableError("has no row with a size above 0")
     for (low, small), (high, large) in pairwise(zip(rows, values, strict=True)):
         if large < small:
-            field, line = table.field(low.position, amount.position), table.lines[low.position]
-            message = f"{_cell(table, high, amount)} contradicts {field} in line {line}"
+            line = found.table.lines[low.position]
+            other = found.table.field(low.position, amount.position)
+            message = f"{found.shown(high.position, amount)} contradicts {other} in line {line}"
             raise TableError(f"{message}; a cumulative curve must not turn back")
-
-
-def _cell(table: TextTable, row: SizeRow, column: SizeColumn) -> str:
-    """Return the place of a field with its value, as a message begins."""
-    return table.shown(row.position, column.position)
 
 
 # Histograms
 
 
-def _histogram(
-    table: TextTable, columns: list[SizeColumn], amount: SizeColumn, keys: CurveKeys
-) -> SizeCurve:
-    rows = _classes(table, columns, amount, keys)
-    numbers = np.array([table.number(row.position, amount.position) for row in rows])
+def _histogram(found: SizeTable, amount: SizeColumn) -> SizeCurve:
+    rows, column = _classes(found, amount)
+    numbers = found.numbers(rows, amount)
     for row, number in zip(rows, numbers, strict=True):
         if number < 0.0:
-            raise TableError(f"{_cell(table, row, amount)}; must be at least 0")
+            raise TableError(f"{found.shown(row.position, amount)}; must be at least 0")
+    edges = np.array([*(row.lower for row in rows[:1]), *(row.upper for row in rows)])
+    _check_sizes(found, rows, edges, column)
     total, is_count = _total(amount, numbers)
-    weight = amount.weight or keys.weight or "mass"
-    edges = np.array([rows[0].lower, *(row.upper for row in rows)])
-    errors = share_errors(table, columns, amount, rows, keys, 1.0 / total, np.ones(len(rows), bool))
+    weight = amount.weight or found.keys.weight or "mass"
+    errors = found.errors(amount, rows, 1.0 / total, np.ones(len(rows), bool))
     if errors is not None:
         return curve_of_amounts(edges, numbers / total, errors, weight)
-    zeros = np.zeros(len(numbers))
-    counted = float(keys.counted or numbers.sum()) if is_count else required_count(keys)
-    return _counted(curve_of_amounts(edges, numbers / total, zeros, weight), counted)
+    curve = curve_of_amounts(edges, numbers / total, np.zeros(len(numbers)), weight)
+    if is_count:
+        return _counted(curve, float(found.keys.counted or total))
+    return _counted(curve, found.required_count())
 
 
-def _classes(
-    table: TextTable, columns: list[SizeColumn], amount: SizeColumn, keys: CurveKeys
-) -> list[SizeRow]:
-    """Return a row for each class, ascending, by what the columns of sizes state."""
-    roles = {column.role for column in columns}
+def _classes(found: SizeTable, amount: SizeColumn) -> tuple[list[SizeRow], SizeColumn]:
+    """Return a row for each class, ascending, and the column of sizes that states it."""
+    roles = {column.role for column in found.columns}
     if {"lower", "upper"} <= roles and "size" not in roles:
-        pair = [size_column(columns, (role,), keys) for role in ("lower", "upper")]
-        unit = unit_of_sizes(pair[0] if pair[0].unit else pair[1], keys)
-        rows = size_rows(table, [column.position for column in pair], unit)
-        return classes_between(table, pair[0].position, rows)
-    column = size_column(columns, ("size", "lower", "upper", "middle"), keys)
-    rows = size_rows(table, [column.position], unit_of_sizes(column, keys))
+        pair = [found.sizes([role]) for role in ("lower", "upper")]
+        unit = found.unit(pair[0] if pair[0].unit else pair[1])
+        rows = size_rows(found.table, [column.position for column in pair], unit)
+        return classes_between(found.table, pair[0].position, rows), pair[0]
+    column = found.sizes(("size", "lower", "upper", "middle"))
+    rows = size_rows(found.table, [column.position], found.unit(column))
     if any(row.is_class for row in rows):
-        return classes_between(table, column.position, rows)
-    upper = [row.upper for row in rows]
-    if column.role != "upper" and not table.cell(rows[-1].position, amount.position):
-        return _between(rows[:-1], upper)
-    if column.role == "upper" or not table.cell(rows[0].position, amount.position):
-        is_edge = not table.cell(rows[0].position, amount.position)
-        return _between(rows[1:], upper) if is_edge else _between(rows, [0.0, *upper])
+        return classes_between(found.table, column.position, rows), column
+    return _classes_of_edges(found, amount, column, rows), column
+
+
+def _classes_of_edges(
+    found: SizeTable, amount: SizeColumn, column: SizeColumn, rows: list[SizeRow]
+) -> list[SizeRow]:
+    """Return the classes of rows with one size each, a lower or an upper edge.
+
+    A row without an amount at one end gives the last edge. What is retained lies above its sieve.
+    """
+    edges = [row.upper for row in rows]
+    begins, ends = (found.is_empty(rows[i].position, amount) for i in (0, -1))
+    if column.role != "upper" and ends:
+        return _between(rows[:-1], edges)
+    if column.role != "lower" and begins:
+        return _between(rows[1:], edges)
+    if column.role == "upper":
+        return _between(rows, [0.0, *edges])
+    if amount.role == "retained" and edges[0] > 0.0 and not amount.is_percent:
+        raise TableError(
+            "has no row of what passed the last sieve; must have a last row 'pan' (0 if none)"
+        )
     if amount.role == "retained" or column.role == "lower":
-        if amount.role == "retained" and upper[0] > 0.0 and not amount.is_percent:
-            raise TableError(
-                "has no row of what passed the last sieve; must have a last row 'pan' (0 if none)"
-            )
-        return _between(rows, [*upper, math.inf])
+        return _between(rows, [*edges, math.inf])
     raise TableError(
         f"column {quoted_start(column.title)} can be the lower edges of the classes, the upper "
         "ones, or their middles; must be titled 'lower' or 'upper', or hold classes like 63-125"
@@ -256,39 +262,40 @@ def _counted(curve: SizeCurve, counted: float) -> SizeCurve:
 # Single grains
 
 
-def _listed(table: TextTable, columns: list[SizeColumn], keys: CurveKeys) -> SizeCurve:
+def _listed(found: SizeTable) -> SizeCurve:
     """Return the curve of a file with one grain in each row."""
+    column = found.grains()
+    numbers = found.table.numbers(column.position)
+    _refuse_amounts(found.table, numbers)
     for name in ("error", "counted"):
-        if getattr(keys, name) is not None:
-            message = f"is {getattr(keys, name):g}, but the file has a row for each grain"
-            raise FieldError(((name,), f"{message}, which counts itself; leave it out"))
-    sizes = [column for column in columns if column.role in ("size", "projected area")]
-    wanted = parse_heading(keys.column).title.lower() if keys.column else ""
-    named = [column for column in sizes if column.title.lower() == wanted]
-    chosen = named or [column for column in sizes if column.is_length] or sizes
-    if not chosen:
-        raise TableError("has no column of amounts beside its classes, and none of diameters")
-    if len(chosen) > 1:
-        titles = ", ".join(quoted_start(column.title) for column in chosen[:4])
-        message = f"is missing; the file has {titles}, of which it must name one"
-        raise FieldError((("column",), message))
-    (column,) = chosen
-    numbers = table.numbers(column.position)
+        given = getattr(found.keys, name)
+        if given is not None:
+            message = f"is {given:g}, but the file has a row for each grain, which counts itself"
+            raise FieldError(((name,), f"{message}; leave it out"))
     for row, number in enumerate(numbers):
         if number <= 0.0:
-            raise TableError(f"{table.shown(row, column.position)}; must be greater than 0")
-    return curve_of_diameters(_diameters(numbers, column, keys), keys.weight or "mass")
+            raise TableError(f"{found.shown(row, column)}; must be greater than 0")
+    if column.role == "projected area":  # the diameter of a circle with this area
+        factor = to_si(f"1 {found.unit(column, 'm^2', 'um^2')}", "m^2")
+        diameters = np.sqrt(4.0 / math.pi * factor * np.array(numbers))
+    else:
+        diameters = np.array(in_metres(numbers, found.unit(column)))
+    return curve_of_diameters(diameters, found.keys.weight or "mass")
 
 
-def _diameters(numbers: list[float], column: SizeColumn, keys: CurveKeys) -> Numbers:
-    """Return diameters in m; those of areas are of circles with these areas."""
-    if column.role != "projected area":
-        return np.array(in_metres(numbers, unit_of_sizes(column, keys)))
-    unit = unit_of_sizes(column, keys, "um^2")
-    try:
-        factor = to_si(f"1 {unit}", "m^2")
-    except ValueError:
-        title = quoted_start(column.title)
-        message = f"column {title} has the unit {quoted_start(unit)}; must be an area like 'um^2'"
-        raise TableError(message) from None
-    return np.sqrt(4.0 / math.pi * factor * np.array(numbers))
+def _refuse_amounts(table: TextTable, diameters: list[float]) -> None:
+    """Raise a TableError if a column seems to be the amount of each size, by none of the weights.
+
+    Sizes beside a single other column that are in order and all different are classes.
+    """
+    others = [heading.title for heading in table.headings if names_other_amounts(heading)]
+    steps = {(b > a) - (b < a) for a, b in pairwise(diameters)}
+    if not others and table.width == 2 and len(diameters) > 2 and steps in ({1}, {-1}):
+        others = [
+            heading.title for heading in table.headings if not is_size_title(heading.title.lower())
+        ]
+    if others:
+        raise TableError(
+            f"has column {quoted_start(others[0])} beside the sizes, which is no amount by number, "
+            "by area or by mass; must have such a title"
+        )

@@ -10,7 +10,7 @@ from typing import Final, Literal, NamedTuple, TypeAlias
 
 from agglom_mpi.config.size_curve import ShareWeight
 from agglom_mpi.config.size_file import RELATIVE, is_diameter
-from agglom_mpi.config.text_table import Heading
+from agglom_mpi.config.text_table import Heading, parse_heading
 from agglom_mpi.declaration.units import dimensions_of
 
 Role: TypeAlias = Literal[
@@ -120,7 +120,17 @@ def is_size_title(title: str) -> bool:
     return _size_role(title, _words(title)) is not None
 
 
+def names_other_amounts(heading: Heading) -> bool:
+    """Return whether a column has amounts by none of the weights: by intensity, or per length."""
+    words = _words(heading.title)
+    is_percent = "%" in f"{heading.title}{heading.unit or ''}"
+    return is_percent or bool(words & {"density", "dichte", "intensity", "intensität"})
+
+
 def _column(index: int, heading: Heading) -> SizeColumn | None:
+    if (heading.unit or "").lower() in _LOWER | _UPPER | _MIDDLE:  # `Diameter (Lower) um`
+        rest = parse_heading(heading.title)
+        heading = Heading(f"{rest.title} {heading.unit}", rest.unit)
     text = f"{heading.title} {heading.unit or ''}"
     words = _words(text)
     is_percent = "%" in text or bool(words & {"percent", "percentage", "prozent"})
@@ -172,6 +182,8 @@ def _amount_role(words: set[str], text: str) -> Role | None:
         return "passing"
     if words & _CUMULATIVE:
         return "cumulative"
+    if words & {"intensity", "intensität"}:
+        return None
     named = _OTHER_AMOUNTS.union(*_WEIGHTS.values())
     return "amount" if words & named or "%" in text else None
 

@@ -30,7 +30,7 @@ MAX_HEADING: Final = 200
 """Maximum number of characters of a heading that are read."""
 _BRACKETS: Final = re.compile(r"[\[(]([^\[\]()]*)[\])]")
 _BARE_UNIT: Final = re.compile(
-    r"(?: ?/ ?| ?, ?|[ _](?:in )?)(mm|cm|um|µm|μm|nm|m|microns?|%|percent)$", re.IGNORECASE
+    r"(?: ?/ ?| ?, ?|[ _](?:in )?)(mm|cm|um|µm|μm|nm|m|microns?|%|percent|mg|kg|g)$", re.IGNORECASE
 )
 """A unit at the end of a heading without brackets: `Diameter / um`, `diameter_um`."""
 _SPACED_HEADING: Final = re.compile(r"[^\s\[(]+(?:\s*[\[(][^\[\]()]*[\])])?")

@@ -81,6 +81,15 @@ LAYOUTS = {
         "Particle size (µm)\tOversize (%)\n63\t90\n125\t65\n250\t15\n500\t0\n"
     ).encode("utf-16"),
     "a line of units": "Sieve;Passing\nmm;%\n0.5;100\n0.25;85\n0.125;35\n0.063;10\n",
+    "Coulter": (
+        "Channel Diameter (Lower) um\tDiff. Volume %\n10\t0\n20\t10\n63\t25\n125\t50\n"
+        "250\t15\n500\t\n"
+    ),
+    "masses and percentages": (
+        "Maschenweite in mm;Rückstand in g;Rückstand in %\n0,5;0,0;0\n0,25;30,0;15\n"
+        "0,125;100,0;50\n0,063;50,0;25\nSchale;20,0;10\nSumme;200,0;100\n"
+    ),
+    "French passing": "Tamis (mm);Passants cumulés (%)\n0,5;100\n0,25;85\n0,125;35\n0,063;10\n",
     "upper edges": "Upper size (um);Volume %\n63;10\n125;25\n250;50\n500;15\n",
 }
 
@@ -223,8 +232,15 @@ REFUSED = {
         ("line 4", "'20'"),
     ),
     "one class": ("class (um);share (%)\n63-125;100\n", ("classes", "two")),
-    "an open class alone": ("class (um);passing (%)\n>63;100\n", ("sieve",)),
-    "a unit of another kind": ("sieve (kg);passing (%)\n63;20\n125;100\n", ("'kg'", "length")),
+    "an open class alone": ("class (um);passing (%)\n>63;100\n", ("two sizes",)),
+    "by intensity": ("size (nm);intensity (%)\n10;20\n20;80\n", ("'intensity'", "mass")),
+    "a density": ("x (um);Volume density (1/um)\n10;2\n20;8\n", ("'Volume density'", "mass")),
+    "an amount without a name": ("x (um);y\n10;2\n20;8\n30;5\n", ("'y'", "number")),
+    "a class in a class": ("class (um);share (%)\n0-63;20\n63;30\n63-125;50\n", ("line 3", "'63'")),
+    "a pan below 0": ("class (um);share (%)\npan;20\n0-63;80\n", ("line 2", "'pan'")),
+    "a pan of upper edges": ("upper (um);share (%)\npan;20\n63;80\n", ("line 2", "'pan'")),
+    "an edge alone": ("lower (um),share (%),id\n63,,1\n", ("two sizes",)),
+    "a unit of another kind": ("sieve (kg);passing (%)\n63;20\n125;100\n", ("'kg'", "'um'")),
     "no sizes": ("mass (g);passing (%)\n63;20\n125;100\n", ("line 1", "heading")),
     "no headings": ("63;20\n125;100\n", ("heading",)),
     "two columns of errors": (
@@ -252,6 +268,7 @@ def test_another_file_is_refused_with_its_line_and_value(read, content, named):
         (CurveKeys(), "error"),
         (CurveKeys(error=0.1, counted=3), "counted"),
         (CurveKeys(error=0.1, unit="mm"), "unit"),
+        (CurveKeys(error=0.1, unit="kg"), "unit"),
         (CurveKeys(error=0.1, column="Retained"), "column"),
         (CurveKeys("number", error=0.1), "weight"),
     ],
