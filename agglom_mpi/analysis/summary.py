@@ -18,6 +18,7 @@ from agglom_mpi.analysis.best_strings import (
     time_row,
 )
 from agglom_mpi.analysis.comparison import PairedSamples
+from agglom_mpi.analysis.data_fit import describe_fit
 from agglom_mpi.analysis.derived import derived_columns
 from agglom_mpi.analysis.estimates import objective_of, rounding_of, unconverged
 from agglom_mpi.analysis.failed_samples import no_result, state_lines
@@ -142,6 +143,7 @@ def summary_table(file: CampaignData, best: int | None = None) -> RenderableType
     summary = collect_summary(file, listed_strings(file) if best is None else best)
     note = [SEARCH_ESTIMATES] if ranks_itself(file) and summary.best else []
     note += moment_notes(file)
+    note += [line for entry in summary.best[:1] for line in describe_fit(file, entry["string"])]
     note += describe_finite_size(file, [entry["string"] for entry in summary.best])
     footer = _footer(summary, state_lines(file), note, left_out(file))
     if summary.no_result:

@@ -238,6 +238,12 @@ class DataLimits(NamedTuple):
             if entry.time is not None and self.end is not None and entry.time > self.end:
                 own, end = (value_with_prefix(time, "s") for time in (entry.time, self.end))
                 yield (i, "time"), f"is {own}; must be at most the end_time of the scene, {end}"
+            if entry.time is not None and self.end is None:
+                own = value_with_prefix(entry.time, "s")
+                message = (
+                    f"is {own}; needs a fixed end_time of the scene, which every sample reaches"
+                )
+                yield (i, "time"), message
             if entry.quantity == "temperature" and not self.has_heat:
                 message = "is 'temperature', but heating is 'none'; the scene must have heating"
                 yield (i, "quantity"), message

@@ -171,6 +171,19 @@ class SceneDocument(Section):
         raise_field_errors((("quantities", *path), message) for path, message in problems)
         return objective
 
+    @field_validator("objective")
+    @classmethod
+    def _objective_fits_data(cls, objective: Objective, info: ValidationInfo) -> Objective:
+        data = info.data.get("data")
+        if data is not None and objective.needs_data and not data:
+            message = f"is {objective.name!r}, which needs a section data"
+            raise FieldError(((objective.named_by,), message))
+        if data and not objective.needs_data:
+            fitting = [name for name, each in Objective.components().items() if each.needs_data]
+            message = f"is {objective.name!r}, which compares nothing with the section data"
+            raise FieldError(((objective.named_by,), f"{message}; {', '.join(fitting)} does"))
+        return objective
+
     @field_validator("final")
     @classmethod
     def _volumes_hold_few_enough_grains(
@@ -246,6 +259,17 @@ class CampaignDocument(SceneDocument):
             ]
         )
         return stopping
+
+    @field_validator("ensemble")
+    @classmethod
+    def _samples_have_objectives(cls, ensemble: StoppingRule, info: ValidationInfo) -> StoppingRule:
+        objective = info.data.get("objective")
+        if objective is not None and objective.rules is not None:
+            if ensemble.name not in objective.rules:
+                message = f"is {ensemble.name!r}; with objective {objective.name} it must be"
+                allowed = " or ".join(objective.rules)
+                raise FieldError(((ensemble.named_by,), f"{message} {allowed}"))
+        return ensemble
 
     @field_validator("ensemble")
     @classmethod

@@ -11,6 +11,7 @@ from typing import Any, Final, NamedTuple
 from rich.console import Console, RenderableType
 
 from agglom_mpi.analysis.comparison import PairedSamples
+from agglom_mpi.analysis.data_fit import describe_fit
 from agglom_mpi.analysis.estimates import rounding_of
 from agglom_mpi.analysis.failed_samples import no_result
 from agglom_mpi.analysis.finite_size import describe_finite_size
@@ -267,7 +268,8 @@ def comparison_lines(data: CampaignData) -> list[str]:
     paired = PairedSamples.behind(rank_strings(data).estimates, data)
     bias = selection_bias(rank_strings(data).estimates, paired, rounding_of(data))
     lines = left_out(data) or describe_bias(bias, shown, len(estimated))
-    return [*lines, *moment_notes(data), *describe_finite_size(data, shown)]
+    fit = describe_fit(data, shown[0]) if shown else []
+    return [*lines, *moment_notes(data), *fit, *describe_finite_size(data, shown)]
 
 
 def scene_content(data: CampaignData) -> dict[str, Any]:

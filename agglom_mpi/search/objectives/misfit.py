@@ -64,7 +64,6 @@ class MisfitOfData(Objective):
     """
 
     least: ClassVar[float] = -math.inf
-    has_target: ClassVar[bool] = True
     needs_data: ClassVar[bool] = True
     rules: ClassVar[tuple[str, ...] | None] = RULES
     symbol: ClassVar[str] = "χ²/rank"

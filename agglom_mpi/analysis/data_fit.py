@@ -1,0 +1,63 @@
+"""How well a string fits the measured data of its campaign, and which datum disagrees."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from agglom_mpi.analysis.estimates import objective_at, objective_of
+from agglom_mpi.formatting import pluralise, value_with_error
+from agglom_mpi.measurements.misfit import DatumMisfit, Misfit
+from agglom_mpi.outcome import COMPLETED
+from agglom_mpi.storage.reader import CampaignData
+
+UNLIKELY = 0.05
+"""Probability below which a difference is said to be more than both errors."""
+
+
+def has_data(file: CampaignData) -> bool:
+    """Return whether a campaign compares its samples with measured data."""
+    return "objective.law" in file.identity and objective_of(file).needs_data
+
+
+def data_fit(file: CampaignData, string: int) -> tuple[Misfit, int] | None:
+    """Return the misfit of a string, and the number of samples that it rests on.
+
+    These are its fresh samples if there are any, else those that the search used. None where no
+    sample completed.
+    """
+    rows = file.sample_rows(string)
+    fresh = rows[rows["sample"] >= file.fresh_from]
+    used = rows[rows["sample"] < file.samples_used.get(string, 0)]
+    chosen = fresh if len(fresh) else used
+    completed = chosen[chosen["state"] == COMPLETED]
+    if not len(completed):
+        return None
+    law: Any = objective_at(file, string)
+    return law.misfit(law.summaries(completed)), len(completed)
+
+
+def describe_fit(file: CampaignData, string: int) -> list[str]:
+    """Return lines on the misfit of a string and on each datum; none without data."""
+    found = data_fit(file, string) if has_data(file) else None
+    if found is None:
+        return []
+    fit, samples = found
+    fits = "fits the data" if fit.p_value >= UNLIKELY else "does not fit the data"
+    shown = value_with_error(fit.value, fit.standard_error)
+    first = (
+        f"#1 {fits} within the errors of both, p = {fit.p_value:.2g}: misfit {shown} of "
+        f"{pluralise(fit.rank, 'number')}, {pluralise(samples, 'sample')}"
+    )
+    return [first, *(f"  {_line(part)}" for part in fit.parts)]
+
+
+def _line(part: DatumMisfit) -> str:
+    """Return how far the prediction of one datum is off."""
+    verdict = "" if part.p_value >= UNLIKELY or math.isnan(part.p_value) else ", disagrees"
+    if len(part.residual) > 1:
+        shown = f"χ² {part.chi_square:.3g} of {pluralise(part.rank, 'independent share')}"
+    else:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            shown = f"off by {float((part.residual / part.error)[0]):+.2g} of both errors"
+    return f"{part.name}: {shown}, p = {part.p_value:.2g}{verdict}"
