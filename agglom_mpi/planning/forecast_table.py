@@ -15,14 +15,14 @@ from agglom_mpi.stopwatch import BUSY_RATIO
 
 EXPLANATION: Final = (
     "needed: share of the ranks' time spent on samples that decisions use\n"
-    "rank 0: share of its time spent on messages; simulated, used: numbers of samples\n"
+    "rank 0: share of its time spent on messages; simulated, used: samples\n"
     "at best: time with an ideal order of work; reached: speed relative to it\n"
     "limit: work, evenly spread over the ranks; chain, generations that wait for\n"
     "their longest sample; rank 0, messages"
 )
 """Meaning of the columns."""
 
-AGAIN: Final = "again: time at the end, for fresh samples of the best strings"
+AGAIN: Final = "again: at the end, for fresh samples of the best strings"
 """Meaning of the last column, which only campaigns with fresh samples have."""
 
 
@@ -143,7 +143,7 @@ def _advice(report: ForecastReport) -> list[str]:
     minutes = round(advice.walltime / 60.0)
     options = f"--ntasks={advice.ranks} --time={minutes // 60:02d}:{minutes % 60:02d}:00"
     return [
-        f"largest number of ranks above that spends at least {WELL_USED:.0%} of its time on needed "
-        f"samples ({advice.needed:.0%}):",
+        f"most ranks above that spend {WELL_USED:.0%} of their time on needed samples "
+        f"({advice.needed:.0%}):",
         f"  sbatch {options} slurm/campaign.sbatch {quote(report.path)}",
     ]
