@@ -68,8 +68,8 @@ def _target(file: "CampaignData", ranked: RankedStrings) -> Iterator[str]:
     if objective_of(file).has_target and least > MISS:
         value = estimate.objective if estimate else float(row["objective"])
         yield (
-            f"objective: the best string misses what is wanted by {value:.3g}; usual for a target "
-            f"within reach is below {MISS:g}"
+            f"objective: the best string misses its target by {value:.3g}; for a target within "
+            f"reach it is usually below {MISS:g}"
         )
 
 

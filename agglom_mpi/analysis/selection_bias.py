@@ -110,15 +110,15 @@ def describe_bias(
     """
     if verdict is None:
         yield (
-            "objectives are as searched, by the samples that strings were chosen by: lucky strings "
-            "survive; `final` in the campaign estimates the best again"
+            "objectives are as searched, and too low on average because lucky strings survive; "
+            "`final` in the campaign adds re-estimates on fresh samples"
         )
         return
-    yield f"re-estimates are on fresh samples that no decision has seen; {_optimism(verdict)}"
+    yield f"re-estimates use fresh samples only; {_optimism(verdict)}"
     if estimated < len(shown):
         yield (
             f"{estimated} of {len(shown)} strings were estimated again; the others follow in the "
-            "order of the search, whose objectives are by the samples that they were chosen by"
+            "order of the search, whose objectives are too low on average"
         )
     if verdict.pairs:
         yield _comparison(verdict, shown)
@@ -137,7 +137,7 @@ def _optimism(verdict: SelectionBias) -> str:
     if math.isnan(verdict.standard_error):
         reason = "strings searched by a single sample have no standard error"
         return f"{found}, and no bias can be claimed: {reason}"
-    return f"{found}, within two standard errors: no bias of the search's own objectives is shown"
+    return f"{found}, within two standard errors, so no bias is shown"
 
 
 def _comparison(verdict: SelectionBias, shown: Sequence[int]) -> str:

@@ -14,9 +14,9 @@ from agglom_mpi.version import __version__
 COMMANDS: Final = {
     "accuracy": "Measure error against run time, with figures and tables",
     "check": "Validate a campaign, or verify a campaign file",
-    "compile": "Compile the simulation of campaigns ahead of their runs",
+    "compile": "Compile the kernels of campaigns ahead of their runs",
     "doctor": "Check this machine: MPI, libraries, storage, batch system",
-    "explain": "Say what the keys of a campaign file mean",
+    "explain": "Explain the keys and laws of a campaign file",
     "export": "Write a compact copy, CSV tables or files for ParaView",
     "plan": "Estimate run time for different numbers of ranks",
     "report": "Print the best strings, write figures, or follow a run",
@@ -51,7 +51,13 @@ class _Commands(click.Group):
 )
 @click.version_option(__version__)
 def main() -> None:
-    """Check, simulate and plan campaigns; report and export campaign files."""
+    """Check, simulate and plan campaigns; report and export campaign files.
+
+    A campaign CAMPAIGN.yaml asks which parameters make grains grow to a wanted size. The separate
+    command agglom-invert runs it, or resumes it, and writes a campaign file FILE.h5. A string is
+    one value for each variable of the campaign; a sample is one simulation of a string from a
+    random start.
+    """
 
 
 def agglom() -> None:

@@ -28,24 +28,24 @@ from agglom_mpi.cli.common import (
 )
 @click.argument("sources", nargs=-1, required=True, metavar="SOURCE...")
 @click.option("--out", "-o", required=True, metavar="DIR", help="Directory of the report.")
-@click.option("--quick", is_flag=True, help="Few set-ups and samples: under a minute.")
+@click.option("--quick", is_flag=True, help="Use few set-ups and samples; takes under a minute.")
 @SETTINGS
-@click.option("--samples", type=click.IntRange(2, 10**6), help="Samples of each set-up.")
+@click.option("--samples", type=click.IntRange(2, 10**6), help="Number of samples per set-up.")
 @click.option(
     "--history", metavar="FILE.h5", help="Also re-estimate the best strings of this campaign file."
 )
 @click.option(
     "--answer",
     is_flag=True,
-    help="SOURCE is an answer study: error of the answer of searches against their cost.",
+    help="Measure the error of whole searches against their cost; SOURCE is an answer study.",
 )
 @click.option(
     "--map",
     is_flag=False,
     flag_value="all",
     metavar="[PLANE,...]",
-    help="Map where each method breaks, in these planes or in all: softening, heat, collapse, "
-    "masses, scale; impact and cooling laws alone.",
+    help="Map where each method breaks, in the given planes or in all: softening, heat, collapse, "
+    "masses, scale, impact, cooling.",
 )
 @MAX_WALLTIME
 @QUIET
@@ -55,14 +55,15 @@ from agglom_mpi.cli.common import (
 def accuracy(answer: bool, **options: Any) -> None:
     """Measure error against run time, and write a report with figures and tables.
 
-    SOURCE is a scene or campaign, of which one setting at a time is varied (time steps,
-    ensembles, box), or a directory of extreme scenes, which are run as they are
-    and as published. Variables that are ranges and not --set take the middle of their range.
-    With --map the first scene is mapped, and all others are points on its maps. Started by mpirun
-    it uses all ranks; run again, it goes on.
-
+    SOURCE is a scene or a campaign, or a directory of extreme scenes. For a scene or campaign,
+    one setting at a time is varied (time steps, ensembles, box). Extreme scenes are run as they
+    are and as published. A variable with a range takes the middle of it unless --set gives a
+    value. With --map, the first SOURCE is mapped and all others are drawn as points on its maps.
     With --answer, SOURCE is the file of an answer study: a question, and settings of its search
     that are varied one by one.
+
+    Started by mpirun, the command uses all ranks. A study that was stopped is continued by the
+    same command.
     """
     if answer:
         options = _of_answer(options)

@@ -29,12 +29,15 @@ if TYPE_CHECKING:
 def check(file: str, allow_code: bool, strict: bool, as_json: bool) -> int:
     """Validate CAMPAIGN.yaml and print what would run, or verify the contents of FILE.h5.
 
-    Of a campaign, prints the size of the file that a run would make, and warns of what is unlikely,
-    on standard error; with --allow-code, tests the components of one's own, simulates one sample in
-    the middle of the box and calls the objective's function with it. Of a file, verifies checksums,
-    the agreement of all numbers, and that the stored samples lead to the stored decisions of the
-    search; also while the file is being written. Exit codes: 0 valid or sound, 1 damaged, 2
-    invalid, no campaign file, or a newer format version.
+    For CAMPAIGN.yaml, the output includes the size of the file that a run would write. Warnings
+    about unlikely values go to standard error. With --allow-code, your own components are tested,
+    and the function of the objective is called with one sample from the middle of the search box.
+
+    For FILE.h5, the command verifies the checksums, the agreement of all numbers, and that the
+    stored samples lead to the stored decisions of the search. The run may still be writing.
+
+    Exit codes: 0 valid or sound; 1 damaged; 2 invalid, not a campaign file, or of a newer format
+    version.
     """
     if is_hdf5(file):
         from agglom_mpi.analysis.file_check import check_file

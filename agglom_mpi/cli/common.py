@@ -248,30 +248,30 @@ def read_assignments(
 ALLOW_CODE: Final = click.option(
     "--allow-code",
     is_flag=True,
-    help="Allow Python code that the campaign names to run: a function, components of one's own.",
+    help="Run the Python code that the campaign names: objective functions, your own components.",
 )
 DATABASE: Final = click.option(
     "--database",
     type=click.Choice(["gathered", "parallel"]),
-    help="Who writes samples to the campaign file: rank 0 for all (gathered), or every rank its "
-    "own (parallel). [default: parallel where h5py was built with MPI]",
+    help="Write samples by rank 0 alone (gathered) or by every rank (parallel). [default: parallel "
+    "if h5py was built with MPI]",
 )
 GENERATIONS: Final = click.option(
     "--generations",
     type=click.IntRange(1, 10**6),
-    help="Maximum number of generations, instead of the campaign's.",
+    help="Maximum number of generations; replaces that of the campaign.",
 )
 STRICT: Final = click.option(
     "--strict",
     is_flag=True,
-    help="Treat warnings about what is unlikely in the campaign as errors.",
+    help="Treat warnings about unlikely values as errors.",
 )
 JSON: Final = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 MAX_WALLTIME: Final = click.option(
     "--max-walltime",
     callback=read_duration,
     metavar="TIME",
-    help="Stop cleanly after this time (90, 30m, 2h, 1:30:00); run again to continue.",
+    help="Stop cleanly after this time (90, 30m, 2h, 1:30:00). The same command continues.",
 )
 QUIET: Final = click.option("--quiet", "-q", is_flag=True, help="Print errors only.")
 SETTINGS: Final = click.option(
@@ -280,7 +280,7 @@ SETTINGS: Final = click.option(
     multiple=True,
     callback=read_assignments,
     metavar="NAME=VALUE",
-    help="Set a variable, with or without unit; may be repeated.",
+    help="Set a variable, in SI units or with a unit; may be repeated.",
 )
 
 
@@ -289,5 +289,5 @@ def accept_code_change(what: str) -> Callable[[Any], Any]:
     return click.option(
         "--accept-code-change",
         is_flag=True,
-        help=f"Continue {what} computed with other simulation sources.",
+        help=f"Continue {what} that other simulation sources began; results are then mixed.",
     )

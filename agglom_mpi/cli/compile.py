@@ -12,8 +12,8 @@ from agglom_mpi.cli.common import ALLOW_CODE, examples, exit_with, say
 def compile(campaigns: tuple[str, ...], allow_code: bool) -> int:
     """Compile the kernels that CAMPAIGN.yaml needs, unless they are in the cache.
 
-    So that a run or the start of a container does not wait for them. They serve on processors of
-    the same kind and for the same installation; the cache may be read-only afterwards.
+    A run then starts without waiting for the compiler. Kernels are valid for one installation and
+    one kind of processor. The cache may be read-only afterwards.
     """
     from agglom_mpi.compilation.kernels import cache_folder
     from agglom_mpi.config.loading import check_campaign

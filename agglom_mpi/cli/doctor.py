@@ -14,10 +14,11 @@ from agglom_mpi.errors import FAILURE
 )
 @exit_with
 def doctor(folder: Path) -> int:
-    """Check what this machine has to run campaigns with, and advise what to change.
+    """Check whether this machine can run campaigns, and advise what to change.
 
-    Checks libraries, MPI and its launcher, processors, the file system of FOLDER, the cache of
-    compiled kernels and the batch system. Exit code 1 if campaigns cannot run on several ranks.
+    The checks cover libraries, MPI and its launcher, processors, the file system of FOLDER, the
+    cache of compiled kernels and the batch system. Exit code 1 if campaigns cannot run on several
+    ranks.
     """
     from agglom_mpi.display.run_display import print_wide
     from agglom_mpi.doctor.checks import as_table, run_checks

@@ -27,13 +27,13 @@ INDENT: Final = "  "
     )
 )
 @click.argument("keys", nargs=-1, metavar="[KEY ...]")
-@click.option("--markdown", is_flag=True, help="Print tables of all keys, as Markdown.")
+@click.option("--markdown", is_flag=True, help="Print all keys as tables in Markdown.")
 @exit_with
 def explain(keys: tuple[str, ...], markdown: bool) -> int:
-    """Say what a KEY of a campaign file means, what it may be, and what it is if left out.
+    """Explain the KEYs of a campaign file: meaning, allowed values, default.
 
     A KEY is a section (final), a key of the scene (restitution), a law (restitution.constant), a
-    number (cooling.emissivity) or a variable (density). Without one, lists the sections.
+    number (cooling.emissivity) or a variable (density). Without a KEY, the sections are listed.
     """
     from agglom_mpi.config.explanation import below, find
     from agglom_mpi.config.reference import component_tables, section_tables
@@ -43,7 +43,7 @@ def explain(keys: tuple[str, ...], markdown: bool) -> int:
         say(f"{section_tables()}\n{component_tables()}")
     elif not keys:
         sections = below(())
-        pages = [[*_table(sections), "", "`agglom explain scene` says what is below."]]
+        pages = [[*_table(sections), "", "`agglom explain SECTION` lists the keys of a section."]]
     if pages:
         say("\n\n".join("\n".join(page) for page in pages))
     return 0

@@ -26,7 +26,7 @@ from agglom_mpi.cli.common import ALLOW_CODE, PATH, examples, exit_with, say
     "--paraview",
     type=PATH,
     metavar="OUT.vtkhdf",
-    help="Write the particles of a sample over time for ParaView; of several samples one file "
+    help="Write the particles of a sample over time for ParaView. Several samples get one file "
     "each, OUT_STRING_SAMPLE.vtkhdf.",
 )
 @click.option("--string", type=click.IntRange(0), help="String to write.  [default: the best]")
@@ -56,8 +56,8 @@ def export(
 ) -> int:
     """Export a campaign FILE.h5: give one or more of --compact, --csv and --paraview.
 
-    Exports all final rows, also while the file is being written; overwrites no existing file. A
-    sample without stored frames is simulated again, bit for bit.
+    All complete rows are exported, also while a run is writing. No existing file is overwritten. A
+    sample without stored frames is simulated again, with identical results.
     """
     if compact is None and csv is None and paraview is None:
         message = "nothing to write: give --compact OUT.h5, --csv DIR or --paraview OUT.vtkhdf"

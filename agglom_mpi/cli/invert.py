@@ -35,7 +35,7 @@ from agglom_mpi.version import __version__
     "--seed",
     type=click.IntRange(0, 2**63 - 1),
     metavar="N",
-    help="Seed instead of the campaign's; the file is then called STEM_seedN.h5.",
+    help="Seed; replaces that of the campaign. The file is then called STEM_seedN.h5.",
 )
 @GENERATIONS
 @MAX_WALLTIME
@@ -46,10 +46,13 @@ from agglom_mpi.version import __version__
 @STRICT
 @click.version_option(__version__)
 def invert_command(**options: Any) -> None:
-    """Run the inversion that the YAML file CAMPAIGN describes, or continue it.
+    """Run the campaign of the YAML file CAMPAIGN, or continue it.
 
-    Uses all ranks when started by mpirun, else one process. Exit codes: 0 finished, 2 bad input, 75
-    stopped early by a signal or --max-walltime (run again to continue), 1 any other failure.
+    Started by mpirun, the command uses all ranks; otherwise it uses one process. Ctrl-C, the
+    signals TERM, USR1 and HUP, and --max-walltime stop a run cleanly; the same command continues
+    it.
+
+    Exit codes: 0 finished; 2 bad input; 75 stopped early; 1 any other failure.
     """
 
     def run(world: Any) -> int:

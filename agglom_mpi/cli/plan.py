@@ -50,7 +50,7 @@ def _read_ranks(context: click.Context, parameter: click.Parameter, text: str) -
     "--from",
     "source",
     metavar="FILE.h5",
-    help="Use the samples of this campaign file, finished or not, instead of pilot samples.",
+    help="Use the samples of this campaign file instead of pilot samples; it may be unfinished.",
 )
 @click.option(
     "--seconds",
@@ -58,7 +58,7 @@ def _read_ranks(context: click.Context, parameter: click.Parameter, text: str) -
     default="20",
     show_default=True,
     metavar="TIME",
-    help="Time to spend on pilot samples, in s or like 5m.",
+    help="Time to spend on pilot samples: 90, 5m, 1h.",
 )
 @GENERATIONS
 @ALLOW_CODE
@@ -67,10 +67,11 @@ def _read_ranks(context: click.Context, parameter: click.Parameter, text: str) -
 def plan(as_json: bool, **options: Any) -> int:
     """Estimate the run time of CAMPAIGN.yaml for different numbers of ranks.
 
-    Pilot samples of random strings are simulated here, in one process, for their results and
-    durations; then the campaign's own decisions and scheduler run on simulated ranks, as fast as
-    this machine's cores. For a better estimate give a file of a few generations with --from. Exit
-    code 1 if an estimate would take too many samples.
+    Pilot samples of random strings are simulated in one process and timed. Then the decisions and
+    the scheduler of the campaign run on simulated ranks, each as fast as a core of this machine.
+    A file of a few generations, given by --from, makes the estimate better.
+
+    Exit code 1 if an estimate would take too many samples.
     """
     from agglom_mpi.analysis.damage import blame_damage
     from agglom_mpi.display.run_display import print_wide

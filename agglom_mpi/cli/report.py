@@ -37,57 +37,57 @@ if TYPE_CHECKING:
     "--out",
     type=PATH,
     metavar="DIR",
-    help="Write a web page, report.html, with figures as PNG and SVG instead.",
+    help="Write a web page, report.html, and its figures as PNG and SVG, instead of the table.",
 )
 @click.option(
     "--stored-only",
     is_flag=True,
-    help="With --out: do not resimulate samples whose particles are not stored.",
+    help="With --out: do not simulate samples again whose particles are not stored.",
 )
 @click.option(
     "--sensitivity",
     is_flag=True,
-    help="Add Sobol indices of the variables, by a regression; takes seconds.",
+    help="Add the Sobol index of each variable, from a regression of all strings.",
 )
 @click.option(
     "--feasible-set",
     is_flag=True,
-    help="Print instead which parameters are compatible with the objective, and how sure that is.",
+    help="Print which parameters are compatible with the target, with probabilities.",
 )
 @click.option(
     "--tolerance",
     callback=checked_by(read_amount),
     metavar="SHARE",
-    help="With --feasible-set: relative to the target or to the maximum, like 5% or 0.05; of a "
-    "Python function its largest value.  [default: 5%]",
+    help="With --feasible-set: tolerance relative to the target or the maximum (5% or 0.05); for "
+    "a Python function, its largest allowed value.  [default: 5%]",
 )
 @click.option(
     "--measured",
     callback=checked_by(read_number),
     metavar="NUMBER",
-    help="With --feasible-set: a measured mean b/b0, for the posterior of the variables.",
+    help="With --feasible-set: measured mean b/b0; adds the posterior of the variables.",
 )
 @click.option(
     "--error",
     callback=checked_by(read_amount),
     metavar="NUMBER",
-    help="Standard error of the measured mean, or a percentage of it, like 0.04 or 2%.",
+    help="With --measured: standard error of the measured mean (0.04), or a percentage (2%).",
 )
 @click.option(
     "--draws",
     type=PATH,
     metavar="OUT.csv",
-    help="With --measured: write strings that stand for the posterior, and their weights.",
+    help="With --measured: write strings drawn from the posterior, with weights.",
 )
 @click.option(
     "--grid",
     type=PATH,
     metavar="OUT.csv",
-    help="With --feasible-set: write the probability of a grid of points.",
+    help="With --feasible-set: write the probability on a grid of points.",
 )
 @ALLOW_CODE
 @JSON
-@click.option("--follow", is_flag=True, help="First show the progress of its run, until it ends.")
+@click.option("--follow", is_flag=True, help="First display the progress of the run until it ends.")
 @exit_with
 def report(
     files: tuple[str, ...],
@@ -104,13 +104,14 @@ def report(
     as_json: bool,
     follow: bool,
 ) -> int:
-    """Print the best strings of a campaign FILE.h5, also while it is being written.
+    """Print the best strings of a campaign FILE.h5; the run may still be writing.
 
-    Strings are ranked by their re-estimates on fresh samples, where there are any. Several files
-    are compared by their best strings. The web page is a single file; in DIR, only files with the
-    names of the page and its figures are replaced. With --follow the exit code is that of the run,
-    or 130 after Ctrl-C, which does not affect the run; it is 1 if damaged rows are left out, or a
-    finished campaign lacks rows.
+    Strings are ranked by their re-estimates on fresh samples, which no decision has used. Without
+    fresh samples they are ranked as searched. Several files are compared by their best strings.
+    With --out, only files with the names of the page and its figures are replaced in DIR.
+
+    Exit codes: 0 success; 1 if damaged rows are left out, or if a finished campaign lacks rows.
+    With --follow: that of the run, or 130 after Ctrl-C, which does not stop the run.
     """
     options = {
         "--sensitivity": sensitivity,

@@ -30,21 +30,21 @@ from agglom_mpi.cli.common import (
 )
 @click.option(
     "--engine",
-    help="Engine instead of the scene's: event, fixed, fixed:STEPS or adaptive; event cools "
-    "exactly, also where the scene says euler.",
+    help="Engine; replaces that of the scene: event, fixed, fixed:STEPS or adaptive. The event "
+    "engine always cools exactly.",
 )
-@click.option("--string", type=click.IntRange(0), help="Replay this string of a campaign file.")
-@click.option("--sample", type=click.IntRange(0), help="Replay this one sample.")
+@click.option("--string", type=click.IntRange(0), help="String of FILE.h5 to replay.")
+@click.option("--sample", type=click.IntRange(0), help="Sample to replay.")
 @click.option(
     "--frames",
     type=click.IntRange(2, 10**5),
-    help="Number of frames to record of one sample, the first or --sample.",
+    help="Number of frames to record, of the first sample or of --sample.",
 )
 @click.option(
     "--out",
     type=PATH,
     metavar="DIR",
-    help="Directory for the figures, PNG and SVG, and the ParaView file of that sample.",
+    help="Directory for the figures (PNG, SVG) and the ParaView file of that sample.",
 )
 @ALLOW_CODE
 @STRICT
@@ -53,9 +53,9 @@ from agglom_mpi.cli.common import (
 def simulate(as_json: bool, samples: int | None, **options: Any) -> int:
     """Simulate one parameter string of CAMPAIGN.yaml, or replay one recorded in FILE.h5.
 
-    A range that is not --set takes its middle. --frames and --out write figures of one sample, its
-    particles at up to 9 times and its evolution, and all frames for ParaView; no existing file is
-    overwritten.
+    A variable with a range takes the middle of it unless --set gives a value. --frames and --out
+    write figures of one sample (its particles at up to 9 times, and its evolution) and all frames
+    for ParaView. No existing file is overwritten.
     """
     frames = options["frames"]
     if (frames is None) != (options["out"] is None):

@@ -98,21 +98,21 @@ STICKS_TO: Final = "grains stick up to"
 """Labels of the speeds that decide the fate of a mean pair."""
 
 NOTES: Final = {
-    "mean flow": "of all grains alike, by velocities.mean; no grain meets another by it",
-    "fastest approach": "of two grains at the start, head on",
-    MEAN_APPROACH: "of grains that collide, were all elastic",
-    STICKS_TO: "of two mean grains that meet head on",
-    "grains bond from": "of two grains that meet head on at the starting temperature",
-    "collisions per grain": "by Enskog's theory, were all elastic",
-    "impact pressure/hardness": "of grains that meet at relative_speed; they bond from {final:g}",
-    "surface/impact energy": "of a grain, over that of two that meet at relative_speed",
+    "mean flow": "common velocity of all grains, velocities.mean; causes no impacts",
+    "fastest approach": "two grains at the start, head-on",
+    MEAN_APPROACH: "colliding grains, if all impacts were elastic",
+    STICKS_TO: "two mean grains, head-on",
+    "grains bond from": "two grains, head-on, at the starting temperature",
+    "collisions per grain": "Enskog's theory, elastic impacts",
+    "impact pressure/hardness": "impact at relative_speed; grains bond from {final:g}",
+    "surface/impact energy": "surface energy of a grain over kinetic energy of an impact",
 }
 """Explanations of consequences, by label."""
 NOTES_OF_SIZES: Final = {
     "grain diameter": "mean",
-    "grain mass": "of the mean radius",
+    "grain mass": "at the mean radius",
     "mean free path": "mean over all sizes",
-    "collisions per grain": "by Enskog's theory of mixtures, were all elastic",
+    "collisions per grain": "Enskog's theory of mixtures, elastic impacts",
 }
 """The same where grains have different sizes."""
 

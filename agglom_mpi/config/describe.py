@@ -137,13 +137,13 @@ def _data(campaign: "CampaignSections") -> list[Paragraph]:
 def _not_stored(campaign: "CampaignSections") -> list[str]:
     lines = []
     if fields := missing_fields(campaign.scene):
-        lines.append(f"not known of a particle: {', '.join(fields)}")
+        lines.append(f"particles do not record: {', '.join(fields)}")
     if campaign.plan is not None:
         output = campaign.output
         absent = [] if output.final_particles else ["single particles"]
         absent += [] if output.frames else ["states before the end"]
         if absent:
-            lines.append(f"not stored of a sample: {', '.join(absent)}")
+            lines.append(f"samples do not store: {', '.join(absent)}")
     return lines
 
 
@@ -311,7 +311,7 @@ def _variables(campaign: "CampaignSections") -> list[str]:
         if variable.name in campaign.variables.searched:
             value = f"{lower:g} .. {upper:g}"
             if variable.name in logarithmic:
-                value += ", by its logarithm"
+                value += ", logarithmic"
         elif variable.name in reasons:
             value = f"{lower:g} (fixed)"
         elif variable.name in campaign.variables.ignored:

@@ -58,25 +58,25 @@ class SceneDocument(Section):
     Attributes
     ----------
     title
-        One line for people, in reports.
+        Title of the campaign in reports.
     seed
         Seed of all random numbers.
     scene
         What is simulated: the box, the grains, and the laws of their impacts.
     variables
-        Values and searched ranges of the numbers of a string.
+        Fixed values and searched ranges of the variables.
     derived
-        Quantities by arithmetic of the variables, `{pressure: density * relative_speed**2}`.
+        Quantities computed from the variables, `{pressure: density * relative_speed**2}`.
     constraints
-        Comparisons that every string satisfies, `[pressure < 0.1 * hardness]`.
+        Conditions that every string must satisfy, `[pressure < 0.1 * hardness]`.
     data
         List of measurements that samples are compared with, each a mapping with its `quantity`.
     objective
-        What is minimised, the wanted growth or another moment of the sizes.
+        Number to minimise, such as the distance from a wanted growth.
     output
-        Name of the campaign file, and what it stores beside a row of each sample.
+        Name of the campaign file; optional storage of particles and frames.
     final
-        Estimate of the best strings on samples that no decision has seen; `none` leaves it out.
+        Re-estimate of the best strings on fresh samples; `none` omits it.
     """
 
     title: Line = ""
@@ -204,11 +204,11 @@ class CampaignDocument(SceneDocument):
     Attributes
     ----------
     search
-        Which strings are tried next.
+        Method that proposes strings.
     ensemble
-        When a string has been simulated often enough.
+        Rule for the number of samples per string.
     stopping
-        When the search ends.
+        Criteria that end the search.
     """
 
     objective: Annotated[Objective, Choice(Objective)] = Field(
@@ -264,11 +264,10 @@ class CampaignDocument(SceneDocument):
     @classmethod
     def _samples_have_objectives(cls, ensemble: StoppingRule, info: ValidationInfo) -> StoppingRule:
         objective = info.data.get("objective")
-        if objective is not None and objective.rules is not None:
-            if ensemble.name not in objective.rules:
-                message = f"is {ensemble.name!r}; with objective {objective.name} it must be"
-                allowed = " or ".join(objective.rules)
-                raise FieldError(((ensemble.named_by,), f"{message} {allowed}"))
+        rules = None if objective is None else objective.rules
+        if objective is not None and rules is not None and ensemble.name not in rules:
+            message = f"is {ensemble.name!r}; with objective {objective.name} it must be"
+            raise FieldError(((ensemble.named_by,), f"{message} {' or '.join(rules)}"))
         return ensemble
 
     @field_validator("ensemble")

@@ -37,11 +37,11 @@ class Stopping(Criteria):
     Attributes
     ----------
     generations
-        Most generations.
+        Maximum number of generations.
     max_failures
-        Failed samples after which the campaign ends as hopeless.
+        Number of failed samples at which the campaign is abandoned.
     max_seconds
-        Time that a sample may take, else it has failed. Results then depend on the machine.
+        Maximum run time of a sample; longer ones fail, so results depend on the machine.
     """
 
     max_failures: Annotated[int, Whole(at_least=1)] = 100
@@ -108,10 +108,10 @@ class FinalAnswer(Section):
     strings
         Number of best strings that are estimated again.
     samples
-        Fresh samples of each.
+        Number of fresh samples of each string.
     volumes
-        Factors of the control volume: in each but the first, the box is as many times as large and
-        holds as many times the grains, of the same size and volume fraction.
+        Multiples of the control volume in which the best strings are estimated; size and volume
+        fraction of the grains stay the same.
     """
 
     strings: Annotated[WholeNumber, Field(ge=1, le=10**5, description="number of best strings")] = 6
@@ -132,11 +132,11 @@ class FramesOfBest(Section):
     Attributes
     ----------
     count
-        Frames of each sample.
+        Number of frames of each sample.
     strings
         Number of best strings.
     samples
-        Samples of each.
+        Number of samples of each string.
     """
 
     count: Annotated[WholeNumber, Field(ge=1, le=10**5, description="frames of each sample")]
@@ -150,11 +150,11 @@ class Output(Section):
     Attributes
     ----------
     file
-        Name of the campaign file; that of the YAML file with `.h5` without it.
+        Name of the campaign file; by default that of the YAML file, ending in `.h5`.
     final_particles
-        Whether the particles at the end of every sample are stored.
+        Store the particles at the end of every sample.
     frames
-        Pictures of the best strings, for ParaView.
+        Frames of the best strings over time, for ParaView.
     """
 
     file: Annotated[Line, Field(min_length=1)] | None = None

@@ -131,9 +131,11 @@ class SceneSection(Section):
     particles
         Number of grains at the start.
     half_width
-        Half the edge of the cubic box. The size of the grains follows from it and the filling.
-    grain_diameter, grain_radius
-        Mean size of the grains, in place of `half_width`, which then follows.
+        Half the edge of the cubic box; the size of the grains follows from the volume fraction.
+    grain_diameter
+        Mean diameter of the grains; replaces `half_width`, which then follows.
+    grain_radius
+        Mean radius of the grains; replaces `half_width`, which then follows.
     sizes
         Law of the diameters; without it all grains are equal.
     escape
@@ -141,30 +143,30 @@ class SceneSection(Section):
     velocities
         Velocities at the start.
     restitution
-        How much of its approach speed a pair keeps, and when it bonds.
+        Fraction of the approach speed that a pair keeps, and condition for bonding.
     duration
-        How long a contact lasts; that sets its mean force and its pressure.
+        Duration of a contact; determines its mean force and pressure.
     contact_area
-        Area of a contact; that sets its pressure, and the heat of reaction.
+        Area of a contact; determines its pressure and the heat of reaction.
     hardness
-        How hard the surface is, and how it softens as it warms.
+        Hardness of the surface as a function of temperature.
     friction
         Tangential impulse of an impact.
     heating
-        Which grain gets the energy that an impact loses.
+        Distribution of the dissipated energy over the two grains.
     reaction
-        Heat that touching surfaces set free.
+        Heat released by touching surfaces.
     fragmentation
-        When an impact breaks an aggregate, and into how many pieces.
+        Condition for an impact to break an aggregate, and number of pieces.
     cooling
         How grains lose heat between impacts.
     solver
-        How the equation e = G(e) of an impact is solved.
+        Method that solves the equation e = G(e) of an impact.
     end_time
-        When a sample ends: a time, or `characteristic`, 44 times what a grain at the critical speed
-        takes across a gap [A 13].
+        End of a sample: a time, or `characteristic`, 44 times the time that a grain at the critical
+        speed needs to cross a gap [A 13].
     engine
-        How grains are carried from impact to impact.
+        Method that moves grains from impact to impact.
     """
 
     NUMBERS: ClassVar[Mapping[str, In]] = {

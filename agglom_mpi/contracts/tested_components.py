@@ -122,4 +122,4 @@ def lines_on(findings: Iterable[PropertyFinding]) -> list[str]:
         names = held.setdefault(each.component, [])
         if each.verdict is Verdict.HOLDS:
             names.append(each.property)
-    return [f"{label} holds {', '.join(names)}" for label, names in held.items()]
+    return [f"{label} satisfies {', '.join(names)}" for label, names in held.items()]

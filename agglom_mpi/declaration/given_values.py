@@ -108,7 +108,7 @@ class EarlierCampaign(Declared):
     Attributes
     ----------
     file
-        Name of the file, relative to the folder of the campaign that begins with them.
+        Name of the earlier campaign file, relative to the folder of this campaign.
     strings
         Number of best strings.
     """

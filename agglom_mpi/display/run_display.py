@@ -105,7 +105,7 @@ class Display:
             Strings with results of earlier legs.
         progress
         """
-        earlier = f", {judged} of them judged before" if judged else ""
+        earlier = f", {judged} of them evaluated before" if judged else ""
         who = f"{ranks} ranks, {database} database" if ranks > 1 else "1 rank"
         self.message(f"{what}{earlier}, {who}, into {path}")
         if self._live is not None:

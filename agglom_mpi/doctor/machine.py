@@ -95,7 +95,7 @@ def check_processors(environment: Mapping[str, str] = os.environ) -> Iterator[Fi
         f"{n}={environment[n]}" for n in THREAD_VARIABLES if environment.get(n, "") not in ("", "1")
     ]
     if many:
-        advice = "the parallelism is in the ranks: set them to 1, they only cost"
+        advice = "set them to 1: the ranks run in parallel, and more threads only slow them down"
         yield Finding("threads", ", ".join(many), advice)
 
 

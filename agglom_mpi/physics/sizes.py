@@ -221,7 +221,7 @@ class UniformSizes(Sizes):
 
 
 class FileSizes(Sizes):
-    """Diameters drawn from the rows of a file, which was read when the campaign was.
+    """Diameters drawn from the rows of a file; the campaign stores its contents.
 
     `diameters` are in m, or relative to each other where the file gives no unit. All rows are as
     likely by number, or stand for the same volume of grains.

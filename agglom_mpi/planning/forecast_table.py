@@ -14,15 +14,15 @@ from agglom_mpi.planning.workload import LEAST_SAMPLES
 from agglom_mpi.stopwatch import BUSY_RATIO
 
 EXPLANATION: Final = (
-    "needed: share of the ranks' time spent on samples that decisions use; rank 0:\n"
-    "share of its time spent on messages; simulated, used: numbers of samples.\n"
-    "at best: no order of work could beat it; reached: share of that speed.\n"
-    "limit, what takes longest: work, all that is needed, evenly spread; chain,\n"
-    "generations that each wait for their longest sample; rank 0, messages."
+    "needed: share of the ranks' time spent on samples that decisions use\n"
+    "rank 0: share of its time spent on messages; simulated, used: samples\n"
+    "at best: time with an ideal order of work; reached: speed relative to it\n"
+    "limit: work, evenly spread over the ranks; chain, generations that wait for\n"
+    "their longest sample; rank 0, messages"
 )
 """Meaning of the columns."""
 
-AGAIN: Final = "again: at the end, to estimate the best strings on fresh samples."
+AGAIN: Final = "again: at the end, for fresh samples of the best strings"
 """Meaning of the last column, which only campaigns with fresh samples have."""
 
 
@@ -137,13 +137,13 @@ def _advice(report: ForecastReport) -> list[str]:
         return []
     if (advice := report.advice) is None:
         return [
-            f"no number of ranks above spends {WELL_USED:.0%} of their time as needed: "
-            "ask for fewer --ranks"
+            f"no number of ranks above spends {WELL_USED:.0%} of its time on needed samples; "
+            "try fewer --ranks"
         ]
     minutes = round(advice.walltime / 60.0)
     options = f"--ntasks={advice.ranks} --time={minutes // 60:02d}:{minutes % 60:02d}:00"
     return [
-        f"for the most ranks above that spend {WELL_USED:.0%} of their time or more as needed "
+        f"most ranks above that spend {WELL_USED:.0%} of their time on needed samples "
         f"({advice.needed:.0%}):",
         f"  sbatch {options} slurm/campaign.sbatch {quote(report.path)}",
     ]

@@ -29,8 +29,8 @@ MIN_NAMED_WEIGHT: Final = 0.1
 """Minimum weight of a variable that is named in a direction, relative to the largest weight."""
 
 BIASED_CHOICE: Final = (
-    "favour what the search liked: it looks for the best string and returns to those that came "
-    "out well by luck, so that P can be biased near the edges of the set"
+    "were chosen by a search for the best string, which returns to lucky strings; P can be biased "
+    "near the edges of the set"
 )
 """Note on samples that a search for the best has chosen."""
 
@@ -43,14 +43,15 @@ def percent(share: float, digits: int = 3) -> str:
 def measure_text(box: SearchedBox) -> str:
     """Return the measure of shares and volumes: uniform in the coordinates of the search."""
     kinds = {
-        "by the logarithm": [each.name for each in box.own if each.logarithmic],
-        "by the cube": [each.name for each in box.own if each.cubic],
+        "log({})": [each.name for each in box.own if each.logarithmic],
+        "the cube of {}": [each.name for each in box.own if each.cubic],
     }
     other = [name for name in box.names if not any(name in some for some in kinds.values())]
-    parts = [f"{', '.join(some)} {kind}" for kind, some in kinds.items() if some]
+    parts = [kind.format(name) for kind, some in kinds.items() for name in some]
     if not parts:
-        return "uniform in every variable, as searched"
-    return f"uniform as searched: {'; '.join([*parts, *(['the others linear'] if other else [])])}"
+        return "uniform in every variable"
+    rest = ", linear in the other variables" if other else ""
+    return f"uniform in {', '.join(parts)}{rest}"
 
 
 def samples_to_halve(of: FeasibleSet) -> int:
@@ -76,7 +77,7 @@ def set_text(of: FeasibleSet, posterior: "Posterior | None" = None) -> Renderabl
 
 
 def _rests_on(of: FeasibleSet) -> str:
-    return f"by an emulator of {of.samples:,} samples of {of.strings:,} strings"
+    return f"from an emulator of {of.samples:,} samples of {of.strings:,} strings"
 
 
 def _shares(of: FeasibleSet) -> LabelledTexts:
@@ -90,7 +91,7 @@ def _shares(of: FeasibleSet) -> LabelledTexts:
             f"{_share_text(of.volume, of.volume_error)}; {measure_text(of.emulated.box)}",
         )
     if of.allowed < 1.0:
-        shares = "" if of.empty else "; shares are of what they allow"
+        shares = "" if of.empty else "; shares refer to the allowed part"
         table.add_row("constraints", f"{_allowed(of)} of the box{shares}")
     if not of.empty:
         table.add_row(f"  surely (P ≥ {INNER_PROBABILITY:g})", percent(of.inner))
@@ -104,7 +105,7 @@ def _shares(of: FeasibleSet) -> LabelledTexts:
     if of.criterion.maximum is not None:
         table.add_row("maximum", f"mean b/b0 {value_with_error(*of.criterion.maximum)}")
     if of.failing:
-        table.add_row("failed", f"{of.failing} strings, which are no members")
+        table.add_row("failed", f"{of.failing} strings, which are not members")
     table.add_row("check", of.calibration.text)
     if of.favours_low_objectives:
         table.add_row("samples", BIASED_CHOICE)
@@ -159,7 +160,7 @@ def _nearest_table(of: FeasibleSet) -> FittedTable:
 
 
 def _variable_table(of: FeasibleSet) -> FittedTable:
-    headings = ("searched", "possible", "5 %", "50 %", "95 %", "may move over")
+    headings = ("searched", "possible", "5 %", "50 %", "95 %", "can vary by")
     table = FittedTable("variable", *headings, "", left=(0, 7))
     for each in of.variables:
         table.add_row(
@@ -233,8 +234,8 @@ def set_warnings(of: FeasibleSet) -> Iterator[str]:
         if each.touches and not each.free:
             ends = " and ".join(f"the {end} end {getattr(each, end):.4g}" for end in each.touches)
             yield (
-                f"warning: the set touches {ends} of {each.name}; the answer may go on outside of "
-                "the box"
+                f"warning: the set touches {ends} of {each.name} and may continue outside of the "
+                "box"
             )
 
 

@@ -151,7 +151,7 @@ class MeanOfBest(EndingCriterion):
 
 
 class ExpectedError(EndingCriterion):
-    """The set that a search looks for is known: its expected error is small enough.
+    """The expected error of the set that the search looks for is small enough.
 
     Attributes
     ----------

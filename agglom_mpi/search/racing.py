@@ -30,9 +30,9 @@ class Racing(Declared):
     Attributes
     ----------
     confidence
-        Minimum probability that a string which belongs among the best is not dropped.
+        Minimum probability that a race keeps a string that belongs among the parents.
     first
-        Samples of each string before the first round.
+        Number of samples of each string before the first round.
     """
 
     confidence: Annotated[float, In("1", above=0.5, below=1, meaning="like 0.95")] = 0.95

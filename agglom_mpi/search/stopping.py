@@ -207,7 +207,7 @@ class AdaptiveRule(StoppingRule):
 
 
 class SuccessiveDifference(AdaptiveRule):
-    """One sample more changes the mean by less than a share of itself [A 27] [B 8.1].
+    """One more sample changes the mean by less than a relative `tolerance` [A 27] [B 8.1].
 
     As published. It also stops by luck, when one sample happens to lie near the mean: the
     standard error must be read next to what it accepts.
@@ -251,7 +251,7 @@ class SuccessiveDifference(AdaptiveRule):
 
 
 class Moments(AdaptiveRule):
-    """One sample more changes no moment of the radii by more than a share of itself [A 25, 27].
+    """One more sample changes no moment by more than a relative `tolerance` [A 25, 27].
 
     Attributes
     ----------
@@ -300,7 +300,7 @@ class Moments(AdaptiveRule):
 
 
 class StandardError(AdaptiveRule):
-    """The 95 % t interval of the objective is narrow enough.
+    """The half-width of the 95 % interval of the objective is at most `tolerance`.
 
     Attributes
     ----------
@@ -340,7 +340,7 @@ def _t_95_of(samples: Any) -> Any:
 
 
 class FixedNumber(StoppingRule):
-    """The same number of samples for every string, whatever they give.
+    """The same number of samples for every string.
 
     Attributes
     ----------

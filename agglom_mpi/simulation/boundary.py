@@ -60,7 +60,7 @@ class Boundary(Law):
 
 
 class Periodic(Boundary):
-    """A true periodic box: contacts by minimum image."""
+    """Periodic box, with contacts across its faces."""
 
     law: Literal["periodic"] = "periodic"
     summary: ClassVar[str] = "true periodic box, contacts across faces"
@@ -99,7 +99,7 @@ class Periodic(Boundary):
 
 
 class Reentry(Boundary):
-    """As published: who leaves re-enters at the opposite face; no contacts across faces  [A, B].
+    """Grains re-enter at the opposite face; no contacts across faces, as published  [A, B].
 
     It is put on the face [A]; [B] prints r → −r, which can leave it outside after a long step.
     """

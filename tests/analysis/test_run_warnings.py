@@ -29,9 +29,7 @@ def test_the_edge_of_a_range_is_that_of_what_the_file_gives(path, monkeypatch):
 def test_a_target_that_was_not_reached_is_said(path, monkeypatch):
     monkeypatch.setattr(run_warnings, "MISS", -1.0)
     lines = run_warnings.run_warnings(read_campaign(path))
-    assert any(
-        line.startswith("objective: the best string misses what is wanted") for line in lines
-    )
+    assert any(line.startswith("objective: the best string misses its target") for line in lines)
 
 
 def test_a_run_that_is_still_to_go_on_is_not_warned_of(path, tmp_path):

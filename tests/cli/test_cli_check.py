@@ -31,8 +31,8 @@ def test_the_quickstart_says_how_much_it_is_and_what_it_leaves_out(agglom):
     assert left_out.splitlines() == [
         "  fragmentation",
         "  cooling",
-        "  not known of a particle: time of last cooling, time of last impact, number of grains",
-        "  not stored of a sample: single particles, states before the end",
+        "  particles do not record: time of last cooling, time of last impact, number of grains",
+        "  samples do not store: single particles, states before the end",
     ]
 
 

@@ -90,8 +90,8 @@ def test_the_description_separates_used_from_left_out_submodels() -> None:
 def test_constant_restitution_leaves_out_what_it_does_not_ask() -> None:
     left_out = [line.strip() for line in section(constant().describe(), "Left out").splitlines()]
     assert left_out[:-2] == ["duration", "hardness", "fragmentation", "cooling", "solver"]
-    assert left_out[-2].startswith("not known of a particle: time of last cooling, time of last ")
-    assert left_out[-1].startswith("not stored of a sample: ")
+    assert left_out[-2].startswith("particles do not record: time of last cooling, time of last ")
+    assert left_out[-1].startswith("samples do not store: ")
 
 
 @pytest.mark.parametrize(
@@ -185,7 +185,9 @@ def test_what_is_stored_of_a_sample_is_described_with_its_size(
     lines = campaign(("title", f"output: {output}")).describe().splitlines()
     found = [line.removeprefix("  stored ") for line in lines if line.startswith("  stored ")]
     assert found == stored
-    left_out = [line.partition(": ")[2] for line in lines if line.startswith("  not stored of a s")]
+    left_out = [
+        line.partition(": ")[2] for line in lines if line.startswith("  samples do not store")
+    ]
     assert left_out == ([] if absent is None else [absent])
 
 

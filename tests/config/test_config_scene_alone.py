@@ -122,7 +122,7 @@ def test_a_scene_alone_is_described_without_a_search() -> None:
         "Scene",
     ]
     planned = campaign(*FIXED).describe().splitlines()
-    assert planned.pop() == "  not stored of a sample: single particles, states before the end"
+    assert planned.pop() == "  samples do not store: single particles, states before the end"
     assert lines[4:] == planned[planned.index("Scene") :]
 
 

@@ -339,7 +339,7 @@ def test_the_description_says_how_it_searches_and_what_it_begins_with(
 def test_the_description_says_what_is_searched_by_its_logarithm_and_how_often() -> None:
     text = campaign(("  hardness: [", "  hardness: [1e7, 2e8, log]"), *fixed("  samples: 1"))
     lines = text.describe().splitlines()
-    assert "  hardness          Pa      1e+07 .. 2e+08, by its logarithm" in lines
+    assert "  hardness          Pa      1e+07 .. 2e+08, logarithmic" in lines
     assert "  relative_speed    m/s     0.1 .. 30" in lines
     assert "  ensemble: 1 sample of every string" in lines
     assert "  samples: 44, 1 per string" in lines

@@ -38,9 +38,9 @@ class Rescale(Declared):
     Attributes
     ----------
     every
-        Generations between two restrictions.
+        Number of generations between two restrictions.
     factor
-        Edge of the box after a restriction, relative to that before.
+        Edge of the box after a restriction, relative to the edge before.
     """
 
     every: Annotated[int, Whole(at_least=1, meaning="a number of generations")]
@@ -48,7 +48,7 @@ class Rescale(Declared):
 
 
 class Genetic(PopulationMethod):
-    """Blend neighbours in rank, keep the parents, add random strings [A 22] [B 7].
+    """Genetic algorithm: blend neighbours in rank, keep parents, add random strings [A 22] [B 7].
 
     A population of S strings is K kept parents (slots 0 … K-1), K offspring (K … 2K-1) and
     M = S - 2K random strings; the first one is all random. g generations take S + (g-1)(S-K)

@@ -55,7 +55,7 @@ SET_TOLERANCE: Final = 0.05
 
 
 class Surrogate(SearchMethod):
-    """A Gaussian process through all samples so far, batches by Thompson sampling.
+    """Gaussian-process model of all samples; batches by Thompson sampling.
 
     Attributes
     ----------

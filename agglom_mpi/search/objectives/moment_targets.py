@@ -70,10 +70,16 @@ class Targets(Declared):
         Mean over samples of b/b⁰.
     spread
         Standard deviation of b/b⁰.
-    skewness, kurtosis
-        Third and fourth central moment over that power of the spread.
-    second, third, fourth
-        Central moments of b/b⁰.
+    skewness
+        Third central moment of b/b⁰, divided by spread³.
+    kurtosis
+        Fourth central moment of b/b⁰, divided by spread⁴; 3 for a normal distribution.
+    second
+        Second central moment (variance) of b/b⁰.
+    third
+        Third central moment of b/b⁰.
+    fourth
+        Fourth central moment of b/b⁰.
     """
 
     mean: AtLeastOne = None
@@ -91,7 +97,7 @@ class Weights(Declared):
     Attributes
     ----------
     mean, spread, skewness, kurtosis, second, third, fourth
-        Weight of that target, 1 by default.
+        Weight of the target; 1 unless given.
     """
 
     mean: Positive = None
