@@ -1,0 +1,47 @@
+"""Censuses of samples on several ranks: sent, stored and judged as on one, killed or not."""
+
+import pytest
+from campaign_runs import (
+    assert_same,
+    assert_sound,
+    decisions,
+    finish,
+    need_mpirun,
+    need_parallel_hdf5,
+)
+from measured_runs import write_measured
+
+from agglom_mpi.analysis.data_fit import describe_fit
+from agglom_mpi.storage.reader import read_campaign
+
+
+@pytest.mark.parametrize(
+    "database", ["gathered", pytest.param("parallel", marks=pytest.mark.parallel_hdf5)]
+)
+def test_ranks_decide_by_data_as_one_does(tmp_path, database):
+    need_mpirun()
+    if database == "parallel":
+        need_parallel_hdf5()
+    for name in ("one", "three"):
+        (tmp_path / name).mkdir()
+        write_measured(tmp_path / name)
+    finish(tmp_path / "one", "measured.yaml")
+    finish(tmp_path / "three", "measured.yaml", "--database", database, ranks=3)
+    assert_same(tmp_path / "three" / "measured.h5", decisions(tmp_path / "one" / "measured.h5"))
+    assert_sound(tmp_path / "three" / "measured.h5")
+
+
+def test_a_run_that_was_stopped_goes_on_without_its_file_of_sizes(tmp_path):
+    for name in ("whole", "parts"):
+        (tmp_path / name).mkdir()
+        write_measured(tmp_path / name)
+    finish(tmp_path / "whole", "measured.yaml")
+    finish(tmp_path / "parts", "measured.yaml", "--generations", "1")
+    finish(tmp_path / "parts", "measured.yaml")
+    path = tmp_path / "parts" / "measured.h5"
+    assert_same(path, decisions(tmp_path / "whole" / "measured.h5"))
+    (tmp_path / "parts" / "sieve.csv").unlink()
+    assert_sound(path)
+    data = read_campaign(path)
+    lines = describe_fit(data, int(data.result_rows()["string"][0]))
+    assert len(lines) == 1 + 3  # the data

@@ -1,0 +1,50 @@
+"""The layout of censuses is an attribute of the file, and decides columns of its samples."""
+
+import json
+import math
+
+import pytest
+
+from agglom_mpi.measurements.layout import CensusLayout
+from agglom_mpi.storage.census_columns import CENSUS, census_attributes, census_of
+from agglom_mpi.storage.schema import SAMPLES, samples_schema
+
+LAYOUT = CensusLayout.between((2e-3, math.inf), 0.5, 4.0)
+
+
+def test_a_layout_is_read_as_it_was_written():
+    assert census_of(census_attributes(LAYOUT)) == LAYOUT
+    assert census_of({}) is None
+    assert census_attributes(None) == {}
+
+
+def test_the_attribute_names_the_edges_for_other_readers():
+    entries = json.loads(census_attributes(LAYOUT)[CENSUS])
+    assert entries["times"] == [2e-3, None]
+    assert entries["edges"] == LAYOUT.edges.tolist()
+
+
+def test_columns_have_the_shape_of_the_layout_and_samples_without_stay_as_they_are():
+    dtype = samples_schema({}, LAYOUT).dtype
+    assert dtype["class_counts"].shape == dtype["class_masses"].shape == (2, LAYOUT.classes)
+    assert dtype["census_temperatures"].shape == dtype["largest_masses"].shape == (2,)
+    assert samples_schema({}) is SAMPLES
+    assert {field.since for field in samples_schema({}, LAYOUT).at(4).fields} <= {1, 2, 3, 4}
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"times": []},
+        {"times": [2.0, 1.0]},
+        {"classes": 0},
+        {"classes": 10**9},
+        {"lower": None},
+        {"times": "now"},
+    ],
+    ids=str,
+)
+def test_a_damaged_layout_is_refused(change):
+    entries = json.loads(census_attributes(LAYOUT)[CENSUS]) | change
+    with pytest.raises(ValueError, match="census"):
+        census_of({CENSUS: json.dumps(entries)})
