@@ -15,8 +15,11 @@ import agglom_mpi
 from agglom_mpi import campaign_runs
 from agglom_mpi.campaign_file import CampaignFile
 from agglom_mpi.config import campaign as campaign_module
+from agglom_mpi.config import searcher as searcher_module
 from agglom_mpi.config.campaign import CAMPAIGN_INTERNALS, Campaign
 from agglom_mpi.config.estimate import StringEstimate
+from agglom_mpi.config.searcher import Searcher
+from agglom_mpi.config.simulate_many import SimulatedSamples
 from agglom_mpi.inference.feasible_set import SET_INTERNALS, FeasibleSet
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.simulation.sample import Outcome
@@ -34,9 +37,9 @@ FILE = {
 BOX = {"advance", "particles", "reset", "set", "state", "time", "volume"}  # see test_box_inputs
 METHODS_OF_CAMPAIGN = {
     *("allowed", "describe", "description", "estimate", "identity", "parameters", "sha256"),
-    *("in_volume", "simulate", "warnings"),
+    *("in_volume", "simulate", "simulate_many", "warnings"),
 }
-CAMPAIGN = {*METHODS_OF_CAMPAIGN, "run", "title", "seed", "text", "name"}
+CAMPAIGN = {*METHODS_OF_CAMPAIGN, "run", "searcher", "title", "seed", "text", "name"}
 METHODS_OF_SET = {
     *("bounds", "deviation", "directions", "expected_error", "failing", "inner", "maximum"),
     *("mean", "noise", "outer", "posterior", "probability", "sample", "variables", "volume"),
@@ -52,9 +55,11 @@ FACES = {
     agglom_mpi.Box: BOX,
     CampaignFile: FILE,
     Campaign: METHODS_OF_CAMPAIGN,
-    campaign_runs.RunnableCampaign: {*METHODS_OF_CAMPAIGN, "run"},
+    campaign_runs.RunnableCampaign: {*METHODS_OF_CAMPAIGN, "run", "searcher"},
     FeasibleSet: METHODS_OF_SET,
     Outcome: set(),
+    Searcher: {"ask", "best", "is_finished", "tell", "why_finished"},
+    SimulatedSamples: set(),
     StringEstimate: {"as_dict"},
 }
 """Classes that users meet, with their public methods and properties."""
@@ -150,7 +155,7 @@ def test_help_of_a_box_begins_with_how_it_is_made():
     assert str(signature).startswith("(campaign, parameters=None, *, radii=None, velocities=None,")
 
 
-@pytest.mark.parametrize("module", [campaign_module, campaign_runs])
+@pytest.mark.parametrize("module", [campaign_module, campaign_runs, searcher_module])
 def test_the_examples_of_a_campaign_are_true(module, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "jobs").symlink_to(ROOT / "jobs")
