@@ -149,6 +149,47 @@ def test_help_of_the_entry_points_is_readable():
             assert f"    {heading}\n    ---" in text
 
 
+def test_the_names_in_help_of_the_package_exist(campaign):
+    listed = re.findall(r"^    ( *)(\.?\w+)\(.*?\) {2,}\S", agglom_mpi.__doc__, re.MULTILINE)
+    assert len(listed) == 10
+    owners = {"load_campaign": campaign, "open_campaign": CampaignFile}
+    for indent, name in listed:
+        if not indent:
+            assert callable(getattr(agglom_mpi, name))
+            owner = owners.get(name)
+        else:
+            assert callable(getattr(owner, name.removeprefix(".")))
+    assert all(f"{name}(" in help_of(agglom_mpi) for _, name in listed)
+
+
+def test_what_is_shown_of_an_object_is_one_short_line(campaign, finished):
+    box = agglom_mpi.Box(campaign)
+    box.advance(1e-4)
+    searcher = campaign.searcher()
+    shown = [
+        (campaign, ("100 grains", "hardness by genetic")),
+        (campaign.estimate({}, samples=3), ("3 samples", "mean_radius_ratio ")),
+        (agglom_mpi.open_campaign(finished), ("finished", "3 generations")),
+        (box, ("particles at 100 µs",)),
+        (searcher, ("0 generations judged",)),
+    ]
+    for thing, parts in shown:
+        text = repr(thing)
+        assert all(part in text for part in parts), text
+        assert len(text) < 250
+        assert not [word for word in (*UNREADABLE, "\n") if word in text]
+    strings = searcher.ask()
+    for thing in (strings, campaign.simulate_many(strings)):
+        assert "12 strings" in repr(thing)
+        assert len(repr(thing)) < 160
+
+
+def test_a_file_that_is_gone_is_still_shown(tmp_path):
+    file = agglom_mpi.open_campaign(make(tmp_path / "grains.h5"))
+    file.path.unlink()
+    assert "grains.h5" in repr(file)
+
+
 def test_help_of_a_box_begins_with_how_it_is_made():
     signature = inspect.signature(agglom_mpi.Box)
     assert str(signature) in help_of(agglom_mpi.Box)

@@ -26,7 +26,6 @@ from agglom_mpi.config.yaml_source import (
     Problem,
 )
 from agglom_mpi.declaration.reading import PLAIN, Reading
-from agglom_mpi.formatting import printable
 from agglom_mpi.physics import scales
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.simulation.engines import Engine
@@ -74,7 +73,7 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
     """
 
     def __repr__(self) -> str:
-        return f"<Campaign {self.name!r}: {printable(self.title)}>"
+        return f"<Campaign {self.name!r}: {describe.in_a_few_words(self)}>"
 
     @classmethod
     def from_text(

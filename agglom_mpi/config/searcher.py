@@ -56,13 +56,14 @@ class ProposedStrings(dict[str, npt.NDArray[Any]]):
         self.generation = proposals.generation
         self.parameters = proposals.parameters.copy()
         self.units = {name: table[name].unit for name in self if name in table}
+        self._searched = [name for name in self.units if name in campaign.variables.searched]
 
     def __repr__(self) -> str:
         numbers = self["string"]
         which = f"{numbers[0]} to {numbers[-1]}" if len(numbers) else "none"
         return (
             f"<ProposedStrings: generation {self.generation}, {pluralise(len(numbers), 'string')} "
-            f"({which}) of {', '.join(self.units)}>"
+            f"({which}) of {', '.join(self._searched)}>"
         )
 
 

@@ -85,17 +85,15 @@ class SimulatedSamples(metaclass=PublicFace):
 
     def __repr__(self) -> str:
         strings, samples = self.failed.shape
-        completed = ~self.failed
-        means = [
-            f"{name} {float(self.columns[name][completed].mean()):.4g}"
-            for name in ("mean_radius_ratio", "objective")
-            if completed.any()
-        ]
         text = (
             f"{pluralise(strings, 'string')}, {pluralise(samples, 'sample')} of each, "
             f"{int(self.failed.sum())} failed"
         )
-        return f"<SimulatedSamples: {text}{'; mean ' if means else ''}{', '.join(means)}>"
+        if not self.failed.all():
+            means = {n: self.columns[n][~self.failed] for n in ("mean_radius_ratio", "objective")}
+            text += "".join(f"; {name} {each.mean():.4g}" for name, each in means.items())
+            text += " on average"
+        return f"<SimulatedSamples: {text}>"
 
 
 class _Work(NamedTuple):
