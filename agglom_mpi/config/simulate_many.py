@@ -7,6 +7,7 @@ simulates consecutive samples of a string by one call of compiled code.
 import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -173,7 +174,8 @@ def _run(work: _Work, workers: int) -> None:
     The calling thread waits, so that a Ctrl-C reaches it at once and ends the samples under way.
     """
     campaign = work.campaign
-    ensure_compiled(campaign.at(campaign.variables.at(0.5)).build(work.engine))
+    with suppress(ValueError):  # a law may refuse the middle of the box, and no other string
+        ensure_compiled(campaign.at(campaign.variables.at(0.5)).build(work.engine))
     total = work.rows.size
     size = -(-total // (workers * PARTS_PER_WORKER))
     pool = ThreadPoolExecutor(min(workers, total), "samples")
