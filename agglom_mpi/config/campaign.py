@@ -346,6 +346,11 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
         CampaignError
             If a name is unknown, a value impossible, or another argument wrong.
 
+        Notes
+        -----
+        Each string takes the interpreter, which threads share, some 0.3 ms. Where all samples of a
+        string take less than that times the number of cores, not all cores are busy.
+
         Examples
         --------
         >>> from agglom_mpi import load_campaign
