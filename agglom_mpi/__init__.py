@@ -1,7 +1,20 @@
 """MPI-parallel batch inversion of agglomerating granular flows.
 
-`load_campaign(yaml)` simulates or runs what a campaign file describes, `open_campaign(h5)` reads
-what a campaign found, and `Box` is a box of grains inside a macroscopic model.
+From Python, ten names:
+
+    load_campaign("campaign.yaml")     read a campaign file: what is asked, in which scene
+        .describe()                    say what would run, and what follows from its numbers
+        .simulate(values)              simulate one sample of a string of values
+        .simulate_many(strings)        simulate samples of many strings on all cores
+        .estimate(values, samples)     mean ± standard error of a string
+        .run(ranks=2)                  search the string that the objective wants
+        .searcher()                    the same search, for strings that you judge: ask and tell
+    open_campaign("campaign.h5")       read what a run found: tables, figures, the best strings
+        .feasible_set()                all strings that are compatible with the objective
+    Box("campaign.yaml", values)       a box of grains inside a macroscopic model
+
+`help(agglom_mpi.load_campaign)`, and so on, explains each with an example. Values are SI numbers or
+texts with units: `{"relative_speed": 4.3, "hardness": "67 MPa"}`.
 """
 
 from typing import TYPE_CHECKING, Any

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from agglom_mpi.analysis import finite_size_tables, tables
 from agglom_mpi.config.arguments import read_count
-from agglom_mpi.errors import require_library
+from agglom_mpi.errors import UserError, require_library
+from agglom_mpi.formatting import pluralise, printable
 from agglom_mpi.outcome import FinalParticles
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.storage.access import NotACampaign
@@ -49,7 +50,19 @@ class CampaignFile(metaclass=PublicFace):
         self._opened = data
 
     def __repr__(self) -> str:
-        return f"<CampaignFile {str(self.path)!r}: {self.title}>"
+        return f"<CampaignFile {str(self.path)!r}: {printable(self.title)}{self._stage()}>"
+
+    def _stage(self) -> str:
+        """Return the state of the campaign in a few words; nothing if the file cannot be read."""
+        try:
+            data = self._snapshot()
+            counts = (
+                (len(data.generation_rows()), "generation"),
+                (len(data.string_rows()), "string"),
+            )
+            return ", ".join([f"; {data.status().state}", *(pluralise(*each) for each in counts)])
+        except (OSError, UserError):
+            return ""
 
     def _snapshot(self) -> CampaignData:
         """Return the rows as they are now; the file of a running campaign grows on."""

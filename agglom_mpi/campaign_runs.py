@@ -10,6 +10,7 @@ from agglom_mpi.config.own_components import own_of
 
 if TYPE_CHECKING:
     from agglom_mpi.campaign_file import CampaignFile
+    from agglom_mpi.config.searcher import Searcher
 
 __all__ = ["RunnableCampaign", "load_campaign"]
 
@@ -77,6 +78,41 @@ class RunnableCampaign(Campaign):
         else:
             path = run_by_ranks(self, options, self._count("ranks", ranks, least=1))
         return open_campaign(path, options.allow_code)
+
+    def searcher(self) -> "Searcher":
+        """Return the search of the campaign, for a loop of your own: `ask`, judge, `tell`.
+
+        Strings are judged by whatever you like: another simulator, an experiment, or this one with
+        other numbers of samples. They are those that `run` proposes for the same values.
+        (`campaign.search` is the section of the file that names the method.)
+
+        Returns
+        -------
+        Searcher
+
+        Raises
+        ------
+        CampaignError
+            If there is nothing to search, or an optional library is missing.
+
+        Examples
+        --------
+        >>> import agglom_mpi
+        >>> searcher = agglom_mpi.load_campaign("jobs/quickstart.yaml").searcher()
+        >>> strings = searcher.ask()
+        >>> strings["string"].tolist() == list(range(12)), strings.units["hardness"]
+        (True, 'Pa')
+        >>> searcher.tell(strings["hardness"] / 67e6 - 1)
+        >>> searcher.generation, searcher.is_finished
+        (1, False)
+        """
+        from agglom_mpi.analysis.warm_start import warm_start
+        from agglom_mpi.config.searchable import check_search_library, check_searchable
+        from agglom_mpi.config.searcher import Searcher
+
+        check_searchable(self)
+        check_search_library(self)
+        return Searcher(self, warm_start(self, allow_code=self._has_code).strings)
 
     @property
     def _has_code(self) -> bool:

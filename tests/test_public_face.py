@@ -15,8 +15,11 @@ import agglom_mpi
 from agglom_mpi import campaign_runs
 from agglom_mpi.campaign_file import CampaignFile
 from agglom_mpi.config import campaign as campaign_module
+from agglom_mpi.config import searcher as searcher_module
 from agglom_mpi.config.campaign import CAMPAIGN_INTERNALS, Campaign
 from agglom_mpi.config.estimate import StringEstimate
+from agglom_mpi.config.searcher import Searcher
+from agglom_mpi.config.simulate_many import SimulatedSamples
 from agglom_mpi.inference.feasible_set import SET_INTERNALS, FeasibleSet
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.simulation.sample import Outcome
@@ -34,9 +37,9 @@ FILE = {
 BOX = {"advance", "particles", "reset", "set", "state", "time", "volume"}  # see test_box_inputs
 METHODS_OF_CAMPAIGN = {
     *("allowed", "describe", "description", "estimate", "identity", "parameters", "sha256"),
-    *("in_volume", "simulate", "warnings"),
+    *("in_volume", "simulate", "simulate_many", "warnings"),
 }
-CAMPAIGN = {*METHODS_OF_CAMPAIGN, "run", "title", "seed", "text", "name"}
+CAMPAIGN = {*METHODS_OF_CAMPAIGN, "run", "searcher", "title", "seed", "text", "name"}
 METHODS_OF_SET = {
     *("bounds", "deviation", "directions", "expected_error", "failing", "inner", "maximum"),
     *("mean", "noise", "outer", "posterior", "probability", "sample", "variables", "volume"),
@@ -52,9 +55,11 @@ FACES = {
     agglom_mpi.Box: BOX,
     CampaignFile: FILE,
     Campaign: METHODS_OF_CAMPAIGN,
-    campaign_runs.RunnableCampaign: {*METHODS_OF_CAMPAIGN, "run"},
+    campaign_runs.RunnableCampaign: {*METHODS_OF_CAMPAIGN, "run", "searcher"},
     FeasibleSet: METHODS_OF_SET,
     Outcome: set(),
+    Searcher: {"ask", "best", "is_finished", "tell", "why_finished"},
+    SimulatedSamples: set(),
     StringEstimate: {"as_dict"},
 }
 """Classes that users meet, with their public methods and properties."""
@@ -144,13 +149,54 @@ def test_help_of_the_entry_points_is_readable():
             assert f"    {heading}\n    ---" in text
 
 
+def test_the_names_in_help_of_the_package_exist(campaign):
+    listed = re.findall(r"^    ( *)(\.?\w+)\(.*?\) {2,}\S", agglom_mpi.__doc__, re.MULTILINE)
+    assert len(listed) == 10
+    owners = {"load_campaign": campaign, "open_campaign": CampaignFile}
+    for indent, name in listed:
+        if not indent:
+            assert callable(getattr(agglom_mpi, name))
+            owner = owners.get(name)
+        else:
+            assert callable(getattr(owner, name.removeprefix(".")))
+    assert all(f"{name}(" in help_of(agglom_mpi) for _, name in listed)
+
+
+def test_what_is_shown_of_an_object_is_one_short_line(campaign, finished):
+    box = agglom_mpi.Box(campaign)
+    box.advance(1e-4)
+    searcher = campaign.searcher()
+    shown = [
+        (campaign, ("100 grains", "hardness by genetic")),
+        (campaign.estimate({}, samples=3), ("3 samples", "mean_radius_ratio ")),
+        (agglom_mpi.open_campaign(finished), ("finished", "3 generations")),
+        (box, ("particles at 100 µs",)),
+        (searcher, ("0 generations judged",)),
+    ]
+    for thing, parts in shown:
+        text = repr(thing)
+        assert all(part in text for part in parts), text
+        assert len(text) < 250
+        assert not [word for word in (*UNREADABLE, "\n") if word in text]
+    strings = searcher.ask()
+    for thing in (strings, campaign.simulate_many(strings)):
+        assert "12 strings" in repr(thing)
+        assert len(repr(thing)) < 160
+
+
+def test_a_file_that_is_gone_is_still_shown(tmp_path):
+    file = agglom_mpi.open_campaign(make(tmp_path / "grains.h5"))
+    file.path.unlink()
+    assert "grains.h5" in repr(file)
+
+
 def test_help_of_a_box_begins_with_how_it_is_made():
     signature = inspect.signature(agglom_mpi.Box)
     assert str(signature) in help_of(agglom_mpi.Box)
     assert str(signature).startswith("(campaign, parameters=None, *, radii=None, velocities=None,")
 
 
-@pytest.mark.parametrize("module", [campaign_module, campaign_runs])
+@pytest.mark.parametrize("module", [campaign_module, campaign_runs, searcher_module])
 def test_the_examples_of_a_campaign_are_true(module, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "jobs").symlink_to(ROOT / "jobs")

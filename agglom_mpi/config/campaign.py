@@ -26,13 +26,13 @@ from agglom_mpi.config.yaml_source import (
     Problem,
 )
 from agglom_mpi.declaration.reading import PLAIN, Reading
-from agglom_mpi.formatting import printable
 from agglom_mpi.physics import scales
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.simulation.engines import Engine
 
 if TYPE_CHECKING:
     from agglom_mpi.config.estimate import StringEstimate
+    from agglom_mpi.config.simulate_many import SimulatedSamples
     from agglom_mpi.simulation.sample import Outcome
 
 
@@ -74,7 +74,7 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
     """
 
     def __repr__(self) -> str:
-        return f"<Campaign {self.name!r}: {printable(self.title)}>"
+        return f"<Campaign {self.name!r}: {describe.in_a_few_words(self)}>"
 
     @classmethod
     def from_text(
@@ -306,6 +306,72 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
         if not outcomes:
             raise failures[0]
         return estimate_of(self, string, outcomes, len(failures))
+
+    def simulate_many(
+        self,
+        parameters: Parameters,
+        samples: int = 1,
+        workers: int | None = None,
+        engine: str | Engine | None = None,
+        first_sample: int = 0,
+    ) -> "SimulatedSamples":
+        """Simulate samples of many strings on all cores, each bit for bit as `simulate` does.
+
+        For a sampler or an optimiser of your own. The shapes are those of a simulator of sbi or of
+        BoTorch: m strings in, m values of each sample out; `dict(zip(names, theta.T))` names the
+        columns of an array or tensor theta of shape (m, d).
+
+        Parameters
+        ----------
+        parameters
+            Values by name, a mapping or a DataFrame: numbers in SI units or texts with units, each
+            (m,) or one for all; what is not given is fixed, or the middle of its range. Or all
+            variables of the campaign in SI units, shape (k,) or (m, k).
+        samples
+            Number of samples of each string, at least 1.
+        workers
+            Number of threads; None: one for each core that this process may use. The results are
+            the same.
+        engine
+            As for `simulate`.
+        first_sample
+            Number of the first sample of each string. A sampler whose calls need independent noise
+            counts it up.
+
+        Returns
+        -------
+        SimulatedSamples
+            Columns of shape (m, samples), such as `mean_radius_ratio` and `objective`. A sample
+            that raises, or whose string a law refuses, is a failed one.
+
+        Raises
+        ------
+        CampaignError
+            If a name is unknown, a value impossible, or another argument wrong.
+
+        Notes
+        -----
+        Each string takes the interpreter, which threads share, some 0.3 ms. Where all samples of a
+        string take less than that times the number of cores, not all cores are busy.
+
+        Examples
+        --------
+        >>> from agglom_mpi import load_campaign
+        >>> campaign = load_campaign("jobs/quickstart.yaml")
+        >>> found = campaign.simulate_many({"hardness": ["30 MPa", "150 MPa"]}, samples=20)
+        >>> found.mean_radius_ratio.shape, int(found.failed.sum())
+        ((2, 20), 0)
+        >>> soft, hard = found.mean_radius_ratio.mean(axis=1)
+        >>> bool(soft > hard)
+        True
+        """
+        from agglom_mpi.config.simulate_many import simulate_many
+
+        first, count = self._count("first_sample", first_sample), self._count("samples", samples, 1)
+        if workers is not None:
+            workers = self._count("workers", workers, least=1)
+        strings, numbers = read_strings(self, parameters), range(first, first + count)
+        return simulate_many(self, strings, numbers, self.engine(engine), workers)
 
     def _count(self, field: str, value: Any, least: int = 0) -> int:
         try:

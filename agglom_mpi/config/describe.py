@@ -9,10 +9,11 @@ from agglom_mpi.config.allowed_share import allowed_share
 from agglom_mpi.config.bounds import required_variables
 from agglom_mpi.config.consequences import consequences
 from agglom_mpi.config.identity import digest, identity
+from agglom_mpi.config.own_variables import own_variables
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.declaration.laws import Law
 from agglom_mpi.errors import CodeNotAllowedError
-from agglom_mpi.formatting import in_unit, pluralise, value_with_prefix
+from agglom_mpi.formatting import in_unit, pluralise, printable, value_with_prefix
 from agglom_mpi.variables import VOLUME_FRACTION, volume_fraction
 
 if TYPE_CHECKING:
@@ -33,6 +34,18 @@ def submodels(scene: SceneSection, paths: Collection[str] = ()) -> tuple[list[st
         if is_used
     ]
     return used, [key for key, _, is_used in laws if not is_used]
+
+
+def in_a_few_words(campaign: "CampaignSections") -> str:
+    """Return title, number of grains, and what is searched how, on one line."""
+    searched = [variable.name for variable in own_variables(campaign.variables)]
+    if len(searched) > MAX_NAMED:
+        searched = [pluralise(len(searched), "variable")]
+    search = "nothing is searched"
+    if campaign.plan is not None and searched:
+        search = f"searches {', '.join(searched)} by {campaign.search.name}"
+    grains = pluralise(campaign.volume * campaign.scene.particles, "grain")
+    return f"{printable(campaign.title)}; {grains}, {search}"
 
 
 def missing_fields(scene: SceneSection) -> list[str]:
@@ -62,6 +75,9 @@ def _plain(value: object) -> str:
         return f"({', '.join(map(_plain, value))})"
     return f"{value:g}" if isinstance(value, float) else str(value)
 
+
+MAX_NAMED: Final = 4
+"""Maximum number of searched variables that are named on one line."""
 
 Paragraph = tuple[str, list[str]]
 """A heading with its lines."""

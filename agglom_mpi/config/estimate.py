@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from agglom_mpi.config.derived import columns_of
-from agglom_mpi.formatting import in_unit, pluralise, value_with_error
+from agglom_mpi.formatting import format_mean, in_unit, pluralise, value_with_error
 from agglom_mpi.outcome import LEDGER
 from agglom_mpi.physics.scales import half_width
 from agglom_mpi.public_face import PublicFace
@@ -46,7 +46,7 @@ OVERLAPS: Final = (
 """Explanation of the last line of a ledger."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class StringEstimate(metaclass=PublicFace):
     """Means over the completed samples of a string, with standard errors.
 
@@ -136,6 +136,12 @@ class StringEstimate(metaclass=PublicFace):
         if self.moments:
             found["moments"] = {m.name: m.as_dict() for m in self.moments}
         return found
+
+    def __repr__(self) -> str:
+        means = {"mean_radius_ratio": self.mean_radius_ratio, "objective": self.objective}
+        text = ", ".join(f"{name} {format_mean(mean)}" for name, mean in means.items())
+        failed = f", {self.failed} failed" if self.failed else ""
+        return f"<StringEstimate of {pluralise(self.samples, 'sample')}{failed}: {text}>"
 
     def __str__(self) -> str:
         """Return the estimate as lines for the terminal."""

@@ -14,7 +14,7 @@ from agglom_mpi.declaration.users_code import users_code
 from agglom_mpi.search.decisions import Decision, StringsProposed
 from agglom_mpi.search.ensemble import Ensemble, EnsembleResult
 from agglom_mpi.search.inversion import Inversion
-from agglom_mpi.search.methods.method import SearchInputs
+from agglom_mpi.search.methods.method import RunningSearch, SearchInputs
 from agglom_mpi.search.proposals import Proposals
 
 
@@ -60,6 +60,30 @@ Restore = Callable[[Proposals, int], Proposals]
 """Function of proposals and the number of their first string that returns stored ones."""
 
 
+def own_sections(campaign: Campaign) -> list[str]:
+    """Return the names of the components of one's own that a search is decided by."""
+    sections = (campaign.search, campaign.objective, campaign.ensemble)
+    return [section.name for section in sections if section.own is not None]
+
+
+def search_of(
+    campaign: Campaign, given: NDArray[np.float64], background: bool = False
+) -> RunningSearch:
+    """Return the search of a campaign before its first generation; arguments of `inversion_of`."""
+    coordinates = coordinates_of(campaign)
+    inputs = SearchInputs(
+        campaign.space(),
+        campaign.seed,
+        given,
+        magnitude=campaign.objective.is_magnitude,
+        background=background,
+        coordinates=coordinates.of_strings,
+        groups=len(coordinates.groups),
+    )
+    with users_code(campaign.search.name) if own_sections(campaign) else nullcontext():
+        return campaign.search.build(inputs)
+
+
 def inversion_of(
     campaign: Campaign,
     given: NDArray[np.float64],
@@ -82,28 +106,15 @@ def inversion_of(
     ensemble = campaign.ensemble
     particles = campaign.scene.particles
     objective = campaign.objective
-    coordinates = coordinates_of(campaign)
-    inputs = SearchInputs(
-        campaign.space(),
-        campaign.seed,
-        given,
-        magnitude=objective.is_magnitude,
-        background=background,
-        coordinates=coordinates.of_strings,
-        groups=len(coordinates.groups),
-    )
 
     def signed(result: EnsembleResult) -> float:
         """Return the signed mean whose magnitude is a string's objective."""
         return objective.signed(result.objective, result.mean_radius_ratio)
 
-    sections = (campaign.search, campaign.objective, ensemble)
-    own = [section.name for section in sections if section.own is not None]
+    own = own_sections(campaign)
     kind = partial(OwnInversion, own) if own else Inversion
-    with users_code(campaign.search.name) if own else nullcontext():
-        search = campaign.search.build(inputs)
     return kind(
-        search,
+        search_of(campaign, given, background),
         lambda string: Ensemble(ensemble, campaign.objective_at(string), particles),
         campaign.stopping.ending,
         restore=restore,

@@ -72,7 +72,7 @@ def simulate(
     ratio = float(record["mean_radius_ratio"])
     final = final_particles(scene, particles)
     try:
-        objective, quantities = _objective_value(campaign, scene, vector, record, final, sample)
+        objective, quantities = objective_value(campaign, scene, vector, record, final, sample)
     except Exception as error:  # a user's function may raise any
         reason = named_error(error)
         raise RuntimeError(f"sample {sample} failed: {reason}") from error
@@ -189,7 +189,7 @@ def evaluate_function(
     return FunctionValue(objective_alone(of_means, quantities), quantities)
 
 
-def _objective_value(
+def objective_value(
     campaign: "CampaignSections",
     scene: Scene,
     parameters: npt.NDArray[np.float64],

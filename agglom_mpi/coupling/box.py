@@ -46,6 +46,7 @@ from agglom_mpi.config.simulate import random_numbers
 from agglom_mpi.config.yaml_source import ArgumentError
 from agglom_mpi.coupling.inputs import check_temperatures, initial_particles, read_values
 from agglom_mpi.coupling.state import BoxParticles, State, homogenise, particles_of
+from agglom_mpi.formatting import format_duration, pluralise
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.simulation.particles import EXHAUSTED, new_ledger
 from agglom_mpi.simulation.scene import new_engine_state
@@ -143,6 +144,7 @@ class Box(metaclass=PublicFace, constructor=True):
     ) -> None:
         if not isinstance(campaign, Campaign):
             campaign = load_campaign(campaign)
+        self._name = campaign.name
         string = campaign.parameters(parameters)
         try:
             sample = read_count(sample)
@@ -165,6 +167,10 @@ class Box(metaclass=PublicFace, constructor=True):
         self._observation = np.zeros(1, OBSERVATION)
         self._abort = np.zeros(1, np.uint8)
         self.reset()
+
+    def __repr__(self) -> str:
+        particles = pluralise(self.state.particles, "particle")
+        return f"<Box of {self._name!r}: {particles} at {format_duration(self.time)}>"
 
     @property
     def state(self) -> State:

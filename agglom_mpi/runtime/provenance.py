@@ -89,6 +89,8 @@ NOT_DECIDING: Final = (
     # Answers of a campaign in Python, of its tables and its reports.
     "config/derived.py",
     "config/estimate.py",
+    "config/simulate_many.py",
+    "config/searcher.py",
     # The box for other programs.
     "simulation/stepwise.py",
 )

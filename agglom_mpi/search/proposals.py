@@ -43,8 +43,9 @@ class Evaluations(NamedTuple):
     """Shape (n,); not finite where a string could not be evaluated."""
     deviations: NDArray[np.float64]
     """The signed means whose magnitudes the objectives are, or the objectives, shape (n,)."""
-    samples: NDArray[np.int64]
-    """Number of completed samples of each, shape (n,)."""
+    samples: NDArray[np.int64] | NDArray[np.float64]
+    """Number of completed samples of each, or another number that the variance of its noise is
+    inversely proportional to, shape (n,)."""
 
 
 class Ranked(NamedTuple):
