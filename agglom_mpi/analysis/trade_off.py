@@ -31,7 +31,7 @@ class TradeOffError(UserError, ValueError):
     """A front that cannot be drawn, with the reason."""
 
 
-class Axis(NamedTuple):
+class TradeOffAxis(NamedTuple):
     """A number that strings are compared by; the higher the better if it is `maximised`."""
 
     name: str
@@ -39,7 +39,7 @@ class Axis(NamedTuple):
     maximised: bool
 
 
-class Point(NamedTuple):
+class BestPoint(NamedTuple):
     """The best string of a file.
 
     Attributes
@@ -63,12 +63,12 @@ class Point(NamedTuple):
 class TradeOff(NamedTuple):
     """The points of several files, and what each of them is."""
 
-    axes: tuple[Axis, Axis]
-    points: list[Point]
+    axes: tuple[TradeOffAxis, TradeOffAxis]
+    points: list[BestPoint]
     verdicts: list[str]
 
 
-def trade_off(files: "Sequence[CampaignData]", axes: tuple[Axis, Axis]) -> TradeOff:
+def trade_off(files: "Sequence[CampaignData]", axes: tuple[TradeOffAxis, TradeOffAxis]) -> TradeOff:
     """Return the best strings of files on two axes.
 
     Raises
@@ -80,7 +80,7 @@ def trade_off(files: "Sequence[CampaignData]", axes: tuple[Axis, Axis]) -> Trade
     return TradeOff(axes, points, verdicts(points, axes))
 
 
-def axis_of(files: "Sequence[CampaignData]", name: str, maximised: bool) -> Axis:
+def axis_of(files: "Sequence[CampaignData]", name: str, maximised: bool) -> TradeOffAxis:
     """Return the axis of a number that every file has.
 
     It is `objective`, `mean_radius_ratio`, a quantity of the objective's function, a variable or a
@@ -101,7 +101,7 @@ def axis_of(files: "Sequence[CampaignData]", name: str, maximised: bool) -> Axis
             raise TradeOffError(
                 f"{file.path}: {name} is in {units[-1]}, and in {units[0]} in {files[0].path}"
             )
-    return Axis(name, units[0], maximised)
+    return TradeOffAxis(name, units[0], maximised)
 
 
 def _known_units(file: "CampaignData") -> dict[str, str]:
@@ -112,14 +112,14 @@ def _known_units(file: "CampaignData") -> dict[str, str]:
     return units | {OBJECTIVE: "1", GROWTH: "1"} | file.quantities
 
 
-def _point(file: "CampaignData", axes: tuple[Axis, Axis]) -> Point:
+def _point(file: "CampaignData", axes: tuple[TradeOffAxis, TradeOffAxis]) -> BestPoint:
     ranked = rank_strings(file)
     if not ranked.order:
         raise TradeOffError(f"{file.path}: no string has a result yet")
     string = ranked.order[0]
     fresh = any(each.string == string and each.known for each in ranked.estimates)
     (x, x_error), (y, y_error) = (_measured(file, string, axis.name, fresh) for axis in axes)
-    return Point(str(file.path), file.title, string, (x, y), (x_error, y_error), fresh)
+    return BestPoint(str(file.path), file.title, string, (x, y), (x_error, y_error), fresh)
 
 
 def _measured(file: "CampaignData", string: int, name: str, fresh: bool) -> tuple[float, float]:
@@ -144,7 +144,7 @@ def _measured(file: "CampaignData", string: int, name: str, fresh: bool) -> tupl
     return float(values_of(file, [string], name)[0]), 0.0
 
 
-def verdicts(points: Sequence[Point], axes: tuple[Axis, Axis]) -> list[str]:
+def verdicts(points: Sequence[BestPoint], axes: tuple[TradeOffAxis, TradeOffAxis]) -> list[str]:
     """Return what each point is: `FRONT`, `UNRESOLVED` or `DOMINATED`.
 
     A point dominates another that is no better on either axis, and worse on one. It does so beyond
@@ -163,7 +163,9 @@ def verdicts(points: Sequence[Point], axes: tuple[Axis, Axis]) -> list[str]:
     return found
 
 
-def _dominates(better: Point, worse: Point, axes: tuple[Axis, Axis], resolved: float) -> bool:
+def _dominates(
+    better: BestPoint, worse: BestPoint, axes: tuple[TradeOffAxis, TradeOffAxis], resolved: float
+) -> bool:
     """Return whether a point dominates another by some number of standard errors."""
     gains = []
     for k, axis in enumerate(axes):

@@ -29,7 +29,7 @@ MEASUREMENT: Final = "measurement"
 """Dimension of the one measured number."""
 
 
-class Draws(NamedTuple):
+class EqualDraws(NamedTuple):
     """Strings of equal weight.
 
     Attributes
@@ -57,7 +57,7 @@ def require_xarray() -> None:
     require_library("xarray", "arviz", "draws for ArviZ")
 
 
-def set_groups(emulated: EmulatedBox, draws: Draws, attributes: Mapping[str, Any]) -> Groups:
+def set_groups(emulated: EmulatedBox, draws: EqualDraws, attributes: Mapping[str, Any]) -> Groups:
     """Return `posterior`, `sample_stats` and `prior` of draws.
 
     Parameters
@@ -85,7 +85,7 @@ def prior_strings(emulated: EmulatedBox) -> Floats:
 
 def posterior_groups(
     emulated: EmulatedBox,
-    draws: Draws,
+    draws: EqualDraws,
     measured: Measurement,
     attributes: Mapping[str, Any],
     seed: int,

@@ -13,7 +13,7 @@ from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.errors import UserError
 from agglom_mpi.inference.draw_groups import (
     DEFAULT_DRAWS,
-    Draws,
+    EqualDraws,
     Groups,
     Measurement,
     arviz_data,
@@ -44,8 +44,6 @@ MIN_WALKERS, WALKERS_PER_VARIABLE = 32, 4
 """Minimum number of walkers of a chain, and their number per searched variable."""
 CHAIN_STEPS: Final = 600
 """Number of steps of each walker; the first third is discarded."""
-DISCARDED_STEPS: Final = CHAIN_STEPS // 3
-"""Number of discarded steps."""
 POSITIVE_QUANTITIES: Final = frozenset({"mean_radius_ratio", "mean"})
 """Quantities that are positive, so that their error is a fraction of them."""
 REPORTED_QUANTILES: Final = (0.025, 0.25, 0.5, 0.75, 0.975)
@@ -73,6 +71,8 @@ class Posterior(NamedTuple):
         Number of independent strings that would be as informative.
     method
         `importance weights` or `chain`.
+    walkers
+        Number of walkers of the chain, which alternate in the strings; 0 without a chain.
     """
 
     of: EmulatedBox
@@ -82,6 +82,7 @@ class Posterior(NamedTuple):
     weights: Floats
     effective_size: float
     method: str
+    walkers: int = 0
 
     @property
     def warning(self) -> str:
@@ -124,8 +125,8 @@ class Posterior(NamedTuple):
         size, which no number of draws can raise, is an attribute of `posterior`.
         """
         seed = self.of.box.count("seed", seed)
-        if self.method == "chain":
-            chosen = np.arange(len(self.weights)).reshape(CHAIN_STEPS - DISCARDED_STEPS, -1).T
+        if self.walkers:
+            chosen = np.arange(len(self.weights)).reshape(-1, self.walkers).T
         else:
             chosen = self._chosen("draws", draws, seed)[None]
         meaning = "weight of the string before it was drawn; the draws need no weights"
@@ -137,7 +138,7 @@ class Posterior(NamedTuple):
             "method": self.method,
             "warning": self.warning,
         }
-        drawn = Draws(self.strings[chosen], stats)
+        drawn = EqualDraws(self.strings[chosen], stats)
         return posterior_groups(self.of, drawn, measured, attributes, seed)
 
     def _chosen(self, field: str, n: int, seed: int) -> NDArray[np.int64]:
@@ -341,7 +342,8 @@ def _chain(
     starts = space.to_unit(strings[chosen]) + 1e-4 * random.normal(size=(walkers, d))
     sampler = emcee.EnsembleSampler(walkers, d, log_density, vectorize=True)
     sampler.run_mcmc(np.clip(starts, 1e-6, 1.0 - 1e-6), CHAIN_STEPS)
-    drawn = sampler.get_chain(discard=DISCARDED_STEPS, flat=True)
+    drawn = sampler.get_chain(discard=CHAIN_STEPS // 3, flat=True)
     time = float(np.max(sampler.get_autocorr_time(quiet=True, tol=0)))
     size, equal = len(drawn) / time, np.full(len(drawn), 1.0 / len(drawn))
-    return Posterior(emulated, measured, error, space.from_unit(drawn), equal, size, "chain")
+    found = space.from_unit(drawn)
+    return Posterior(emulated, measured, error, found, equal, size, "chain", walkers)

@@ -10,7 +10,7 @@ from agglom_mpi.errors import require_library
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.inference.draw_groups import (
     DEFAULT_DRAWS,
-    Draws,
+    EqualDraws,
     Groups,
     root_attributes,
     set_groups,
@@ -95,7 +95,7 @@ def members(found: FeasibleSet) -> Groups:
     strings = found.emulated.box.strings(drawn)[None]
     text = "members of the feasible set, uniform in the box; no measured mean is given"
     attributes = {"draws_are": text, "criterion": found.criterion.text}
-    return set_groups(found.emulated, Draws(strings, stats), attributes)
+    return set_groups(found.emulated, EqualDraws(strings, stats), attributes)
 
 
 def write_groups(path: Path, groups: Groups, attributes: Mapping[str, Any]) -> None:

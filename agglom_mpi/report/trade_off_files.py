@@ -6,7 +6,14 @@ from typing import TYPE_CHECKING, Any, Final
 from rich.console import Group, RenderableType
 
 from agglom_mpi.analysis.tables import with_units
-from agglom_mpi.analysis.trade_off import DOMINATED, FRONT, RESOLVED, UNRESOLVED, Axis, TradeOff
+from agglom_mpi.analysis.trade_off import (
+    DOMINATED,
+    FRONT,
+    RESOLVED,
+    UNRESOLVED,
+    TradeOff,
+    TradeOffAxis,
+)
 from agglom_mpi.display.fitted_table import FittedTable
 from agglom_mpi.errors import require_library
 from agglom_mpi.formatting import in_unit, value_with_error
@@ -15,6 +22,7 @@ from agglom_mpi.report.drawing import (
     Drawing,
     axis_label,
     legend_below,
+    log_ticks,
     scaled_unit,
     style_axes,
     write_drawing,
@@ -25,6 +33,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 COLOUR_OF: Final = {FRONT: COLOURS[0], UNRESOLVED: COLOURS[4], DOMINATED: "0.55"}
+NOTE: Final = "bars: ± 2 standard errors; open circles: as searched"
+MANY_TIMES: Final = 50.0
+"""Ratio of the largest to the smallest number without error from which its axis is logarithmic."""
 CAPTION: Final = "The best strings of several campaigns, with two standard errors."
 
 
@@ -87,7 +98,9 @@ def trade_off_text(found: TradeOff) -> RenderableType:
         cells = [value_with_error(v, e) if e > 0.0 else f"{v:.4g}" for v, e in pairs]
         name = point.file if point.fresh else f"{point.file} (as searched)"
         table.add_row(name, str(point.string), *cells, verdict)
-    lines = [f"± is a standard error; dominated: by {RESOLVED:g} of them or more on both axes"]
+    lines = [
+        f"± is a standard error; dominated: another is better by {RESOLVED:g} or more on both axes"
+    ]
     if not all(point.fresh for point in found.points):
         lines.append(
             "as searched: no fresh samples; the samples that a string was chosen by favour it"
@@ -95,7 +108,7 @@ def trade_off_text(found: TradeOff) -> RenderableType:
     return Group(table, *lines)
 
 
-def _sense(axis: Axis) -> str:
+def _sense(axis: TradeOffAxis) -> str:
     return "maximised" if axis.maximised else "minimised"
 
 
@@ -129,8 +142,15 @@ def draw_trade_off(ax: Any, found: TradeOff) -> Any:
         face = colour if point.fresh else "white"
         style = {"fmt": "o", "color": colour, "markerfacecolor": face, "capsize": 2}
         ax.errorbar(x, y, xerr=bars[0] or None, yerr=bars[1] or None, label=label, **style)
-        name = Path(point.file).stem
-        ax.annotate(name, (x, y), (5, 5), textcoords="offset points", fontsize="small")
-    ax.margins(x=0.12, y=0.1)
+        text = {"textcoords": "offset points", "fontsize": "small", "color": colour}
+        ax.annotate(Path(point.file).stem, (x, y), (5, 5), **text)
+    ax.margins(x=0.18, y=0.1)
+    ax.set_title(NOTE, fontsize="small", color="0.35")
+    for k, axis in enumerate((ax.xaxis, ax.yaxis)):
+        values = [point.values[k] / scales[k] for point in found.points]
+        exact = not any(point.errors[k] for point in found.points)
+        if exact and min(values) > 0.0 and max(values) > MANY_TIMES * min(values):
+            axis.axes.set(**{f"{axis.axis_name}scale": "log"})
+            log_ticks(axis)
     legend_below(ax, 3)
     return ax

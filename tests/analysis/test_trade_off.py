@@ -2,13 +2,20 @@ import math
 
 import pytest
 
-from agglom_mpi.analysis.trade_off import DOMINATED, FRONT, UNRESOLVED, Axis, Point, verdicts
+from agglom_mpi.analysis.trade_off import (
+    DOMINATED,
+    FRONT,
+    UNRESOLVED,
+    BestPoint,
+    TradeOffAxis,
+    verdicts,
+)
 
-LOWER = Axis("power", "W", False), Axis("objective", "1", False)
+LOWER = TradeOffAxis("power", "W", False), TradeOffAxis("objective", "1", False)
 
 
 def point(x, y, y_error=0.1, x_error=0.0):
-    return Point("a.h5", "", 1, (x, y), (x_error, y_error), True)
+    return BestPoint("a.h5", "", 1, (x, y), (x_error, y_error), True)
 
 
 def test_a_front_has_the_points_that_nothing_else_beats():
@@ -33,7 +40,7 @@ def test_an_unknown_error_resolves_nothing():
 
 @pytest.mark.parametrize("maximised", [False, True])
 def test_what_is_maximised_is_better_the_higher_it_is(maximised):
-    axes = LOWER[0], Axis("growth", "1", maximised)
+    axes = LOWER[0], TradeOffAxis("growth", "1", maximised)
     better, worse = verdicts([point(1, 5), point(1, 1)], axes)
     assert (better == FRONT) is maximised
     assert (worse == FRONT) is not maximised
