@@ -13,6 +13,7 @@ from agglom_mpi.analysis.trade_off import (
     UNRESOLVED,
     TradeOff,
     TradeOffAxis,
+    TradeOffError,
 )
 from agglom_mpi.display.fitted_table import FittedTable
 from agglom_mpi.errors import require_library
@@ -44,6 +45,8 @@ def write_trade_off(stem: Path, found: TradeOff) -> list[str]:
 
     Raises
     ------
+    TradeOffError
+        If the stem is no name.
     FileExistsError
         If there is one of them already.
     OSError
@@ -53,6 +56,8 @@ def write_trade_off(stem: Path, found: TradeOff) -> list[str]:
     """
     require_library("matplotlib", "report", "figures")
     require_library("pandas", "report", "tables")
+    if not stem.name:
+        raise TradeOffError(f"{stem}: is no name of files; give one like front")
     paths = [stem.with_name(f"{stem.name}.{kind}") for kind in ("csv", "png", "svg")]
     for path in paths:
         require_absent(path)

@@ -94,6 +94,7 @@ def test_objectives_of_other_questions_are_warned_of(pareto, folder):
         (["--x", "objective"], "--y"),
         (["--x", "pressure", "--maximise", "hardness"], "hardness"),
         (["--x", "temperature_of_all"], "temperature"),
+        (["--x", "pressure", "--out", ""], "name"),
         ([], "--x"),
     ],
 )
