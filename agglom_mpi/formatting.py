@@ -3,7 +3,7 @@
 import codecs
 import math
 import re
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 
 _CONTROL: Final = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 """Control characters, but for tabs and ends of lines, and those that turn the order of others."""
@@ -168,3 +168,12 @@ def format_percent(share: float) -> str:
 def label_of(name: str) -> str:
     """Return a name as labels show it: `relative speed`; a path such as `sizes.spread` as it is."""
     return name if "." in name else name.replace("_", " ")
+
+
+def without_nan(value: Any) -> Any:
+    """Return plain values with None in place of nan and inf, which JSON cannot express."""
+    if isinstance(value, dict):
+        return {key: without_nan(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [without_nan(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

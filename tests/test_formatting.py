@@ -11,6 +11,7 @@ from agglom_mpi.formatting import (
     in_unit,
     number_or_none,
     value_with_error,
+    without_nan,
 )
 from agglom_mpi.statistics import mean_of
 
@@ -90,3 +91,8 @@ def test_numbers_have_so_many_digits_and_no_exponent():
 )
 def test_a_number_that_is_not_there_is_none(value, text):
     assert number_or_none(value, ".4f") == text
+
+
+def test_plain_values_for_json_have_none_in_place_of_nan_and_inf():
+    values = {"a": [1.0, math.nan], "b": (math.inf, 2), "c": {"d": -math.inf, "e": "nan"}}
+    assert without_nan(values) == {"a": [1.0, None], "b": [None, 2], "c": {"d": None, "e": "nan"}}

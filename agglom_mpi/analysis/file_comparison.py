@@ -62,13 +62,23 @@ def compare(files: Sequence[CampaignData]) -> FileComparison:
         if any(value != values[0] for value in values):
             differences[name] = values
     differences = _by_volume_fraction(differences, files)
-    decisive = [
-        name for name in differences if name == "scene.particles" or name.startswith("objective")
-    ]
     known = {each for file in files for each in file.variables.variables}
     units = {f"variables.{each.name}": each.unit for each in known if each.unit != "1"}
     summaries = [collect_summary(file, best=1) for file in files]
-    return FileComparison(summaries, differences, not decisive, units)
+    return FileComparison(summaries, differences, is_one_question(files), units)
+
+
+def is_one_question(files: Sequence[CampaignData]) -> bool:
+    """Return whether all files have the same objective and number of grains."""
+    decisive = [
+        {
+            name: value
+            for name, value in file.identity.items()
+            if name == "scene.particles" or name.startswith("objective")
+        }
+        for file in files
+    ]
+    return all(each == decisive[0] for each in decisive)
 
 
 def _different_constraints(files: Sequence[CampaignData]) -> list[Any]:

@@ -1,7 +1,6 @@
 """Summary of a campaign: the numbers of `agglom report`, and its table."""
 
 import json
-import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
@@ -27,7 +26,7 @@ from agglom_mpi.analysis.quantity_means import left_out, quantity_rows
 from agglom_mpi.analysis.ranking import listed_strings, rank_strings, ranks_itself
 from agglom_mpi.analysis.selection_bias import SelectionBias, describe_bias, selection_bias
 from agglom_mpi.display.fitted_table import FittedTable
-from agglom_mpi.formatting import format_duration, in_unit, number_or_none, pluralise
+from agglom_mpi.formatting import format_duration, in_unit, number_or_none, pluralise, without_nan
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.variables import PAPER_VARIABLES
 
@@ -267,17 +266,9 @@ def as_dict(summary: Summary, more: Mapping[str, Any] | None = None) -> dict[str
         del entries["further"]
     if not summary.samples_in_larger_volumes:
         del entries["samples_in_larger_volumes"]
-    return dict(_without_nan(entries))
+    return dict(without_nan(entries))
 
 
 def to_json(summary: Summary, more: Mapping[str, Any] | None = None) -> str:
     """Return `as_dict` as JSON."""
     return json.dumps(as_dict(summary, more), indent=2)
-
-
-def _without_nan(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _without_nan(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_without_nan(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -213,6 +213,17 @@ def _by_volume_fraction(
     return VOLUME_FRACTION, low, high, logarithmic
 
 
+def with_units(table: "pd.DataFrame") -> "pd.DataFrame":
+    """Return a table with units in its column names, and populations as spaced numbers."""
+    table = table.copy()
+    if "population" in table:
+        table["population"] = [" ".join(map(str, ids)) for ids in table["population"]]
+    units = table.attrs["units"]
+    return table.rename(
+        columns={name: f"{name} ({unit})" for name, unit in units.items() if unit not in ("", "1")}
+    )
+
+
 def _used_names(rows: np.ndarray) -> list[str]:
     return [row["name"].decode() for row in rows if not np.isnan(row["lower"])]
 

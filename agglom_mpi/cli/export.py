@@ -1,10 +1,21 @@
-"""`agglom export`: compact copy, CSV tables and ParaView files of a campaign file."""
+"""`agglom export`: a campaign file as a compact copy, CSV tables, netCDF and for ParaView."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING, Final
 
 import click
 
-from agglom_mpi.cli.common import ALLOW_CODE, PATH, examples, exit_with, say
+from agglom_mpi.cli.common import ALLOW_CODE, PATH, checked_by, examples, exit_with, say
+from agglom_mpi.config.arguments import read_amount, read_number
+
+if TYPE_CHECKING:
+    from agglom_mpi.report.set_files import SetRequest
+
+FORMS: Final = (
+    *("--compact OUT.h5", "--csv DIR", "--xarray OUT.nc", "--arviz OUT.nc"),
+    "--paraview OUT.vtkhdf",
+)
+"""Options that write something, as messages show them."""
 
 
 @click.command(
@@ -12,6 +23,7 @@ from agglom_mpi.cli.common import ALLOW_CODE, PATH, examples, exit_with, say
         "agglom export accretion_2003.h5 --compact accretion_2003_compact.h5",
         "agglom export accretion_2003.h5 --csv tables",
         "agglom export accretion_2003.h5 --paraview best.vtkhdf",
+        "agglom export accretion_2003.h5 --arviz draws.nc --measured 2 --error 2%",
     )
 )
 @click.argument("file")
@@ -21,6 +33,37 @@ from agglom_mpi.cli.common import ALLOW_CODE, PATH, examples, exit_with, say
     type=PATH,
     metavar="DIR",
     help="Write strings.csv, samples.csv, estimates.csv and generations.csv.",
+)
+@click.option(
+    "--xarray",
+    type=PATH,
+    metavar="OUT.nc",
+    help="Write strings and samples as netCDF with the dimensions string and sample.",
+)
+@click.option(
+    "--arviz",
+    type=PATH,
+    metavar="OUT.nc",
+    help="Write 4000 draws of equal weight for ArviZ: of the posterior with --measured, or else "
+    "members of the feasible set.",
+)
+@click.option(
+    "--tolerance",
+    callback=checked_by(read_amount),
+    metavar="SHARE",
+    help="With --arviz: of the feasible set, as for agglom report.  [default: 5%]",
+)
+@click.option(
+    "--measured",
+    callback=checked_by(read_number),
+    metavar="NUMBER",
+    help="With --arviz: a measured mean b/b0.",
+)
+@click.option(
+    "--error",
+    callback=checked_by(read_amount),
+    metavar="NUMBER",
+    help="Standard error of the measured mean, or a percentage of it, like 0.04 or 2%.",
 )
 @click.option(
     "--paraview",
@@ -48,31 +91,58 @@ def export(
     file: str,
     compact: Path | None,
     csv: Path | None,
+    xarray: Path | None,
+    arviz: Path | None,
+    tolerance: str | None,
+    measured: str | None,
+    error: str | None,
     paraview: Path | None,
     string: int | None,
     samples: tuple[int, ...],
     frames: int | None,
     allow_code: bool,
 ) -> int:
-    """Export a campaign FILE.h5: give one or more of --compact, --csv and --paraview.
+    """Export a campaign FILE.h5 in one or more of the forms --compact, --csv, ...
 
     All complete rows are exported, also while a run is writing. No existing file is overwritten. A
     sample without stored frames is simulated again, with identical results.
     """
-    if compact is None and csv is None and paraview is None:
-        message = "nothing to write: give --compact OUT.h5, --csv DIR or --paraview OUT.vtkhdf"
-        raise click.UsageError(message)
+    paths = [path for path in (compact, csv, xarray, arviz, paraview) if path is not None]
+    if not paths:
+        *forms, last = FORMS
+        raise click.UsageError(f"nothing to write: give {', '.join(forms)} or {last}")
+    if len({path.resolve() for path in paths}) < len(paths):
+        raise click.UsageError("two options name the same file; give two names")
     if paraview is None and (string is not None or samples or frames is not None):
         raise click.UsageError("--string, --sample and --frames are for --paraview OUT.vtkhdf")
+    request = _draws(arviz, tolerance, measured, error)
     from agglom_mpi.analysis.damage import blame_damage
-    from agglom_mpi.report.export import export
+    from agglom_mpi.report.export import Exports, export
 
     selection = None
     if paraview is not None:
         from agglom_mpi.report.paraview import FrameSelection
 
         selection = FrameSelection(paraview, string, samples, frames)
+    exports = Exports(compact, csv, xarray, arviz, request, selection)
     with blame_damage(file):
-        for line in export(Path(file), compact, csv, selection, allow_code):
+        for line in export(Path(file), exports, allow_code):
             say(line)
     return 0
+
+
+def _draws(
+    arviz: Path | None, tolerance: str | None, measured: str | None, error: str | None
+) -> "SetRequest | None":
+    """Return which draws are asked for; None if none are."""
+    given = {"--tolerance": tolerance, "--measured": measured, "--error": error}
+    for option, value in given.items():
+        if value is not None and arviz is None:
+            raise click.UsageError(f"{option} is for --arviz OUT.nc")
+    if arviz is None:
+        return None
+    if (measured is None) != (error is None):
+        raise click.UsageError("--measured and --error go together")
+    from agglom_mpi.report.set_files import DEFAULT_TOLERANCE, SetRequest
+
+    return SetRequest(tolerance or DEFAULT_TOLERANCE, measured, error)

@@ -4,12 +4,22 @@ import math
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agglom_mpi.config.arguments import read_error, read_number, shown
 from agglom_mpi.config.yaml_source import ArgumentError
 from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.errors import UserError
+from agglom_mpi.inference.draw_groups import (
+    DEFAULT_DRAWS,
+    EqualDraws,
+    Groups,
+    Measurement,
+    arviz_data,
+    posterior_groups,
+    root_attributes,
+)
 from agglom_mpi.inference.membership import EmulatedBox, KnownStrings
 from agglom_mpi.statistics import weighted_quantiles
 
@@ -61,6 +71,8 @@ class Posterior(NamedTuple):
         Number of independent strings that would be as informative.
     method
         `importance weights` or `chain`.
+    walkers
+        Number of walkers of the chain, which alternate in the strings; 0 without a chain.
     """
 
     of: EmulatedBox
@@ -70,6 +82,7 @@ class Posterior(NamedTuple):
     weights: Floats
     effective_size: float
     method: str
+    walkers: int = 0
 
     @property
     def warning(self) -> str:
@@ -89,9 +102,49 @@ class Posterior(NamedTuple):
 
     def sample(self, n: int, seed: int = 0) -> "pd.DataFrame":
         """Draw n strings of equal weight, with replacement; raises ValueError for a wrong n."""
-        n, seed = self.of.box.count("n", n, least=1), self.of.box.count("seed", seed)
-        chosen = np.random.default_rng(seed).choice(len(self.weights), n, p=self.weights)
-        return self.of.box.table(self.strings[chosen])
+        return self.of.box.table(self.strings[self._chosen("n", n, seed)])
+
+    def to_pandas(self) -> "pd.DataFrame":
+        """Return the same as `draws`: units are in `.attrs["units"]`, and weights add up to 1."""
+        return self.draws
+
+    def to_arviz(self, draws: int = DEFAULT_DRAWS, seed: int = 0) -> Any:
+        """Return the posterior as an `arviz.InferenceData`; as a DataTree from ArviZ 1 on.
+
+        Groups, number of draws and seed are those of `groups`; raises MissingLibraryError without
+        ArviZ.
+        """
+        return arviz_data(self.groups(draws, seed), root_attributes(self.of))
+
+    def groups(self, draws: int = DEFAULT_DRAWS, seed: int = 0) -> Groups:
+        """Return the groups of an ArviZ file as xarray Datasets by name.
+
+        Weighted strings are drawn anew, with replacement, to `draws` of equal weight, of one chain;
+        `sample_stats` has the `weight` that the string of each draw had. The steps of a Markov
+        chain are of equal weight already, and all are kept: each walker is a chain. The effective
+        size, which no number of draws can raise, is an attribute of `posterior`.
+        """
+        seed = self.of.box.count("seed", seed)
+        if self.walkers:
+            chosen = np.arange(len(self.weights)).reshape(-1, self.walkers).T
+        else:
+            chosen = self._chosen("draws", draws, seed)[None]
+        meaning = "weight of the string before it was drawn; the draws need no weights"
+        stats = {"weight": (self.weights[chosen], meaning)}
+        measured = Measurement(self.of.criterion.quantities[0], self.measured, self.error)
+        attributes = {
+            "draws_are": "the posterior, given a measured mean",
+            "effective_size": self.effective_size,
+            "method": self.method,
+            "warning": self.warning,
+        }
+        drawn = EqualDraws(self.strings[chosen], stats)
+        return posterior_groups(self.of, drawn, measured, attributes, seed)
+
+    def _chosen(self, field: str, n: int, seed: int) -> NDArray[np.int64]:
+        """Return which strings are n draws of equal weight, with replacement, (n,)."""
+        n, seed = self.of.box.count(field, n, least=1), self.of.box.count("seed", seed)
+        return np.random.default_rng(seed).choice(len(self.weights), n, p=self.weights)
 
     def quantiles(self, name: str) -> tuple[float, ...]:
         """Return the `REPORTED_QUANTILES` quantiles of a searched variable, in SI units.
@@ -128,7 +181,11 @@ class Posterior(NamedTuple):
         return np.atleast_2d(np.cov(own.T, aweights=self.weights))
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the posterior without its draws as plain values."""
+        """Return the posterior without its draws as plain values.
+
+        `variables` has the `quantiles` of each variable in SI units, whose names are in `units`.
+        Rows and columns of both matrices of correlations are in the order of `variables`.
+        """
         names = self.of.box.names
         return {
             "measured": self.measured,
@@ -139,6 +196,7 @@ class Posterior(NamedTuple):
             "warning": self.warning or None,
             "quantiles": list(REPORTED_QUANTILES),
             "variables": {name: list(self.quantiles(name)) for name in names},
+            "units": {each.name: each.unit for each in self.of.box.own},
             "correlations": self.correlations.tolist(),
             "partial_correlations": self.partial_correlations.tolist(),
         }
@@ -287,4 +345,5 @@ def _chain(
     drawn = sampler.get_chain(discard=CHAIN_STEPS // 3, flat=True)
     time = float(np.max(sampler.get_autocorr_time(quiet=True, tol=0)))
     size, equal = len(drawn) / time, np.full(len(drawn), 1.0 / len(drawn))
-    return Posterior(emulated, measured, error, space.from_unit(drawn), equal, size, "chain")
+    found = space.from_unit(drawn)
+    return Posterior(emulated, measured, error, found, equal, size, "chain", walkers)

@@ -1,12 +1,12 @@
-"""A campaign file in other forms, as `agglom export` writes it: a compact copy, tables."""
+"""A campaign file in other forms, as `agglom export` writes it: a compact copy, tables, netCDF."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from agglom_mpi.analysis.finite_size_tables import limits_table, volumes_table
-from agglom_mpi.analysis.tables import table_of
+from agglom_mpi.analysis.tables import table_of, with_units
 from agglom_mpi.errors import UserError, require_library
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.storage.compact import write_compact
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from agglom_mpi.report.paraview import FrameSelection, SelectedSample
+    from agglom_mpi.report.set_files import SetRequest
 
 TABLES: Final = ("generations", "estimates", "strings", "samples")
 """In an order in which no row of a growing file is read before those that refer to it."""
@@ -30,25 +31,42 @@ class ExportError(UserError, ValueError):
     """A report or an export that cannot be made, with the reason in one line."""
 
 
-def export(
-    source: Path,
-    compact: Path | None,
-    directory: Path | None,
-    selection: "FrameSelection | None" = None,
-    allow_code: bool = False,
-) -> Iterator[str]:
+class Exports(NamedTuple):
+    """Files to write; None: do not.
+
+    Attributes
+    ----------
+    compact
+        Path of the compressed copy.
+    tables
+        Directory of the CSV tables, which is made.
+    xarray
+        Path of the netCDF file with strings and samples.
+    arviz
+        Path of the netCDF file with draws.
+    draws
+        Which draws `arviz` holds: of the posterior of a measured mean, or of the feasible set.
+    selection
+        Samples for ParaView.
+    """
+
+    compact: Path | None = None
+    tables: Path | None = None
+    xarray: Path | None = None
+    arviz: Path | None = None
+    draws: "SetRequest | None" = None
+    selection: "FrameSelection | None" = None
+
+
+def export(source: Path, exports: Exports, allow_code: bool = False) -> Iterator[str]:
     """Write a campaign file in other forms, and yield a line on each file that is written.
 
     Parameters
     ----------
     source
         The campaign file.
-    compact
-        Path of the compressed copy; None: do not write it.
-    directory
-        Directory of the tables, which is made; None: do not write them.
-    selection
-        Samples to write for ParaView; None: write none.
+    exports
+        What to write.
     allow_code
         Whether code of one's own that the file has may be executed.
 
@@ -57,16 +75,20 @@ def export(
     CampaignError
         If the samples for ParaView cannot be shown, as from `select_samples`, `write_samples`.
     ExportError, MissingLibraryError
-        If a name that is to be a directory is none, or pandas is missing.
+        If a name that is to be a directory is none, or pandas or xarray is missing.
+    NoFeasibleSetError, PosteriorError, TooManySamplesError
+        If there is nothing to draw from, or padded arrays would be too large.
     NotACampaign, OSError
         As from `write_compact`; before anything is written, if any of the files is there already.
     """
-    read = read_campaign if selection is None else read_inversion
-    file = read(source, allow_code)
+    compact, directory, selection = exports.compact, exports.tables, exports.selection
+    of_search = selection is not None or exports.arviz is not None
+    file = (read_inversion if of_search else read_campaign)(source, allow_code)
     if directory is not None:
         require_library("pandas", "report", "tables")
         require_directory(directory)
     targets = [directory / f"{n}.csv" for n in names_of(file)] if directory is not None else []
+    targets += [path for path in (exports.xarray, exports.arviz) if path is not None]
     if compact is not None:
         targets.insert(0, compact)
     samples: list[SelectedSample] = []
@@ -77,6 +99,7 @@ def export(
         samples = select_samples(file, selection)
     for target in [*targets, *(sample.path for sample in samples)]:
         require_absent(target)
+    netcdf = _netcdf_files(file, exports)
     if compact is not None:
         copied = write_compact(source, compact)
         sizes = _sizes(compact, source)
@@ -86,9 +109,23 @@ def export(
             yield f"{compact}: {pluralise(copied.damaged, 'damaged row')}, copied unchanged"
     if directory is not None:
         yield from write_tables(file, directory)
+    yield from netcdf
     if selection is not None:
         yield from write_samples(file, samples, selection.frames)
     yield from file.left_out_lines()
+
+
+def _netcdf_files(file: CampaignData, exports: Exports) -> Iterator[str]:
+    """Return lines on the netCDF files, which are written with them; refuse what cannot be."""
+    if exports.xarray is None and exports.arviz is None:
+        return iter(())
+    # Imported here: the other forms need neither xarray nor what makes a feasible set.
+    from agglom_mpi.report.netcdf import require_netcdf, write_netcdf
+
+    require_netcdf()
+    if exports.draws is not None:
+        exports.draws.check(file)
+    return write_netcdf(file, exports.xarray, exports.arviz, exports.draws)
 
 
 def require_directory(path: Path) -> None:
@@ -141,14 +178,3 @@ def write_tables(file: CampaignData, directory: Path) -> Iterator[str]:
             table.to_csv(temporary, index=False, na_rep="nan", lineterminator="\n")
     for path, table in tables.items():
         yield f"{path}: {pluralise(len(table), 'row')}"
-
-
-def with_units(table: "pd.DataFrame") -> "pd.DataFrame":
-    """Return a table with units in its column names, and populations as spaced numbers."""
-    table = table.copy()
-    if "population" in table:
-        table["population"] = [" ".join(map(str, ids)) for ids in table["population"]]
-    units = table.attrs["units"]
-    return table.rename(
-        columns={name: f"{name} ({unit})" for name, unit in units.items() if unit not in ("", "1")}
-    )

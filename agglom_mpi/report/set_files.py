@@ -4,12 +4,13 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
+from agglom_mpi.analysis.tables import with_units
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.errors import require_library
+from agglom_mpi.formatting import without_nan
 from agglom_mpi.inference.feasible_set import FeasibleSet
 from agglom_mpi.inference.posterior import measurement_of
 from agglom_mpi.inference.tolerances import recorded_objective, tolerance_of
-from agglom_mpi.report.export import with_units
 from agglom_mpi.report.set_summary import grid_table, set_as_dict, set_text
 from agglom_mpi.storage.files import atomic_file, require_absent, require_writable_folder
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
@@ -92,7 +93,12 @@ def set_report(data: "CampaignData", request: SetRequest, as_json: bool) -> Any:
     posterior = request.posterior_of(found)
     write_files(request, found, posterior)
     if as_json:
-        return json.dumps(set_as_dict(found, posterior), indent=2, ensure_ascii=False)
+        return json.dumps(
+            without_nan(set_as_dict(found, posterior)),
+            indent=2,
+            ensure_ascii=False,
+            allow_nan=False,
+        )
     return set_text(found, posterior)
 
 

@@ -277,7 +277,23 @@ def _correlation_table(posterior: "Posterior") -> FittedTable:
 
 
 def set_as_dict(of: FeasibleSet, posterior: "Posterior | None" = None) -> dict[str, Any]:
-    """Return a set as plain values for JSON; without a set where it is not calibrated."""
+    """Return a set as plain values for JSON; without a set where it is not calibrated.
+
+    Keys at the top are `criterion`, `tolerance`, the numbers of `samples` and `strings` of the
+    emulator, its `calibration`, the `set`, or None and the `reason`, and the `posterior` if a
+    measured mean is given (`Posterior.as_dict`). Those of the set:
+
+    - `measure`: in what volumes are uniform; `allowed`: share of the box by the constraints.
+    - `volume`, `volume_error`, `inner`, `outer`: shares of what is allowed; inner and outer are
+      those with a probability of at least 0.95 and 0.05.
+    - `expected_error`: relative to the volume; `samples_to_halve` it.
+    - `variables`: the attributes of a `SetVariable` each, in the SI unit `unit`.
+    - `directions`: `product` of powers with `exponents` by name, their `share`, `eigenvalue`, and
+      the dimensionless `group` that is near with its `cosine`.
+    - `empty`, `nearest`: whether there are members, and what comes nearest if there are none.
+    - `failed_strings`, `favours_low_objectives`, `warnings`; of `maximum_growth` its `maximum` and
+      `maximum_error`.
+    """
     found: dict[str, Any] = {
         "criterion": of.criterion.text,
         "tolerance": of.tolerance,

@@ -19,7 +19,7 @@ from storage_rows import (
 )
 
 from agglom_mpi.campaign_file import open_campaign
-from agglom_mpi.report.export import export, write_tables
+from agglom_mpi.report.export import Exports, export, write_tables
 from agglom_mpi.storage import compact
 from agglom_mpi.storage import files as whole
 from agglom_mpi.storage.compact import CopyCounts, write_compact
@@ -163,7 +163,7 @@ def test_damaged_rows_are_copied_as_they_are_and_counted(filled, copy, monkeypat
         row["objective"] += 1
         file["samples"][2] = row
         file["results_done"][3] = 1
-    lines = list(export(filled, copy, None))
+    lines = list(export(filled, Exports(copy)))
     assert lines[1] == f"{copy}: 2 damaged rows, copied unchanged"
     assert open_campaign(copy).damaged == 2
     assert contents(copy) == contents(filled)

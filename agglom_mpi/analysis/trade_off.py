@@ -1,0 +1,179 @@
+"""Two numbers of the best strings of several campaign files, and which of them are dominated.
+
+Campaigns of one question with different constraints, such as `power < 10 W`, trace a Pareto front:
+the best objective that each power allows.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from agglom_mpi.analysis.derived import derived_columns, values_of
+from agglom_mpi.analysis.quantity_means import quantity_means
+from agglom_mpi.analysis.ranking import rank_strings
+from agglom_mpi.declaration.spelling import suggestion
+from agglom_mpi.errors import UserError
+from agglom_mpi.outcome import COMPLETED
+from agglom_mpi.statistics import mean_of
+
+if TYPE_CHECKING:
+    from agglom_mpi.storage.reader import CampaignData
+
+OBJECTIVE, GROWTH = "objective", "mean_radius_ratio"
+"""Names of the measured numbers that every file has."""
+RESOLVED: Final = 2.0
+"""A difference is resolved from this number of its standard errors on."""
+FRONT, UNRESOLVED, DOMINATED = "front", "within errors", "dominated"
+"""What a point is: dominated by no other, by none beyond the errors, or beyond them."""
+
+
+class TradeOffError(UserError, ValueError):
+    """A front that cannot be drawn, with the reason."""
+
+
+class TradeOffAxis(NamedTuple):
+    """A number that strings are compared by; the higher the better if it is `maximised`."""
+
+    name: str
+    unit: str
+    maximised: bool
+
+
+class BestPoint(NamedTuple):
+    """The best string of a file.
+
+    Attributes
+    ----------
+    file, title, string
+    values, errors
+        Its number on each axis in SI units, and their standard errors; an error is 0 where the
+        number follows from the variables alone.
+    fresh
+        Whether the numbers are of fresh samples; those that it was chosen by favour it.
+    """
+
+    file: str
+    title: str
+    string: int
+    values: tuple[float, float]
+    errors: tuple[float, float]
+    fresh: bool
+
+
+class TradeOff(NamedTuple):
+    """The points of several files, and what each of them is."""
+
+    axes: tuple[TradeOffAxis, TradeOffAxis]
+    points: list[BestPoint]
+    verdicts: list[str]
+
+
+def trade_off(files: "Sequence[CampaignData]", axes: tuple[TradeOffAxis, TradeOffAxis]) -> TradeOff:
+    """Return the best strings of files on two axes.
+
+    Raises
+    ------
+    TradeOffError
+        If a file has no such number, or no string with a result.
+    """
+    points = [_point(file, axes) for file in files]
+    return TradeOff(axes, points, verdicts(points, axes))
+
+
+def axis_of(files: "Sequence[CampaignData]", name: str, maximised: bool) -> TradeOffAxis:
+    """Return the axis of a number that every file has.
+
+    It is `objective`, `mean_radius_ratio`, a quantity of the objective's function, a variable or a
+    derived quantity.
+
+    Raises
+    ------
+    TradeOffError
+        If a file lacks it, or has it in another unit.
+    """
+    units = []
+    for file in files:
+        known = _known_units(file)
+        if name not in known:
+            raise TradeOffError(f"{file.path}: has no number {name!r}; {suggestion(name, known)}")
+        units.append(known[name])
+        if units[-1] != units[0]:
+            raise TradeOffError(
+                f"{file.path}: {name} is in {units[-1]}, and in {units[0]} in {files[0].path}"
+            )
+    return TradeOffAxis(name, units[0], maximised)
+
+
+def _known_units(file: "CampaignData") -> dict[str, str]:
+    """Return the units of all numbers that a string of a file has, by name."""
+    used = {row["name"].decode() for row in file.variable_rows() if not math.isnan(row["lower"])}
+    units = {each.name: each.unit for each in file.variables.variables if each.name in used}
+    units |= {column.name: column.unit for column in derived_columns(file)}
+    return units | {OBJECTIVE: "1", GROWTH: "1"} | file.quantities
+
+
+def _point(file: "CampaignData", axes: tuple[TradeOffAxis, TradeOffAxis]) -> BestPoint:
+    ranked = rank_strings(file)
+    if not ranked.order:
+        raise TradeOffError(f"{file.path}: no string has a result yet")
+    string = ranked.order[0]
+    fresh = any(each.string == string and each.known for each in ranked.estimates)
+    (x, x_error), (y, y_error) = (_measured(file, string, axis.name, fresh) for axis in axes)
+    return BestPoint(str(file.path), file.title, string, (x, y), (x_error, y_error), fresh)
+
+
+def _measured(file: "CampaignData", string: int, name: str, fresh: bool) -> tuple[float, float]:
+    """Return a number of a string and its standard error, on fresh samples or those searched by."""
+    if name == OBJECTIVE:
+        ranked = rank_strings(file)
+        if fresh:
+            [own] = [each for each in ranked.estimates if each.string == string]
+            return own.objective, own.standard_error
+        row = ranked.results[string]
+        return float(row["objective"]), float(row["standard_error"])
+    if name in file.quantities:
+        mean = quantity_means(file, string)[name][int(fresh)]
+        return mean.value, mean.error
+    if name == GROWTH:
+        rows = file.sample_rows(string)
+        rows = rows[rows["state"] == COMPLETED]
+        is_fresh = rows["sample"] >= file.fresh_from
+        chosen = is_fresh if fresh else rows["sample"] < file.samples_used.get(string, 0)
+        mean = mean_of(rows[GROWTH][chosen])
+        return mean.value, mean.error
+    return float(values_of(file, [string], name)[0]), 0.0
+
+
+def verdicts(points: Sequence[BestPoint], axes: tuple[TradeOffAxis, TradeOffAxis]) -> list[str]:
+    """Return what each point is: `FRONT`, `UNRESOLVED` or `DOMINATED`.
+
+    A point dominates another that is no better on either axis, and worse on one. It does so beyond
+    the errors if each difference is at least `RESOLVED` of its standard errors, by which a number
+    without an error has to be no better.
+    """
+    found = []
+    for i, point in enumerate(points):
+        others = [other for j, other in enumerate(points) if j != i]
+        if any(_dominates(other, point, axes, RESOLVED) for other in others):
+            found.append(DOMINATED)
+        elif any(_dominates(other, point, axes, 0.0) for other in others):
+            found.append(UNRESOLVED)
+        else:
+            found.append(FRONT)
+    return found
+
+
+def _dominates(
+    better: BestPoint, worse: BestPoint, axes: tuple[TradeOffAxis, TradeOffAxis], resolved: float
+) -> bool:
+    """Return whether a point dominates another by some number of standard errors."""
+    gains = []
+    for k, axis in enumerate(axes):
+        sign = 1.0 if axis.maximised else -1.0
+        gain = sign * (better.values[k] - worse.values[k])
+        # An error that is nan, of a single sample, resolves nothing.
+        error = math.hypot(better.errors[k], worse.errors[k]) if resolved else 0.0
+        if not gain >= resolved * error:
+            return False
+        gains.append(gain)
+    return max(gains) > 0.0
