@@ -20,6 +20,8 @@ COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E
 SIZE: Final = (6.0, 3.8)
 """Width and height of a figure with one panel, inches; at 110 dots per inch it fits a page."""
 
+LEGEND_DISTANCE: Final = 5.0
+"""Room between the axes and a legend below, for ticks and a label, in sizes of its letters."""
 DOTS_PER_INCH: Final = 110
 MANY_DECADES: Final = 200.0
 """Minimum ratio of the ends of a logarithmic axis for powers of ten alone as labels."""
@@ -119,7 +121,7 @@ def integer_ticks(axis: Any) -> None:
     """Put the ticks of an axis at integers only."""
     from matplotlib.ticker import MaxNLocator
 
-    axis.set_major_locator(MaxNLocator(integer=True, nbins="auto"))
+    axis.set_major_locator(MaxNLocator(integer=True, nbins="auto", min_n_ticks=1))
 
 
 def log_ticks(axis: Any) -> None:
@@ -163,7 +165,8 @@ def legend_below(ax: Any, columns: int = 2) -> None:
     """Put the legend under the axes, where it hides nothing."""
     ax.legend(
         loc="upper center",
-        bbox_to_anchor=(0.5, -0.2),
+        bbox_to_anchor=(0.5, 0.0),
+        borderaxespad=LEGEND_DISTANCE,
         ncols=columns,
         frameon=False,
         fontsize="small",

@@ -22,6 +22,7 @@ BRIGHTEST: Final = 0xE6
 _NOT_DRAWN: Final = re.compile(r"<metadata>.*?</metadata>|<style[^>]*>.*?</style>", re.DOTALL)
 _IDENTIFIER: Final = re.compile(r'(\bid="|(?:xlink:)?href="#|url\(#)(?!string-)')
 _GREY: Final = re.compile(r"(fill|stroke|stop-color): (#([0-9a-f]{2})\3\3)\b")
+_STRING: Final = re.compile(rf'<a xlink:href="{re.escape(STRING_LINK)}(\d+)"[^>]*>')
 _OPENING: Final = re.compile(r'<svg [^>]*viewBox="([^"]*)"[^>]*>')
 
 
@@ -70,7 +71,7 @@ def inline_svg(text: str, drawing: Drawing) -> str:
     text = _NOT_DRAWN.sub("", text[text.index("<svg") :])
     text = _IDENTIFIER.sub(rf"\g<1>{drawing.name}-", text)
     text = _GREY.sub(_with_dark_grey, text)
-    text = text.replace(f'xlink:href="{STRING_LINK}', 'href="#string-')
+    text = _STRING.sub(r'<a href="#string-\1">', text)
     label = escape(drawing.caption, quote=True)
 
     def opening(found: re.Match[str]) -> str:

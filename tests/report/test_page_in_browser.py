@@ -17,8 +17,8 @@ pytestmark = pytest.mark.slow
 WIDE, NARROW = 1280, 400
 OVERLAPS = """
 const shown = [...document.querySelectorAll(
-    "h1, h2, h3, .state, nav a, .note, .warning, dt, dd, figure svg, figcaption, caption, th, td, " +
-    ".csv, pre, summary, section > ul > li")].filter((one) => one.checkVisibility());
+    "h1, h2, h3, .state, nav a, .note, .warning, dt, dd, figure svg, figcaption, caption, th, " +
+    "td, .csv, pre, summary, section > ul > li")].filter((one) => one.checkVisibility());
 const boxes = shown.map((one) => one.getBoundingClientRect());
 const found = [];
 for (let i = 0; i < boxes.length; ++i) for (let j = i + 1; j < boxes.length; ++j) {

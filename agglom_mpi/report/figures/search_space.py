@@ -270,7 +270,7 @@ def _label_variables(ax: Any, searched: Sequence[SearchedVariable]) -> None:
         ticks.append(f"{label_of(variable.name)}{note}")
     slant = {"rotation": 40, "ha": "right", "rotation_mode": "anchor"}
     ax.set_xticks(range(len(searched)), ticks, **(slant if len(searched) > MAX_HORIZONTAL else {}))
-    ax.tick_params(axis="x", length=0, pad=14, labelsize=9)
+    ax.tick_params(axis="x", length=0, pad=18, labelsize=9)
     ax.set_yticks([])
     ax.set_ylim(0.0, 1.0)
     ax.set_xlim(-0.4, len(searched) - 0.6)
