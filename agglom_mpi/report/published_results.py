@@ -267,7 +267,7 @@ def _beside(published: PublishedTable, data: CampaignData, best: Sequence[int]) 
         rows.append([str(place + 1), "published", *cells])
         classes.append("published first")
         if place < len(best):
-            rows.append(["", "here", *_cells(data, best[place], columns)])
+            rows.append([str(place + 1), "here", *_cells(data, best[place], columns)])
             classes.append("here")
     headings = ["rank", "from", *(marked.heading for marked in columns)]
     return PageTable(headings, rows, published.caption, classes, (1,), published.stem)
