@@ -223,7 +223,12 @@ def plain_text(content: RenderableType, width: int) -> str:
     console = Console(width=width, color_system=None, file=io.StringIO())
     with console.capture() as captured:
         console.print(content, soft_wrap=False)
-    return "\n".join(line.rstrip() for line in captured.get().splitlines())
+    return typeset("\n".join(line.rstrip() for line in captured.get().splitlines()))
+
+
+def typeset(text: str) -> str:
+    """Return a text of the terminal with the radius of the start as figures and tables show it."""
+    return text.replace("b/b0", "b/b⁰")
 
 
 def comparison_lines(data: CampaignData) -> list[str]:
@@ -235,7 +240,8 @@ def comparison_lines(data: CampaignData) -> list[str]:
     paired = PairedSamples.behind(rank_strings(data).estimates, data)
     bias = selection_bias(rank_strings(data).estimates, paired, rounding_of(data))
     lines = left_out(data) or describe_bias(bias, shown, len(estimated))
-    return [*lines, *moment_notes(data), *describe_finite_size(data, shown)]
+    lines = [*lines, *moment_notes(data), *describe_finite_size(data, shown)]
+    return [typeset(line) for line in lines]
 
 
 def scene_content(data: CampaignData) -> dict[str, Any]:

@@ -306,7 +306,7 @@ def draw_group(ax: Any, shown: PlottedSet) -> Any:
         x,
         mean - 1.645 * deviation,
         mean + 1.645 * deviation,
-        color="0.85",
+        color="0.65",  # pixels keep their grey on a dark page
         linewidth=0.6,
         zorder=1,
         rasterized=True,
