@@ -278,7 +278,7 @@ class CampaignFile(metaclass=PublicFace):
         >>> file = agglom_mpi.open_campaign("quickstart.h5")
         >>> ax = file.plot_convergence()
         >>> ax.get_xlabel(), ax.get_ylabel()
-        ('generation', 'objective Λ (1)')
+        ('generation', 'objective Λ')
 
         Into axes of your own:
 
@@ -381,7 +381,7 @@ class CampaignFile(metaclass=PublicFace):
         >>> import agglom_mpi
         >>> axes = agglom_mpi.open_campaign("quickstart.h5").plot_search_paths()
         >>> [ax.get_ylabel() for ax in axes]
-        ['relative speed (m/s)', 'size ratio (1)', 'hardness (MPa)']
+        ['relative speed (m/s)', 'size ratio', 'hardness (MPa)']
         """
         return self._plot("search_paths", figure)
 

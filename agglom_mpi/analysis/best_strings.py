@@ -60,25 +60,23 @@ FRESH_ROWS: Final = (
     StringRow("objective", ".4f", "re-estimate", "objective, re-estimate"),
     StringRow("lower", ".4f", "95 % from", "95 % from"),
     StringRow("upper", ".4f", "95 % to", "95 % to"),
-    StringRow("mean_radius_ratio", ".4g", "mean b/b0, re-estimate", "mean b/b0, re-estimate (1)"),
+    StringRow("mean_radius_ratio", ".4g", "mean b/b0, re-estimate", "mean b/b⁰, re-estimate"),
     StringRow("samples", "d", "fresh samples", "fresh samples"),
 )
 """Rows on the `reestimate`, of fresh samples."""
 LIMIT_ROWS: Final = (
-    StringRow("limit", ".4g", "mean b/b0, many grains", "mean b/b0 for many grains (1)"),
+    StringRow("limit", ".4g", "mean b/b0, many grains", "mean b/b⁰ for many grains"),
     StringRow("limit_standard_error", ".2g", "± standard error", "± standard error"),
-    StringRow("shift", ".2g", "  shift by finite size", "shift by finite size (1)"),
+    StringRow("shift", ".2g", "  shift by finite size", "shift by finite size"),
     StringRow("shift_standard_error", ".2g", "  ± standard error", "± standard error"),
     StringRow("limit_objective", ".4f", "objective, many grains", "objective for many grains"),
     StringRow("limit_objective_standard_error", ".4f", "± standard error", "± standard error"),
 )
 """Rows on the `finite_size`, of fresh samples in several control volumes."""
 GROWTH_ROWS: Final = (
-    StringRow("mean_radius_ratio", ".4g", "mean b/b0, as searched", "mean b/b0, as searched (1)"),
+    StringRow("mean_radius_ratio", ".4g", "mean b/b0, as searched", "mean b/b⁰, as searched"),
     StringRow("growth_number", ".4g", "  (mean b/b0)^3"),
-    StringRow(
-        "mean_grains", ".4g", "  grains per particle", "grains per particle, as searched (1)"
-    ),
+    StringRow("mean_grains", ".4g", "  grains per particle", "grains per particle, as searched"),
     StringRow("samples", "d", "  samples", "samples used"),
 )
 """Rows on the growth, of the samples that a string was chosen by."""

@@ -20,9 +20,15 @@ COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E
 SIZE: Final = (6.0, 3.8)
 """Width and height of a figure with one panel, inches; at 110 dots per inch it fits a page."""
 
+LEGEND_DISTANCE: Final = 5.0
+"""Room between the axes and a legend below, for ticks and a label, in sizes of its letters."""
 DOTS_PER_INCH: Final = 110
 MANY_DECADES: Final = 200.0
 """Minimum ratio of the ends of a logarithmic axis for powers of ten alone as labels."""
+SMALL_PREFIXES: Final = ((1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
+"""Factors of the units of small lengths and times, and their prefixes."""
+STRING_LINK: Final = "report.html#string-"
+"""Address of a string's row in the page, without its number; marks of strings link to it."""
 SUPERSCRIPTS: Final = {"^2": "²", "^3": "³"}
 
 
@@ -115,7 +121,7 @@ def integer_ticks(axis: Any) -> None:
     """Put the ticks of an axis at integers only."""
     from matplotlib.ticker import MaxNLocator
 
-    axis.set_major_locator(MaxNLocator(integer=True, nbins="auto"))
+    axis.set_major_locator(MaxNLocator(integer=True, nbins="auto", min_n_ticks=1))
 
 
 def log_ticks(axis: Any) -> None:
@@ -159,7 +165,8 @@ def legend_below(ax: Any, columns: int = 2) -> None:
     """Put the legend under the axes, where it hides nothing."""
     ax.legend(
         loc="upper center",
-        bbox_to_anchor=(0.5, -0.2),
+        bbox_to_anchor=(0.5, 0.0),
+        borderaxespad=LEGEND_DISTANCE,
         ncols=columns,
         frameon=False,
         fontsize="small",
@@ -172,7 +179,7 @@ def scaled_unit(unit: str, largest: float) -> tuple[float, str]:
     Parameters
     ----------
     unit
-        An SI unit in ASCII; only multiples of Pa and J get a prefix.
+        An SI unit in ASCII; Pa and J get the prefix of large multiples, m and s that of small ones.
     largest
         The largest value that is shown, in this unit.
 
@@ -180,6 +187,8 @@ def scaled_unit(unit: str, largest: float) -> tuple[float, str]:
     --------
     >>> scaled_unit("Pa", 2e8)
     (1000000.0, 'MPa')
+    >>> scaled_unit("m", 2e-4)
+    (1e-06, 'µm')
     >>> scaled_unit("kg/m^3", 1e4)
     (1.0, 'kg/m³')
     """
@@ -190,9 +199,13 @@ def scaled_unit(unit: str, largest: float) -> tuple[float, str]:
         for factor, prefix in ((1e15, "P"), (1e12, "T"), (1e9, "G"), (1e6, "M"), (1e3, "k")):
             if largest >= 1.5 * factor:
                 return factor, f"{prefix}{name}"
+    if unit in ("m", "s") and 0.0 < largest < 1.0:
+        for factor, prefix in SMALL_PREFIXES:
+            if largest >= factor:
+                return factor, f"{prefix}{name}"
     return 1.0, name
 
 
 def axis_label(name: str, unit: str) -> str:
-    """Return the label of an axis: `size ratio (1)`."""
-    return f"{label_of(name)} ({unit})"
+    """Return the label of an axis: `density (kg/m³)`, or `size ratio` where the unit is 1."""
+    return label_of(name) if unit == "1" else f"{label_of(name)} ({unit})"

@@ -1,12 +1,11 @@
 """The web page `report.html` with its figures, which `agglom report --out DIR` writes."""
 
-import base64
 import io
 import time
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from rich.console import Console, RenderableType
 
@@ -27,7 +26,8 @@ from agglom_mpi.formatting import pluralise
 from agglom_mpi.inference.feasible_set import FeasibleSet
 from agglom_mpi.outcome import COMPLETED, FAILED
 from agglom_mpi.report import page_tables, published_results
-from agglom_mpi.report.drawing import Drawing, write_drawing
+from agglom_mpi.report.drawing import write_drawing
+from agglom_mpi.report.embedding import EmbeddedFigure, embedded
 from agglom_mpi.report.export import require_directory
 from agglom_mpi.report.figures import FIGURES
 from agglom_mpi.report.figures.figure import FigureOptions
@@ -49,14 +49,12 @@ TEMPLATE: Final = "report.html.j2"
 PROVENANCE: Final = ("seed", "created", "code_version", "campaign_sha256", "sources_sha256")
 """Attributes of the file that the page names."""
 
-MAX_SVG_BYTES: Final = 400_000
-"""Size of an SVG beyond which the page holds the PNG instead, which opens faster."""
-PIXELS_PER_INCH: Final = 120
-"""Maximum resolution of a figure on the page."""
 TEXT_WIDTH: Final = 140
 """Number of characters in a line of text on the page."""
-WIDE: Final = 8.0
-"""Minimum width of a figure that takes the whole width of the page, inches."""
+NARROW_TEXT_WIDTH: Final = 42
+"""Number of characters in a line of text on the page of a narrow screen."""
+QUESTION: Final = ("objective", "target", "final answer")
+"""Lines on a run that stand at the top of the page."""
 
 RESIMULATION_MESSAGE: Final = (
     "simulating the best string again for pictures of its particles, which are not stored; the "
@@ -117,39 +115,6 @@ def write_report(
     yield f"{directory / NAME}: {drawn} as PNG and SVG, {seconds:.1f} s"
 
 
-class EmbeddedFigure(NamedTuple):
-    """A figure in the page.
-
-    Attributes
-    ----------
-    name, caption
-    source
-        The image as a `data:` URI.
-    width
-        Largest width on the page, pixels.
-    wide
-        Whether it takes the whole width of the page.
-    """
-
-    name: str
-    caption: str
-    source: str
-    width: int
-    wide: bool
-
-
-def embedded(directory: Path, drawing: Drawing) -> EmbeddedFigure:
-    """Return a figure that was written into a directory as the page holds it."""
-    content, kind = (directory / f"{drawing.name}.svg").read_bytes(), "svg+xml"
-    if len(content) > MAX_SVG_BYTES:
-        content, kind = (directory / f"{drawing.name}.png").read_bytes(), "png"
-    source = f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
-    width = drawing.size[0]
-    return EmbeddedFigure(
-        drawing.name, drawing.caption, source, round(PIXELS_PER_INCH * width), width >= WIDE
-    )
-
-
 class PageBuilder:
     """Writes the figures of a campaign into a directory, and makes its page of them.
 
@@ -169,7 +134,7 @@ class PageBuilder:
         self._sensitivity = sensitivity
         self._figures: dict[str, list[EmbeddedFigure]] = {}
         self._frames_unavailable = ""
-        self._set_text = ""
+        self._set_texts: tuple[str, ...] = ()
 
     def draw(self, section: str) -> None:
         """Write the figures of a section of the page that have something to show."""
@@ -194,7 +159,8 @@ class PageBuilder:
         found = FeasibleSet(self._data, request.tolerance)
         posterior = request.posterior_of(found)
         write_files(request, found, posterior)
-        self._set_text = plain_text(set_text(found, posterior))
+        widths = (TEXT_WIDTH, NARROW_TEXT_WIDTH)
+        self._set_texts = tuple(plain_text(set_text(found, posterior), width) for width in widths)
         shown = self._figures.setdefault("set", [])
         for drawing in set_drawings(found) if found.calibration.passed else ():
             write_drawing(self._directory, drawing)
@@ -232,7 +198,9 @@ class PageBuilder:
             "figures": self._figures,
             "frames_unavailable": self._frames_unavailable,
             "sensitivity": self._sensitivity,
-            "set_text": self._set_text,
+            "set_texts": self._set_texts,
+            "ranges": page_tables.ranges(data),
+            "strings": page_tables.all_strings(data) if rank_strings(data).order else None,
             "best": page_tables.best_strings(data) if rank_strings(data).order else None,
             "comparison": comparison_lines(data),
             "estimated": bool(rank_strings(data).estimates),
@@ -251,12 +219,17 @@ class PageBuilder:
         }
 
 
-def plain_text(content: RenderableType) -> str:
-    """Return a renderable as lines of text."""
-    console = Console(width=TEXT_WIDTH, color_system=None, file=io.StringIO())
+def plain_text(content: RenderableType, width: int) -> str:
+    """Return a renderable as lines of text with at most `width` characters."""
+    console = Console(width=width, color_system=None, file=io.StringIO())
     with console.capture() as captured:
         console.print(content, soft_wrap=False)
-    return "\n".join(line.rstrip() for line in captured.get().splitlines())
+    return typeset("\n".join(line.rstrip() for line in captured.get().splitlines()))
+
+
+def typeset(text: str) -> str:
+    """Return a text of the terminal with the radius of the start as figures and tables show it."""
+    return text.replace("b/b0", "b/b⁰")
 
 
 def comparison_lines(data: CampaignData) -> list[str]:
@@ -269,7 +242,8 @@ def comparison_lines(data: CampaignData) -> list[str]:
     bias = selection_bias(rank_strings(data).estimates, paired, rounding_of(data))
     lines = left_out(data) or describe_bias(bias, shown, len(estimated))
     fit = describe_fit(data, shown[0]) if shown else []
-    return [*lines, *moment_notes(data), *fit, *describe_finite_size(data, shown)]
+    lines = [*lines, *moment_notes(data), *fit, *describe_finite_size(data, shown)]
+    return [typeset(line) for line in lines]
 
 
 def scene_content(data: CampaignData) -> dict[str, Any]:
@@ -277,11 +251,13 @@ def scene_content(data: CampaignData) -> dict[str, Any]:
     try:
         first, *rest = sections(recorded_campaign(data))
     except CampaignError as error:
-        return {"unreadable": str(error)}
+        return {"unreadable": str(error), "question": []}
+    pairs = [line.partition(": ") for line in first[1]]
     headings = dict(rest)
     left_out, submodels = headings.pop("Left out"), headings.pop("Submodels")
     return {
         "unreadable": "",
+        "question": [(name, text) for name, _, text in pairs if name in QUESTION],
         "left_out": left_out,
         "submodels": submodels,
         "campaign_sections": [first, *headings.items()],

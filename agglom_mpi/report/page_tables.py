@@ -1,8 +1,11 @@
 """Tables of the page: best strings, starts of the program, worst samples, failures."""
 
+import csv
+import io
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import UTC, datetime
 from typing import Any, Final, NamedTuple
+from urllib.parse import quote
 
 import numpy as np
 
@@ -15,16 +18,20 @@ from agglom_mpi.analysis.best_strings import (
     collect_best,
     time_row,
 )
-from agglom_mpi.analysis.derived import derived_columns
+from agglom_mpi.analysis.derived import derived_columns, values_of
+from agglom_mpi.analysis.estimates import Estimate
 from agglom_mpi.analysis.quantity_means import quantity_rows
-from agglom_mpi.analysis.ranking import listed_strings
+from agglom_mpi.analysis.ranking import listed_strings, rank_strings
+from agglom_mpi.analysis.tables import searched_variables
 from agglom_mpi.formatting import format_duration, label_of, number_or_none, value_with_error
 from agglom_mpi.outcome import COLUMNS, COMPLETED, LEDGER, REASONS
-from agglom_mpi.report.drawing import scaled_unit
+from agglom_mpi.report.drawing import axis_label, scaled_unit
 from agglom_mpi.storage.reader import CampaignData
 
 LAST: Final = 20
 """Maximum number of starts of the program, and of texts of failures, that are listed."""
+MAX_ROWS: Final = 2000
+"""Maximum number of judged strings that are listed."""
 MOST_FAILING: Final = 6
 """Maximum number of strings that are named for their failures."""
 
@@ -41,6 +48,12 @@ class PageTable(NamedTuple):
         CSS class of each row, if they have any.
     text_columns
         Indices of columns of text; columns of numbers are aligned to the right.
+    name
+        File stem of the table as CSV.
+    strings
+        Number of the string of each row, to which figures link, if the rows are strings.
+    upright
+        Whether a wide page shows each row as a column.
     """
 
     headings: Sequence[str]
@@ -48,14 +61,87 @@ class PageTable(NamedTuple):
     caption: str = ""
     classes: Sequence[str] = ()
     text_columns: Sequence[int] = ()
+    name: str = "table"
+    strings: Sequence[int] = ()
+    upright: bool = False
+
+    @property
+    def csv(self) -> str:
+        """The table as a `data:` URI of a CSV file, which needs no server and no script."""
+        text = io.StringIO()
+        csv.writer(text).writerows([self.headings, *self.rows])
+        return f"data:text/csv;charset=utf-8,{quote(text.getvalue())}"
 
 
 def best_strings(data: CampaignData) -> PageTable:
-    """Return the best strings, one a column: variables, results and estimates."""
+    """Return the best strings, one a row: variables, results and estimates."""
     best = collect_best(data, listed_strings(data))
     quantities = quantity_rows(data, [entry["string"] for entry in best])
     rows = [*_variable_rows(data, best), *_result_rows(best, quantities)]
-    return PageTable(["", *(f"#{place}" for place in range(1, len(best) + 1))], rows)
+    ranks = ["rank", *(f"#{place}" for place in range(1, len(best) + 1))]
+    headings, *entries = zip(ranks, *rows, strict=True)
+    return PageTable(headings, entries, name="best_strings", upright=True)
+
+
+def ranges(data: CampaignData) -> PageTable:
+    """Return the variables with the ends of their ranges, the searched ones first."""
+    searched = searched_variables(data)
+    lines = []
+    for variable, lower, upper, logarithmic in searched:
+        factor, unit = scaled_unit(variable.unit, upper)
+        ends = (f"{lower / factor:.6g}", f"{upper / factor:.6g}")
+        scale = "by its logarithm" if logarithmic else "evenly"
+        lines.append([label_of(variable.name), *ends, _shown_unit(unit), scale])
+    for variable, row in zip(data.variables.variables, data.variable_rows(), strict=True):
+        if row["searched"] != 1 and not np.isnan(row["lower"]):
+            factor, unit = scaled_unit(variable.unit, float(row["upper"]))
+            value = f"{row['upper'] / factor:.6g}"
+            lines.append([label_of(variable.name), value, value, _shown_unit(unit), "fixed"])
+    headings = ("variable", "from", "to", "unit", "searched")
+    return PageTable(headings, lines, "Ranges", text_columns=(3, 4), name="ranges")
+
+
+def _shown_unit(unit: str) -> str:
+    return "" if unit == "1" else unit
+
+
+def all_strings(data: CampaignData) -> PageTable:
+    """Return the judged strings in order of rank, one a row; of many, the best `MAX_ROWS`."""
+    order = rank_strings(data).order[:MAX_ROWS]
+    again = {estimate.string: estimate for estimate in rank_strings(data).estimates}
+    generation = {int(row["string"]): int(row["generation"]) + 1 for row in data.string_rows()}
+    columns: list[tuple[str, list[str]]] = [
+        ("rank", [str(place) for place in range(1, len(order) + 1)]),
+        ("string", [str(string) for string in order]),
+        ("generation", [str(generation.get(string, "")) for string in order]),
+    ]
+    for variable, _, upper, _ in searched_variables(data):
+        factor, unit = scaled_unit(variable.unit, upper)
+        values = values_of(data, order, variable.name) / factor
+        columns.append((axis_label(variable.name, unit), [f"{value:.5g}" for value in values]))
+    results = [rank_strings(data).results[string] for string in order]
+    columns += [
+        (
+            "objective, as searched",
+            [value_with_error(float(r["objective"]), float(r["standard_error"])) for r in results],
+        ),
+        ("mean b/b⁰, as searched", [f"{row['mean_radius_ratio']:.4g}" for row in results]),
+        ("samples used", [str(row["samples_used"]) for row in results]),
+    ]
+    if again:
+        columns.insert(-2, ("objective, re-estimate", [_again(again.get(i)) for i in order]))
+    more = len(rank_strings(data).order) - len(order)
+    caption = f"The best {len(order)} strings; {more} more have a result" if more else ""
+    rows = list(zip(*(values for _, values in columns), strict=True))
+    headings = [heading for heading, _ in columns]
+    return PageTable(headings, rows, caption, name="strings", strings=order)
+
+
+def _again(estimate: Estimate | None) -> str:
+    """Return the objective of a string on fresh samples; empty if it has none."""
+    if estimate is None:
+        return ""
+    return value_with_error(float(estimate.objective), float(estimate.standard_error))
 
 
 def _variable_rows(data: CampaignData, best: list[dict[str, Any]]) -> Iterator[list[str]]:
@@ -63,7 +149,7 @@ def _variable_rows(data: CampaignData, best: list[dict[str, Any]]) -> Iterator[l
     for variable, row in zip(data.variables.variables, data.variable_rows(), strict=True):
         if np.isnan(row["lower"]):  # the campaign does not use it
             continue
-        fixed = "" if row["searched"] else ", fixed"
+        fixed = "" if row["searched"] else "fixed"
         yield _scaled_row(variable.name, variable.unit, float(row["upper"]), best, fixed)
     for column in derived_columns(data):
         largest = np.nanmax([abs(entry[column.name]) for entry in best], initial=0.0)
@@ -75,7 +161,8 @@ def _scaled_row(
 ) -> list[str]:
     """Return a row of values in a unit in which the largest of them reads well."""
     factor, scaled = scaled_unit(unit, largest)
-    label = f"{label_of(name)} ({scaled}{note})"
+    notes = [part for part in (_shown_unit(scaled), note) if part]
+    label = f"{label_of(name)} ({', '.join(notes)})" if notes else label_of(name)
     return [label, *(f"{entry[name] / factor:.5g}" for entry in best)]
 
 
@@ -128,7 +215,9 @@ def legs(data: CampaignData) -> PageTable:
         "agglom_mpi",
     )
     lines = [[str(first + i), *_leg(row)] for i, row in enumerate(rows, 1)]
-    return PageTable(headings, lines, "Starts of the program", text_columns=(1, 9, 11, 12))
+    return PageTable(
+        headings, lines, "Starts of the program", text_columns=(1, 9, 11, 12), name="starts"
+    )
 
 
 def _leg(row: np.void) -> Iterator[str]:
@@ -181,8 +270,8 @@ def ledger(data: CampaignData) -> PageTable:
             where = [str(worst["string"]), str(worst["sample"]), _replay(data, worst)]
         value = str(worst[name]) if is_count else f"{worst[name]:.3g}"
         lines.append([meanings[name], value, affected, *where])
-    headings = ("", "worst", "samples with any", "string", "sample", "to simulate it again")
-    return PageTable(headings, lines, text_columns=(5,))
+    headings = ("entry", "worst", "samples with any", "string", "sample", "to simulate it again")
+    return PageTable(headings, lines, text_columns=(5,), name="worst_samples")
 
 
 def _replay(data: CampaignData, row: np.void) -> str:

@@ -10,7 +10,7 @@ from agglom_mpi.analysis.estimates import Estimate
 from agglom_mpi.analysis.ranking import listed_strings, rank_strings
 from agglom_mpi.analysis.tables import searched_variables
 from agglom_mpi.formatting import number_or_none, value_with_error
-from agglom_mpi.report.drawing import scaled_unit
+from agglom_mpi.report.drawing import axis_label, scaled_unit
 from agglom_mpi.report.figures.figure import objective_label
 from agglom_mpi.report.page_tables import PageTable
 from agglom_mpi.storage.reader import CampaignData
@@ -37,8 +37,12 @@ class PublishedColumn(NamedTuple):
 
 
 class PublishedTable(NamedTuple):
-    """A table of a paper, the best string first, in the units of its columns."""
+    """A table of a paper, the best string first, in the units of its columns.
 
+    Its CSV is `stem`.csv.
+    """
+
+    stem: str
     caption: str
     columns: tuple[PublishedColumn, ...]
     rows: tuple[tuple[float, ...], ...]
@@ -51,6 +55,7 @@ def _rows(text: str) -> tuple[tuple[float, ...], ...]:
 
 ACCRETION: Final = (
     PublishedTable(
+        "paper_A_table_1",
         "[A] table 1: best starting-state vectors after 22 generations",
         (
             PublishedColumn("v0 (m/s)", "relative_speed", 1.0, ".3f"),
@@ -76,6 +81,7 @@ ACCRETION: Final = (
 )
 AGGLOMERATION: Final = (
     PublishedTable(
+        "paper_B_table_1",
         "[B] table 1: best (normalised) starting-state vectors after 25 generations",
         (
             PublishedColumn("v0 (m/s) / 200", "relative_speed", 200.0, ".5f"),
@@ -94,6 +100,7 @@ AGGLOMERATION: Final = (
         """),
     ),
     PublishedTable(
+        "paper_B_table_2",
         "[B] table 2: best (normalised) starting-state vectors after 25 generations",
         (
             PublishedColumn("μ0 / 10⁻²", "friction", 1e-2, ".5f"),
@@ -112,11 +119,12 @@ AGGLOMERATION: Final = (
         """),
     ),
     PublishedTable(
+        "paper_B_table_3",
         "[B] table 3: cost, size and particles of the agglomerates of tables 1 and 2",
         (
             PublishedColumn("Π", "objective", 1.0, ".5f"),
-            PublishedColumn("b/b0", "mean_radius_ratio", 1.0, ".4f"),
-            PublishedColumn("n^f = (b/b0)³", "growth_number", 1.0, ".4f"),
+            PublishedColumn("b/b⁰", "mean_radius_ratio", 1.0, ".4f"),
+            PublishedColumn("n^f = (b/b⁰)³", "growth_number", 1.0, ".4f"),
         ),
         _rows("""
             0.67708 3.2292 33.6732
@@ -212,15 +220,15 @@ def _own_table(data: CampaignData, best: Sequence[int]) -> PageTable:
     )
     rows = [[str(i), *_cells(data, string, columns)] for i, string in enumerate(best, 1)]
     headings = ["rank", *(marked.heading for marked in columns)]
-    return PageTable(headings, rows, "Best strings")
+    return PageTable(headings, rows, "Best strings", name="best_strings_table")
 
 
 def _variable_columns(data: CampaignData) -> list[PublishedColumn]:
     columns = []
     for variable, _, upper, _ in searched_variables(data):
         factor, unit = scaled_unit(variable.unit, upper)
-        name = variable.name.replace("_", " ")
-        columns.append(PublishedColumn(f"{name} ({unit})", variable.name, factor, ".5g"))
+        heading = axis_label(variable.name, unit)
+        columns.append(PublishedColumn(heading, variable.name, factor, ".5g"))
     return columns
 
 
@@ -259,10 +267,10 @@ def _beside(published: PublishedTable, data: CampaignData, best: Sequence[int]) 
         rows.append([str(place + 1), "published", *cells])
         classes.append("published first")
         if place < len(best):
-            rows.append(["", "here", *_cells(data, best[place], columns)])
+            rows.append([str(place + 1), "here", *_cells(data, best[place], columns)])
             classes.append("here")
-    headings = ["rank", "", *(marked.heading for marked in columns)]
-    return PageTable(headings, rows, published.caption, classes, (1,))
+    headings = ["rank", "from", *(marked.heading for marked in columns)]
+    return PageTable(headings, rows, published.caption, classes, (1,), published.stem)
 
 
 def _cells(data: CampaignData, string: int, columns: Sequence[MarkedColumn]) -> list[str]:

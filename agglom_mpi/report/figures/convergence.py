@@ -55,7 +55,7 @@ class ConvergenceHistory(NamedTuple):
     top_count
         Number of strings in `top_mean`.
     objective_label
-        Name of the objective, with its unit.
+        Name of the objective.
     fresh
         The best string on fresh samples, if it was estimated again.
     least
@@ -71,7 +71,7 @@ class ConvergenceHistory(NamedTuple):
     top_mean: Floats
     top_half_width: Floats
     top_count: int
-    objective_label: str = "objective (1)"
+    objective_label: str = "objective"
     fresh: FreshEstimate | None = None
     least: float = 0.0
     source: str = "as searched"
@@ -182,11 +182,11 @@ def draw_cost(ax: Any, history: ConvergenceHistory) -> Any:
     """Draw half-widths of the best and of the top strings against time, and return the axes."""
     style_axes(ax)
     ax.set_xlabel("wall-clock time, all legs (s)")
-    ax.set_ylabel("95 % half-width of the objective (1)")
-    curves = (
-        ("best string", history.best_half_width, "o"),
-        (f"mean of the best {history.top_count}", history.top_half_width, "s"),
-    )
+    ax.set_ylabel("95 % half-width of the objective")
+    curves = [("best string", history.best_half_width, "o")]
+    if history.top_count > 1:  # of one it is the same
+        name = f"mean of the best {history.top_count}"
+        curves.append((name, history.top_half_width, "s"))
     for (name, half, marker), colour in zip(curves, COLOURS, strict=False):
         known = half > 0.0
         ax.plot(

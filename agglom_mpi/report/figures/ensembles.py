@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.analysis.estimates import Estimate, half_width, objective_at, objective_of
 from agglom_mpi.analysis.ranking import rank_strings
+from agglom_mpi.formatting import pluralise
 from agglom_mpi.outcome import COMPLETED, SampleSummary
 from agglom_mpi.report.drawing import COLOURS, integer_ticks, legend_below, style_axes
 from agglom_mpi.report.figures.figure import Figure, FigureOptions, objective_label
@@ -65,14 +66,14 @@ class EnsembleHistories(NamedTuple):
     estimates
     stopping_points
     objective_label
-        Name of the objective, with its unit.
+        Name of the objective.
     least
         Lower bound of the objective, where intervals end.
     """
 
     estimates: Sequence[RunningEstimate]
     stopping_points: Sequence[StoppingPoint]
-    objective_label: str = "objective (1)"
+    objective_label: str = "objective"
     least: float = 0.0
 
 
@@ -187,7 +188,6 @@ def _draw_stopping_points(
     available = len(estimate.objective)
     for point, marker, colour in zip(points, MARKERS, COLOURS[2:], strict=False):
         if point.samples is None or point.samples > available:
-            ax.plot([], [], " ", label=f"{point.rule}: not within {available}")
             continue
         ax.plot(
             point.samples,
@@ -199,6 +199,27 @@ def _draw_stopping_points(
             zorder=4,
             label=f"{point.rule}: {point.samples}",
         )
+
+
+def _ensembles_caption(histories: EnsembleHistories) -> str:
+    """Return the caption, which names the rules that the samples do not satisfy."""
+    best = histories.estimates[0]
+    available = len(best.objective)
+    points = histories.stopping_points
+    absent = [each.rule for each in points if each.samples is None or each.samples > available]
+    parts = ["Running objective of the best strings with its 95 % interval."]
+    if len(absent) < len(points):
+        parts.append("Marks: where each stopping rule would have ended the samples of the best.")
+    if absent:
+        parts.append(f"Not satisfied by its {pluralise(available, 'sample')}: {'; '.join(absent)}.")
+    if any(0 < each.used < len(each.objective) for each in histories.estimates):
+        parts.append(
+            "Left of a dotted line are the samples that the string was chosen by; right of it the "
+            "mean goes on over those that ran ahead and fresh ones."
+        )
+    if any(each.again is not None for each in histories.estimates):
+        parts.append("Diamonds: re-estimates by the fresh samples alone.")
+    return " ".join(parts)
 
 
 def _interval(estimate: RunningEstimate, least: float) -> tuple[Floats, Floats]:
@@ -268,6 +289,8 @@ def draw_sample_counts(ax: Any, counts: SampleCounts) -> Any:
     )
     mean = float(used.mean())
     ax.axvline(mean, color=COLOURS[6], linestyle="--", linewidth=1.2, label=f"mean {mean:.4g}")
+    if low == high:
+        ax.set_xlim(low - 2.0, high + 2.0)
     integer_ticks(ax.xaxis)
     integer_ticks(ax.yaxis)
     legend_below(ax, 3)
@@ -313,10 +336,7 @@ ENSEMBLES: Final = Figure(
     "samples",
     _ensembles_data,
     draw_ensembles,
-    "Running objective of the best strings with its 95 % interval. Marks: where each stopping "
-    "rule would have ended the samples of the best. Left of a dotted line are the samples that "
-    "the string was chosen by; right of it the mean goes on over those that ran ahead and fresh "
-    "ones. Diamonds: re-estimates by the fresh samples alone.",
+    _ensembles_caption,
     (7.2, 5.4),
     empty="no string has samples yet, or its objective needs code that is not run",
 )

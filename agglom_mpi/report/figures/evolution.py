@@ -48,7 +48,7 @@ class Evolution(NamedTuple):
 
 AXIS_LABELS: Final = {
     "particles": "particles",
-    "mean_radius_ratio": "mean radius\n$b/b^0$",
+    "mean_radius_ratio": "mean radius\nb/b⁰",
     "granular_temperature": "granular\ntemperature\n(m²/s²)",
     "mean_temperature": "mean\ntemperature\n(K)",
 }

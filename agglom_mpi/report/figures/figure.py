@@ -13,9 +13,9 @@ from agglom_mpi.storage.reader import CampaignData
 
 
 def objective_label(data: CampaignData) -> str:
-    """Return the name of a campaign's objective on an axis, with its unit."""
+    """Return the name of a campaign's objective on an axis; it has no unit."""
     symbol = objective_of(data).symbol if "objective.law" in data.identity else ""
-    return f"objective {symbol} (1)" if symbol else "objective (1)"
+    return f"objective {symbol}" if symbol else "objective"
 
 
 class FigureOptions(NamedTuple):

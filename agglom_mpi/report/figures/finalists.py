@@ -22,14 +22,14 @@ class Finalists(NamedTuple):
     searched_half_width
         Half of the 95 % interval of the search's own objectives, shape (n,).
     objective_label
-        Name of the objective, with its unit.
+        Name of the objective.
     least
         Lower bound of the objective, where intervals end.
     """
 
     estimates: Sequence[Estimate]
     searched_half_width: np.ndarray
-    objective_label: str = "objective (1)"
+    objective_label: str = "objective"
     least: float = 0.0
 
 

@@ -27,8 +27,8 @@ Ranked = Sequence[tuple[str, FiniteSize]]
 def draw_finite_size(ax: Any, ranked: Ranked) -> Any:
     """Draw means with 95 % intervals against 1/N, and the lines fitted to them; return the axes."""
     style_axes(ax)
-    ax.set_xlabel("1/N, N grains (1)")
-    ax.set_ylabel("mean b/b0 (1)")
+    ax.set_xlabel("1/N, N grains")
+    ax.set_ylabel("mean b/b⁰")
     largest = max(1.0 / size.volumes[0].grains for _, size in ranked)
     for place, (name, size) in enumerate(ranked):
         colour, fit = COLOURS[place % len(COLOURS)], size.growth

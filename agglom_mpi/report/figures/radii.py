@@ -15,20 +15,21 @@ BINS: Final = 36
 
 
 def draw_radii(ax: Any, radii: RadiusDistribution) -> Any:
-    """Draw a histogram of final radii with their moments, and return the axes."""
+    """Draw histograms of final radii by number and by mass, and return the axes."""
     style_axes(ax)
-    ax.set_ylabel("samples (%)" if radii.of_means else "particles (%)")
+    ax.set_ylabel("samples (%)" if radii.of_means else "share of the particles (%)")
     mean = "mean of a sample, " if radii.of_means else ""
-    ax.set_xlabel(f"final radius b/b0, {mean}string {radii.string} (1)")
-    ax.hist(
-        radii.values,
-        bins=BINS,
-        range=histogram_range(radii.values),
-        weights=np.full(len(radii.values), 100.0 / len(radii.values)),
-        color=COLOURS[5],
-        edgecolor="white",
-        linewidth=0.4,
-    )
+    ax.set_xlabel(f"final radius b/b⁰, {mean}string {radii.string}")
+    values, shown = radii.values, histogram_range(radii.values)
+    number = np.full(len(values), 100.0 / len(values))
+    name = "" if radii.of_means else "by number"
+    bars = {"color": COLOURS[5], "edgecolor": "white", "linewidth": 0.4}
+    ax.hist(values, BINS, range=shown, weights=number, label=name or None, **bars)
+    if not radii.of_means:
+        # All grains are of one density, so that the mass of a particle is as its volume.
+        mass = 100.0 * values**3 / np.sum(values**3)
+        line = {"histtype": "step", "color": COLOURS[2], "linewidth": 1.4}
+        ax.hist(values, BINS, range=shown, weights=mass, label="by mass", **line)
     ax.axvline(radii.mean, color=COLOURS[6], linestyle="--", linewidth=1.3, label="mean")
     if radii.target is not None:
         ax.axvline(radii.target, color=COLOURS[1], linewidth=1.3, label="asked for")
@@ -44,10 +45,11 @@ def _radii_data(data: CampaignData, options: FigureOptions) -> RadiusDistributio
 
 def _radii_caption(radii: RadiusDistribution) -> str:
     subject = "Mean final radii" if radii.of_means else "Final radii of the particles"
+    weights = "" if radii.of_means else " By mass, each particle counts as its mass."
     return (
         f"{subject} over those of the start, {pluralise(radii.samples, 'sample')} of string "
         f"{radii.string} ([A] fig. 5): {radii.source}. The mean is that over samples, the other "
-        "moments are central ones over the particles of all samples."
+        f"moments are central ones over the particles of all samples.{weights}"
     )
 
 

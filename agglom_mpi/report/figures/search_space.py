@@ -12,7 +12,9 @@ from agglom_mpi.analysis.tables import searched_variables
 from agglom_mpi.formatting import label_of
 from agglom_mpi.report.drawing import (
     COLOURS,
+    STRING_LINK,
     axis_label,
+    few_ticks,
     integer_ticks,
     legend_below,
     scaled_unit,
@@ -61,6 +63,8 @@ class VariablePath(NamedTuple):
         Range of the best strings after each generation, shape (G,).
     evaluated, generation
         Values of all strings with a result, and the generation of each, from 1, shape (n,).
+    strings
+        Their numbers, shape (n,).
     """
 
     name: str
@@ -73,6 +77,7 @@ class VariablePath(NamedTuple):
     most: Floats
     evaluated: Floats
     generation: Floats
+    strings: NDArray[np.int64]
 
 
 def shown_quantities(data: CampaignData) -> list[SearchedVariable]:
@@ -108,6 +113,7 @@ def variable_paths(data: CampaignData) -> list[VariablePath]:
                 np.array([v.max() if len(v) else np.nan for v in tops]),
                 values_of(data, strings["string"], variable.name),
                 strings["generation"] + 1.0,
+                strings["string"],
             )
         )
     return paths
@@ -145,23 +151,25 @@ def _draw_path(ax: Any, path: VariablePath) -> None:
     factor, unit = scaled_unit(path.unit, path.upper)
     generation = np.arange(1, len(path.best) + 1)
     style_axes(ax)
-    ax.plot(
+    ax.scatter(
         path.generation,
         path.evaluated / factor,
-        ".",
-        color="0.75",
-        markersize=2.5,
+        s=4.0,
+        color="0.55",
+        linewidths=0,
         label="all strings judged",
+        urls=[f"{STRING_LINK}{string}" for string in path.strings],
+        zorder=3,
     )
-    ax.fill_between(
-        generation,
-        path.least / factor,
-        path.most / factor,
-        color=COLOURS[5],
-        alpha=0.45,
-        linewidth=0,
-        label="range of the best strings",
-    )
+    if np.any(path.most > path.least):
+        ax.fill_between(
+            generation,
+            path.least / factor,
+            path.most / factor,
+            color="0.86",
+            linewidth=0,
+            label="range of the best strings",
+        )
     ax.plot(
         generation,
         path.best / factor,
@@ -172,7 +180,11 @@ def _draw_path(ax: Any, path: VariablePath) -> None:
     )
     ax.set_yscale("log" if path.logarithmic else "linear")
     if path.lower < path.upper:  # an altered file may say otherwise
-        ax.set_ylim(path.lower / factor, path.upper / factor)
+        lower, upper = path.lower / factor, path.upper / factor
+        ax.set_ylim(lower, upper)
+        ticks = few_ticks(lower, upper, path.logarithmic)
+        ax.set_yticks(ticks, [f"{tick:.6g}" for tick in ticks])
+        ax.yaxis.minorticks_off()
     ax.set_ylabel(axis_label(path.name, unit), fontsize=8.5)
     ax.tick_params(labelsize=8)
     integer_ticks(ax.xaxis)
@@ -190,12 +202,15 @@ class BestStrings(NamedTuple):
         Texts of the legend for the first strings; the others are grey.
     estimated
         Whether each of these was estimated again; otherwise it is dashed.
+    strings
+        Their numbers, n.
     """
 
     searched: list[SearchedVariable]
     values: Floats
     labels: list[str]
     estimated: list[bool]
+    strings: list[int]
 
 
 def draw_best_strings(ax: Any, best: BestStrings) -> Any:
@@ -219,6 +234,7 @@ def draw_best_strings(ax: Any, best: BestStrings) -> Any:
             markersize=4,
             label=best.labels[place] if coloured else None,
             zorder=2.0 + (len(values) - place) / len(values) if coloured else 1.0,
+            url=f"{STRING_LINK}{best.strings[place]}",
         )
     _label_variables(ax, best.searched)
     handles, labels = ax.get_legend_handles_labels()
@@ -249,11 +265,12 @@ def _label_variables(ax: Any, searched: Sequence[SearchedVariable]) -> None:
         factor, unit = scaled_unit(variable.unit, upper)
         ax.text(at, 1.03, f"{upper / factor:.6g}", ha="center", va="bottom", fontsize=8)
         ax.text(at, -0.03, f"{lower / factor:.6g}", ha="center", va="top", fontsize=8)
-        scale = ", log" if logarithmic else ""
-        ticks.append(f"{label_of(variable.name)}\n({unit}{scale})")
+        notes = [part for part in (unit, "log" if logarithmic else "1") if part != "1"]
+        note = f"\n({', '.join(notes)})" if notes else ""
+        ticks.append(f"{label_of(variable.name)}{note}")
     slant = {"rotation": 40, "ha": "right", "rotation_mode": "anchor"}
     ax.set_xticks(range(len(searched)), ticks, **(slant if len(searched) > MAX_HORIZONTAL else {}))
-    ax.tick_params(axis="x", length=0, pad=14, labelsize=9)
+    ax.tick_params(axis="x", length=0, pad=18, labelsize=9)
     ax.set_yticks([])
     ax.set_ylim(0.0, 1.0)
     ax.set_xlim(-0.4, len(searched) - 0.6)
@@ -310,7 +327,7 @@ def _best_data(data: CampaignData, _: FigureOptions) -> BestStrings | None:
             label += f", re-estimate {again[string]:.4g}"
         labels.append(label)
     estimated = [string in again for string in shown[:BEST]]
-    return BestStrings(entries, np.column_stack(columns), labels, estimated)
+    return BestStrings(entries, np.column_stack(columns), labels, estimated, shown)
 
 
 def _best_caption(best: BestStrings) -> str:

@@ -1,6 +1,7 @@
 """The feasible set: pairs of variables, marginals, what decides, and how reliable it is."""
 
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+import re
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,15 +34,23 @@ PLOTTED_POINTS: Final = 1 << 15
 """Number of points that panels are made of."""
 PANEL_CELLS: Final = 22
 """Number of cells of a panel along each side."""
+FINE: Final = 6
+"""Number of cells of a contour's grid in a cell of a panel, along each side."""
+SMOOTHING: Final = 0.6
+"""Standard deviation by which contours are smoothed, in cells of a panel."""
+LINE_COLOUR: Final = "#E6007E"
+"""Colour of contours, which stands out from both ends of the panels' scale."""
 MARGINAL_BARS: Final = 24
 """Number of bars of a marginal."""
+MARGINAL_COLUMNS: Final = 3
+"""Maximum number of marginals side by side."""
 MAX_PLOTTED_VARIABLES: Final = 6
 """Maximum number of variables of the pair plot; the decided ones come first."""
 PAIR_PANEL_SIZE: Final = 1.9
 """Width and height of a panel of a pair plot, inches."""
 REACH_BARS: Final = 40
 """Number of bars of a distribution over the box."""
-AXIS_NAMES: Final = {"mean_radius_ratio": "mean b/b⁰ (1)", "objective": "value of the function (1)"}
+AXIS_NAMES: Final = {"mean_radius_ratio": "mean b/b⁰", "objective": "value of the function"}
 """Labels of the axes of quantities, where the name of the column is not one."""
 
 
@@ -113,7 +122,7 @@ def set_drawings(of: FeasibleSet) -> list[Drawing]:
                 "Each variable in the set against the prior, which is uniform as the campaign "
                 "searches (line at 1). Free variables, which decide nothing, are grey.",
                 lambda figure: draw_marginals(figure, shown),
-                (9.0, 2.4 * -(-len(shown.variables) // 3) + 0.4),
+                _marginals_size(len(shown.variables)),
             ),
         ]
         if len(of.directions):  # there are none where the mean is the same everywhere
@@ -152,7 +161,7 @@ def draw_pairs(figure: "matplotlib.figure.Figure", shown: PlottedSet) -> Any:
                 continue
             if i == j:
                 _draw_marginal(ax, shown, row)
-                ax.set_yticks([])
+                _scale_density(ax)
             else:
                 image = _draw_pair(ax, shown, column, row)
                 _scale_axis(ax.yaxis, shown, row, label=j == 0)
@@ -162,24 +171,27 @@ def draw_pairs(figure: "matplotlib.figure.Figure", shown: PlottedSet) -> Any:
         place = figure.add_axes((0.62, 0.9, 0.3, 0.025))
         place.set_in_layout(False)
         bar = figure.colorbar(image, cax=place, orientation="horizontal")
-        bar.set_label("share of all other values in the set (1)", fontsize=8)
+        bar.set_label("share of all other values in the set", fontsize=8)
         bar.ax.tick_params(labelsize=7)
         handles = [
-            _line("black", f"possible (P ≥ {OUTER_PROBABILITY:g})"),
-            _line("white", f"sure (P ≥ {INNER_PROBABILITY:g})"),
+            _line("dashed", f"possible (P ≥ {OUTER_PROBABILITY:g})"),
+            _line("solid", f"sure (P ≥ {INNER_PROBABILITY:g})"),
         ]
         legend = figure.legend(
-            handles=handles, loc="upper right", bbox_to_anchor=(0.93, 0.83), fontsize=7
+            handles=handles,
+            loc="upper right",
+            bbox_to_anchor=(0.93, 0.83),
+            fontsize=7,
+            frameon=False,
         )
-        legend.get_frame().set_facecolor("0.7")
         legend.set_in_layout(False)
     return axes
 
 
-def _line(colour: str, label: str) -> Any:
+def _line(style: Literal["dashed", "solid"], label: str) -> Any:
     from matplotlib.lines import Line2D
 
-    return Line2D([], [], color=colour, label=label, linewidth=1.2)
+    return Line2D([], [], color=LINE_COLOUR, linestyle=style, label=label, linewidth=1.2)
 
 
 def _draw_pair(ax: Any, shown: PlottedSet, column: "SetVariable", row: "SetVariable") -> Any:
@@ -191,39 +203,45 @@ def _draw_pair(ax: Any, shown: PlottedSet, column: "SetVariable", row: "SetVaria
     with np.errstate(invalid="ignore"):
         share = mass / count
     image = ax.pcolormesh(*edges, share.T, cmap="cividis", rasterized=True)
-    middles = [0.5 * (edge[1:] + edge[:-1]) for edge in edges]
-    for bound, colour in ((OUTER_PROBABILITY, "black"), (INNER_PROBABILITY, "white")):
+    for bound, style in ((OUTER_PROBABILITY, "dashed"), (INNER_PROBABILITY, "solid")):
         some = shown.probability >= bound
         there = np.histogram2d(x[some], y[some], bins=edges)[0] > 0
         if there.any() and not there.all():
-            ax.contour(*middles, _smoothed(there).T, [0.5], colors=colour, linewidths=0.9)
+            finer = [np.linspace(edge[0], edge[-1], FINE * PANEL_CELLS) for edge in edges]
+            field = _smoothed(there).T
+            ax.contour(*finer, field, [0.5], colors=LINE_COLOUR, linestyles=style, linewidths=1.0)
     ax.set_xlim(*edges[0][[0, -1]])
     ax.set_ylim(*edges[1][[0, -1]])
     return image
 
 
 def _smoothed(there: NDArray[np.bool_]) -> Floats:
-    """Return a mask as numbers, single holes between cells filled."""
-    padded = np.pad(there.astype(np.float64), 1, mode="edge")
-    n, m = there.shape
-    around = sum(
-        padded[1 + i : 1 + i + n, 1 + j : 1 + j + m] for i, j in ((0, 1), (1, 0), (0, -1), (-1, 0))
-    )
-    return np.where(there, 1.0, np.where(np.asarray(around) >= 3, 1.0, 0.0))
+    """Return a mask on a grid `FINE` times as fine, smoothed; 0.5 is where its edges were."""
+    from scipy.ndimage import gaussian_filter
+
+    fine = np.kron(there.astype(np.float64), np.ones((FINE, FINE)))
+    return np.asarray(gaussian_filter(fine, SMOOTHING * FINE, mode="nearest"))
+
+
+def _marginals_size(count: int) -> tuple[float, float]:
+    """Return width and height of the marginals of some variables, inches."""
+    columns = min(count, MARGINAL_COLUMNS)
+    return max(4.0, 3.0 * columns), 2.4 * -(-count // columns) + 0.4
 
 
 def draw_marginals(figure: "matplotlib.figure.Figure", shown: PlottedSet) -> Any:
     """Draw a panel for each variable, and return their axes, shape (d,)."""
     count = len(shown.variables)
-    rows = -(-count // 3)
-    axes = figure.subplots(rows, 3, squeeze=False).ravel()
+    columns = min(count, MARGINAL_COLUMNS)
+    rows = -(-count // columns)
+    axes = figure.subplots(rows, columns, squeeze=False).ravel()
     for unused in axes[count:]:
         unused.remove()
     for place, (ax, each) in enumerate(zip(axes[:count], shown.variables, strict=True)):
         _draw_marginal(ax, shown, each)
         _scale_axis(ax.xaxis, shown, each, label=True)
-        if place % 3 == 0:
-            ax.set_ylabel("density over prior (1)")
+        if place % columns == 0:
+            ax.set_ylabel("density over prior")
     return axes[:count]
 
 
@@ -239,6 +257,19 @@ def _draw_marginal(ax: Any, shown: PlottedSet, each: "SetVariable") -> None:
     ax.set_xlim(low, high)
     ax.spines[["top", "right"]].set_visible(False)
     ax.set_title("free" if each.free else "decided", fontsize=8, color="0.4", pad=2)
+
+
+def _scale_density(ax: Any) -> None:
+    """Label the densities of a marginal on the right, where a pair plot has room."""
+    from matplotlib.ticker import MaxNLocator
+
+    ax.yaxis.tick_right()
+    ax.yaxis.set_label_position("right")
+    ax.spines["right"].set_visible(True)
+    ax.spines["left"].set_visible(False)
+    ax.yaxis.set_major_locator(MaxNLocator(3))
+    ax.tick_params(labelsize=7)
+    ax.set_ylabel("density over prior", fontsize=7)
 
 
 def _scale_axis(axis: Any, shown: PlottedSet, each: "SetVariable", label: bool) -> None:
@@ -272,7 +303,13 @@ def draw_group(ax: Any, shown: PlottedSet) -> Any:
     x = _combination(of, row, strings)
     mean, deviation = emulated.mean(strings)[:, 0], emulated.deviation(strings)[:, 0]
     ax.vlines(
-        x, mean - 1.645 * deviation, mean + 1.645 * deviation, color="0.85", linewidth=0.6, zorder=1
+        x,
+        mean - 1.645 * deviation,
+        mean + 1.645 * deviation,
+        color="0.65",  # pixels keep their grey on a dark page
+        linewidth=0.6,
+        zorder=1,
+        rasterized=True,
     )
     image = ax.scatter(
         x,
@@ -285,7 +322,7 @@ def draw_group(ax: Any, shown: PlottedSet) -> Any:
         rasterized=True,
         zorder=3,
     )
-    ax.figure.colorbar(image, ax=ax, label="probability of being in the set (1)")
+    ax.figure.colorbar(image, ax=ax, label="probability of being in the set")
     lower, upper = of.bounds
     if np.isfinite(lower) or np.isfinite(upper):
         bottom, top = ax.get_ylim()
@@ -299,11 +336,19 @@ def draw_group(ax: Any, shown: PlottedSet) -> Any:
         )
         legend_below(ax)
     ax.set_xscale("log")
-    name = f"{row['group']}" if row["group"] else label_of(row["product"])
+    name = f"{row['group']}" if row["group"] else _product_label(row["product"])
     constant = " (without constants)" if row["group"] else " (SI units)"
     ax.set_xlabel(f"{name}{constant}")
-    ax.set_ylabel(AXIS_NAMES.get(of.criterion.quantities[0], f"{of.criterion.quantities[0]} (1)"))
+    ax.set_ylabel(AXIS_NAMES.get(of.criterion.quantities[0], label_of(of.criterion.quantities[0])))
     return ax
+
+
+def _product_label(product: str) -> str:
+    """Return a product of powers of variables with its exponents raised."""
+    return " · ".join(
+        re.sub(r"\^(-?[\d.]+)$", r"$^{\1}$", label_of(factor) if "." not in factor else factor)
+        for factor in product.split()
+    ).replace("_", " ")
 
 
 def draw_reach(figure: "matplotlib.figure.Figure", of: FeasibleSet) -> Any:
@@ -325,7 +370,7 @@ def draw_reach(figure: "matplotlib.figure.Figure", of: FeasibleSet) -> Any:
         first = lower if np.isfinite(lower) else min(left, upper)
         last = upper if np.isfinite(upper) else max(right, lower)
         ax.axvspan(first, last, color=COLOURS[4], alpha=0.35, label="target")
-        ax.set_xlabel(AXIS_NAMES.get(name, f"{name} (1)"))
+        ax.set_xlabel(AXIS_NAMES.get(name, label_of(name)))
         legend_below(ax)
     axes[0].set_ylabel("share of the box (%)")
     return axes
@@ -368,8 +413,8 @@ def draw_reliability(ax: Any, of: FeasibleSet) -> Any:
     ax.set_xlim(0.0, 1.0)
     ax.set_ylim(0.0, 1.0)
     ax.set_aspect("equal")
-    ax.set_xlabel("predicted probability (1)")
-    ax.set_ylabel("share of held-out strings (1)")
+    ax.set_xlabel("predicted probability")
+    ax.set_ylabel("share of held-out strings")
     return ax
 
 
@@ -379,7 +424,7 @@ def _pairs_caption(shown: PlottedSet) -> str:
     return (
         "The set in pairs of variables. The colour of a pair of values is the share of the other "
         "variables' values that is in the set; lines enclose pairs for which some values of the "
-        f"others are possible (P ≥ {OUTER_PROBABILITY:g}, black) or sure "
-        f"(P ≥ {INNER_PROBABILITY:g}, white). On the diagonal, marginals as in the next "
+        f"others are possible (P ≥ {OUTER_PROBABILITY:g}, dashed) or sure "
+        f"(P ≥ {INNER_PROBABILITY:g}, solid). On the diagonal, marginals as in the next "
         f"figure.{more}"
     )

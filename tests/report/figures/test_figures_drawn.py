@@ -12,12 +12,14 @@ from agglom_mpi.analysis.extrapolation import extrapolated
 from agglom_mpi.analysis.finite_size import FiniteSize, VolumeMeans
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.config.loading import load_campaign
-from agglom_mpi.report.drawing import Drawing, write_drawing
-from agglom_mpi.report.figures import FIGURES, convergence
+from agglom_mpi.report.drawing import Drawing, legend_below, write_drawing
+from agglom_mpi.report.figures import FIGURES, convergence, ensembles
 from agglom_mpi.report.figures.cloud import cloud_size, draw_cloud
 from agglom_mpi.report.figures.figure import FigureOptions
 from agglom_mpi.report.figures.finalists import Finalists, draw_finalists
 from agglom_mpi.report.figures.finite_size import draw_finite_size
+from agglom_mpi.report.figures.radii import draw_radii
+from agglom_mpi.report.sample_particles import RadiusDistribution
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import prepare
 from agglom_mpi.statistics import MeanEstimate
@@ -240,3 +242,48 @@ def test_a_figure_that_cannot_be_drawn_leaves_nothing(tmp_path):
     with pytest.raises(ValueError, match="no"):
         write_drawing(tmp_path, Drawing("bad", "", fail))
     assert list(tmp_path.iterdir()) == []
+
+
+def test_radii_by_number_and_by_mass_each_add_up_to_all_particles():
+    values = np.array([1.0, 1.0, 1.0, 2.0])
+    ax = Figure().subplots()
+    moments = (1.0, 0.1, 0.1)
+    draw_radii(ax, RadiusDistribution(0, values, 1, False, 1.25, moments, "as stored"))
+    bars, step = ax.patches[:-1], ax.patches[-1]
+    heights = [bar.get_height() for bar in bars]
+    assert (heights[0], heights[-1]) == (75.0, 25.0)
+    assert step.get_xy()[:, 1].max() == pytest.approx(100.0 * 8.0 / 11.0)
+    assert sum(heights) == pytest.approx(100.0)
+
+
+def test_a_rule_that_is_not_satisfied_is_in_the_caption_and_not_in_the_legend():
+    estimate = ensembles.RunningEstimate(3, np.array([0.2, 0.1]), np.array([np.nan, 0.1]), 2)
+    points = [ensembles.StoppingPoint("soon", 2), ensembles.StoppingPoint("never", None)]
+    found = ensembles.EnsembleHistories([estimate], points)
+    ax = Figure().subplots()
+    ensembles.draw_ensembles(ax, found)
+    legend = " ".join(ax.get_legend_handles_labels()[1])
+    caption = FIGURES["ensembles"].caption(found)
+    assert "soon" in legend
+    assert "never" not in legend
+    assert "never" in caption
+    assert "soon" not in caption
+
+
+def test_a_single_generation_has_a_tick_at_its_number_alone():
+    ax = Figure().subplots()
+    convergence.draw_convergence(ax, history([0.2], [0.1]))
+    low, high = ax.get_xlim()
+    assert [tick for tick in ax.get_xticks() if low <= tick <= high] == [1.0]
+
+
+@pytest.mark.parametrize("height", [1.8, 3.8, 5.4])
+def test_a_legend_below_overlaps_no_label_whatever_the_height(height):
+    figure = Figure(figsize=(6.0, height), layout="constrained")
+    canvas, ax = FigureCanvasAgg(figure), figure.subplots()
+    ax.plot([0, 1], label="line")
+    ax.set_xlabel("time (s)")
+    legend_below(ax)
+    canvas.draw()
+    legend = ax.get_legend().get_window_extent(canvas.get_renderer())
+    assert not legend.overlaps(ax.xaxis.label.get_window_extent(canvas.get_renderer()))

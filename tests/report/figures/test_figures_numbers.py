@@ -194,7 +194,10 @@ def test_a_quantity_has_the_prefix_that_suits_it(value, said):
     assert value_with_prefix(value, "s") == said
 
 
-def test_only_joules_and_pascals_get_a_prefix():
+def test_joules_pascals_metres_and_seconds_alone_get_a_prefix():
+    assert scaled_unit("m", 2e-4) == (1e-6, "µm")
+    assert scaled_unit("s", 0.02) == (1e-3, "ms")
+    assert scaled_unit("m/s", 1e-3) == (1.0, "m/s")
     assert scaled_unit("J/m^2", 1e7) == (1e6, "MJ/m²")
     assert scaled_unit("K", 1e7) == (1.0, "K")
     assert scaled_unit("J/mol", 1000.0) == (1.0, "J/mol")

@@ -1,0 +1,223 @@
+"""The page of a campaign in a real browser: what fits, what a click and a pointer do."""
+
+import csv
+import re
+from contextlib import contextmanager
+
+import pytest
+from browser import browser, console, need_browser
+from once import made_once, shared_folder
+from processes import wait_for
+
+from agglom_mpi.report.page import write_report
+from agglom_mpi.storage.reader import read_campaign
+
+pytestmark = pytest.mark.slow
+
+WIDE, NARROW = 1280, 400
+OVERLAPS = """
+const shown = [...document.querySelectorAll(
+    "h1, h2, h3, .state, nav a, .note, .warning, dt, dd, figure svg, figcaption, caption, th, " +
+    "td, .csv, pre, summary, section > ul > li")].filter((one) => one.checkVisibility());
+const boxes = shown.map((one) => one.getBoundingClientRect());
+const found = [];
+for (let i = 0; i < boxes.length; ++i) for (let j = i + 1; j < boxes.length; ++j) {
+    const [a, b] = [boxes[i], boxes[j]];
+    const across = Math.min(a.right, b.right) - Math.max(a.left, b.left);
+    const down = Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top);
+    if (across > 1 && down > 1) found.push([shown[i].outerHTML, shown[j].outerHTML].map(
+        (text) => text.slice(0, 80)));
+}
+return found;
+"""
+CUT = """
+return [...document.querySelectorAll("body *")].filter((one) => one.checkVisibility()
+    && !one.closest("svg") && getComputedStyle(one).display !== "inline"
+    && (one.scrollWidth > one.clientWidth + 1
+        || one.getBoundingClientRect().right > document.documentElement.clientWidth + 1))
+    .map((one) => one.outerHTML.slice(0, 80));
+"""
+LUMINANCE = """
+const [red, green, blue] = getComputedStyle(arguments[0])[arguments[1]].match(/[\\d.]+/g);
+return (0.2126 * red + 0.7152 * green + 0.0722 * blue) / 255;
+"""
+
+
+@pytest.fixture(scope="module")
+def page(shared_campaign, tmp_path_factory):
+    """Return the page of a finished campaign, from its path."""
+    need_browser()
+
+    def make(folder):
+        data = read_campaign(shared_campaign("estimated") / "estimated.h5")
+        assert list(write_report(data, folder, simulate=True))
+
+    return made_once(shared_folder(tmp_path_factory) / "page", make) / "report.html"
+
+
+@pytest.fixture
+def at(page, tmp_path):
+    """Return a context in which the page is open in a browser of a width."""
+
+    @contextmanager
+    def context(width, **options):
+        with browser(tmp_path, width, **options) as driver:
+            driver.get(page.as_uri())
+            yield driver
+            assert console(driver) == []
+
+    return context
+
+
+def unfold(driver):
+    driver.execute_script("for (const each of document.querySelectorAll('details')) each.open = 1")
+
+
+@pytest.mark.parametrize("dark", [False, True])
+@pytest.mark.parametrize("width", [WIDE, NARROW])
+def test_everything_fits_into_the_window_and_nothing_overlaps(at, width, dark):
+    with at(width, dark=dark) as driver:
+        unfold(driver)
+        across = driver.execute_script(
+            "return [document.documentElement.scrollWidth, document.documentElement.clientWidth]"
+        )
+        assert across == [width, width]
+        assert driver.execute_script(OVERLAPS) == []
+        if width == NARROW:
+            assert driver.execute_script(CUT) == []
+
+
+def test_figures_stand_in_two_columns_on_a_wide_screen_and_in_one_on_a_narrow_one(at):
+    left = """return [...new Set([...document.querySelectorAll("figure")].map(
+        (each) => Math.round(each.getBoundingClientRect().left)))].length"""
+    with at(WIDE) as driver:
+        assert driver.execute_script(left) == 2
+    with at(NARROW) as driver:
+        assert driver.execute_script(left) == 1
+
+
+def test_the_question_stands_first_with_its_target_and_ranges(at):
+    with at(WIDE) as driver:
+        first = driver.find_element("css selector", "section")
+        assert first.find_element("css selector", "h2").text == "Question"
+        rows = first.find_elements("css selector", "tbody tr")
+        ranges = {row.text.split("\n")[0].rsplit(" ", 4)[0]: row.text for row in rows}
+        assert re.search(r"hardness 10 200 MPa evenly", " ".join(ranges.values()))
+        assert "2" in first.find_element("css selector", "dd").text
+
+
+def column(driver, table, label):
+    cells = driver.find_elements("css selector", f"{table} td[data-label='{label}']")
+    return [cell.get_attribute("textContent") for cell in cells]
+
+
+@pytest.mark.parametrize("width", [WIDE, NARROW])
+def test_a_click_on_a_heading_sorts_a_table_and_a_second_one_turns_it(at, width):
+    with at(width) as driver:
+        unfold(driver)
+        [heading] = driver.find_elements("xpath", "//section[@id='strings']//th[.='string']")
+        driver.execute_script("arguments[0].scrollIntoView({block: 'center'})", heading)
+        before = [int(text) for text in column(driver, "#strings", "string")]
+        heading.click()
+        assert [int(text) for text in column(driver, "#strings", "string")] == sorted(before)
+        assert heading.get_attribute("aria-sort") == "ascending"
+        heading.click()
+        assert [int(text) for text in column(driver, "#strings", "string")] == sorted(before)[::-1]
+        assert before != sorted(before)
+
+
+def test_values_are_sorted_by_their_numbers_and_empty_cells_are_last(at):
+    with at(WIDE) as driver:
+        unfold(driver)
+        label = "objective, re-estimate"
+        [heading] = driver.find_elements("xpath", f"//section[@id='strings']//th[.='{label}']")
+        driver.execute_script("arguments[0].scrollIntoView({block: 'center'})", heading)
+        heading.click()
+        texts = column(driver, "#strings", label)
+        known = [text for text in texts if text]
+        assert len(known) == 6
+        assert texts[:6] == known
+        values = [float(text.split()[0]) for text in known]
+        assert values == sorted(values)
+
+
+@pytest.mark.parametrize(("figure", "mark"), [("best_strings", "path"), ("search_paths", "use")])
+def test_the_values_of_a_string_show_under_the_pointer(at, figure, mark):
+    from selenium.webdriver import ActionChains
+
+    with at(WIDE) as driver:
+        marks = driver.find_elements("css selector", f"#{figure} a[href^='#string-'] {mark}")
+        chosen = marks[len(marks) // 2]
+        driver.execute_script("arguments[0].scrollIntoView({block: 'center'})", chosen)
+        box = driver.find_element("css selector", ".values")
+        assert not box.is_displayed()
+        if mark == "use":
+            ActionChains(driver).move_to_element(chosen).perform()
+        else:
+            _move_onto_line(driver, chosen)
+        assert box.is_displayed()
+        shown = int(re.search(r"(?m)^string: (\d+)$", box.text)[1])
+        same = driver.find_elements("css selector", f"a.same[href='#string-{shown}']")
+        assert len(same) >= 2  # it is marked in both figures
+        unfold(driver)
+        row = driver.find_elements("css selector", f"#string-{shown} td")
+        cells = [(cell.get_attribute("data-label"), cell.text) for cell in row]
+        assert box.text.split("\n") == [f"{label}: {text}" for label, text in cells if text]
+        ActionChains(driver).move_to_element(driver.find_element("css selector", "h1")).perform()
+        assert not box.is_displayed()
+
+
+def _move_onto_line(driver, line):
+    """Move the pointer to the first point of a line, which `move_to_element` may miss."""
+    x, y = driver.execute_script(
+        """const [line, svg] = [arguments[0], arguments[0].ownerSVGElement];
+        const place = line.getPointAtLength(0.02 * line.getTotalLength());
+        const seen = place.matrixTransform(line.getScreenCTM());
+        return [seen.x, seen.y];""",
+        line,
+    )
+    event = {"type": "mouseMoved", "x": x, "y": y}
+    driver.execute_cdp_cmd("Input.dispatchMouseEvent", event)
+
+
+def test_each_table_is_saved_as_a_csv_file_with_the_same_cells(at, tmp_path):
+    with at(WIDE) as driver:
+        unfold(driver)
+        tables = driver.find_elements("css selector", ".table")
+        names = [each.find_element("css selector", ".csv").text for each in tables]
+        assert {"ranges.csv", "best_strings.csv", "strings.csv", "starts.csv"} <= set(names)
+        assert len(set(names)) == len(names)
+        for table, name in zip(tables, names, strict=True):
+            link = table.find_element("css selector", ".csv")
+            driver.execute_script("arguments[0].scrollIntoView({block: 'center'})", link)
+            link.click()
+            wait_for((tmp_path / name).exists, f"the download of {name}")
+            with (tmp_path / name).open(newline="") as file:
+                [headings, *rows] = csv.reader(file)
+            cells = table.find_elements("css selector", "tbody td")
+            texts = [cell.get_attribute("textContent") for cell in cells]
+            assert [text for row in rows for text in row] == texts, name
+            assert len(headings) == len(rows[0])
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_figures_and_text_are_dark_where_the_page_is(at, dark):
+    with at(WIDE, dark=dark) as driver:
+        page = driver.find_element("css selector", "html")
+        background = driver.find_element("css selector", "#convergence svg path")
+        light = {
+            "page": driver.execute_script(LUMINANCE, page, "backgroundColor"),
+            "figure": driver.execute_script(LUMINANCE, background, "fill"),
+        }
+        text = driver.execute_script(LUMINANCE, page, "color")
+        assert all((value < 0.2) == dark and (value > 0.8) != dark for value in light.values())
+        assert (text > 0.8) == dark
+
+
+def test_without_scripts_all_of_the_page_is_visible(at):
+    with at(WIDE, scripts=False) as driver:
+        rows = driver.find_elements("css selector", "#strings tbody tr")
+        assert len(rows) > 6
+        assert all(row.find_element("css selector", "td").is_displayed() for row in rows)
+        assert all(each.is_displayed() for each in driver.find_elements("css selector", "pre"))
+        assert driver.find_elements("css selector", ".values") == []
