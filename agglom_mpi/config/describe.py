@@ -147,7 +147,12 @@ def _relations(campaign: "CampaignSections") -> list[Paragraph]:
 def _data(campaign: "CampaignSections") -> list[Paragraph]:
     """Return a line for each measured datum."""
     lines = [entry.summary for entry in campaign.data_entries]
-    return [("Data", lines)] if lines else []
+    if campaign.census is None:
+        return []
+    times, size = len(campaign.census.times), value_with_prefix(campaign.census.bytes, "B")
+    classes = f"{campaign.census.classes} classes of size, 2 % wide"
+    counted = f"every sample is counted in {classes}, at {pluralise(times, 'time')}: {size} a row"
+    return [("Data", [*lines, counted])]
 
 
 def _not_stored(campaign: "CampaignSections") -> list[str]:

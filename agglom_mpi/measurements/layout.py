@@ -44,6 +44,11 @@ class CensusLayout(NamedTuple):
         return cls(times, -(below + 0.5) * CLASS_WIDTH, below + 1 + above)
 
     @property
+    def bytes(self) -> int:
+        """Size of the censuses of a sample: 4 and 8 bytes a class and time, 16 more a time."""
+        return len(self.times) * (12 * self.classes + 16)
+
+    @property
     def edges(self) -> NDArray[np.float64]:
         """Ends of the classes, diameters over twice the mean radius b⁰, shape (B + 1,)."""
         return np.exp(self.lower + CLASS_WIDTH * np.arange(self.classes + 1))

@@ -21,19 +21,25 @@ data:
   - {quantity: d50, weight: area, value: 140 um, error: 8 um}
   - {quantity: particles_left, value: 35 percent, error: 0.05, time: 5 ms}
   - {quantity: temperature, value: 136.85 degC, error: 10 K}
-objective: {law: growth_target, ratio: 2}
+objective: {law: misfit}
 """
+FIXED = [
+    ("  rule: successive", "  rule: fixed"),
+    ("  tolerance", "  samples: 20"),
+    ("  max_samples", ""),
+]
+"""Edits of a campaign to a stopping rule that needs no objective of a sample."""
 
 
 def text_of(*entries, end="6 ms"):
     lines = "".join(f"  - {entry}\n" for entry in entries)
-    data = f"data:\n{lines}objective: {{law: growth_target, ratio: 2}}"
-    return edited(("objective", data), ("  end_time", f"  end_time: {end}"))
+    data = f"data:\n{lines}objective: {{law: misfit}}"
+    return edited(("objective", data), ("  end_time", f"  end_time: {end}"), *FIXED)
 
 
 @pytest.fixture
 def folder(tmp_path):
-    text = edited(("objective", DATA), ("  end_time", "  end_time: 6 ms"))
+    text = edited(("objective", DATA), ("  end_time", "  end_time: 6 ms"), *FIXED)
     (tmp_path / "c.yaml").write_text(text)
     (tmp_path / "sieve.csv").write_text(SIEVES)
     return tmp_path
@@ -173,8 +179,12 @@ def test_a_temperature_needs_heat():
         Campaign.from_text(cold)
 
 
-def test_a_time_is_free_where_the_end_follows_from_each_string():
-    assert Campaign.from_text(text_of(f"{{{D50}, time: 1 h}}", end="characteristic")).data
+def test_a_time_needs_an_end_that_every_string_reaches():
+    assert Campaign.from_text(text_of(f"{{{D50}}}", end="characteristic")).data
+    with pytest.raises(CampaignError) as caught:
+        Campaign.from_text(text_of(f"{{{D50}, time: 1 ms}}", end="characteristic"))
+    [problem] = caught.value.problems
+    assert problem.field == "data.0.time"
 
 
 @pytest.mark.parametrize(

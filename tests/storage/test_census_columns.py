@@ -29,6 +29,7 @@ def test_columns_have_the_shape_of_the_layout_and_samples_without_stay_as_they_a
     assert dtype["class_counts"].shape == dtype["class_masses"].shape == (2, LAYOUT.classes)
     assert dtype["census_temperatures"].shape == dtype["largest_masses"].shape == (2,)
     assert samples_schema({}) is SAMPLES
+    assert dtype.itemsize - SAMPLES.dtype.itemsize == LAYOUT.bytes
     assert {field.since for field in samples_schema({}, LAYOUT).at(4).fields} <= {1, 2, 3, 4}
 
 
