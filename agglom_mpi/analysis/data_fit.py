@@ -1,7 +1,7 @@
 """How well a string fits the measured data of its campaign, and which datum disagrees."""
 
 import math
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from agglom_mpi.measurements.misfit import DatumMisfit, Misfit
 from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.storage.reader import CampaignData
 
-UNLIKELY = 0.05
+UNLIKELY: Final = 0.05
 """Probability below which a difference is said to be more than both errors."""
 
 
