@@ -45,6 +45,7 @@ CAMPAIGN_INTERNALS: Final = (
     *("derived_values", "function_error", "check_scales"),
     *("search_error", "required_plan", "engine", "file_name", "from_text"),
     *("try_function", "with_generations", "with_seed"),
+    *("data", "data_entries", "census"),
 )
 """Names of a campaign for the package's own modules: sections, and what builds or checks a run."""
 

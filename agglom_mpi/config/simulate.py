@@ -22,7 +22,13 @@ from agglom_mpi.simulation.census import census_values, new_census_room
 from agglom_mpi.simulation.compilation import ensure_compiled
 from agglom_mpi.simulation.finished import finished_sample
 from agglom_mpi.simulation.frames import new_frames, without_temperatures
-from agglom_mpi.simulation.sample import Outcome, count_changes, initial_radii, simulate_scene
+from agglom_mpi.simulation.sample import (
+    Outcome,
+    count_changes,
+    initial_radii,
+    simulate_counted,
+    simulate_scene,
+)
 from agglom_mpi.simulation.scene import Scene
 from agglom_mpi.stopwatch import Stopwatch
 
@@ -65,7 +71,10 @@ def simulate(
     census = None if layout is None else new_census_room(layout, 1)
     ensure_compiled(scene, frames is not None, census is not None)
     stopwatch = Stopwatch()
-    record, particles = simulate_scene(scene, random, frames=frames, census=census)
+    if census is None:
+        record, particles = simulate_scene(scene, random, frames=frames)
+    else:
+        record, particles = simulate_counted(scene, random, census)
     spent = stopwatch.read()
     if record["state"] != result.COMPLETED:
         raise RuntimeError(f"sample {sample} failed: {result.REASONS[record['reason']]}")

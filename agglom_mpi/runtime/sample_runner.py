@@ -30,7 +30,7 @@ from agglom_mpi.simulation.census import (
 )
 from agglom_mpi.simulation.compilation import compile_kernels
 from agglom_mpi.simulation.frames import frame_times, new_frames
-from agglom_mpi.simulation.sample import simulate_samples, simulate_scene
+from agglom_mpi.simulation.sample import simulate_counted, simulate_samples, simulate_scene
 from agglom_mpi.simulation.sample_draws import samples_at_once
 from agglom_mpi.simulation.sample_range import TIMES, SampleResults, new_results
 from agglom_mpi.simulation.scene import Scene
@@ -274,11 +274,13 @@ class SampleTask(Task):
         self._final = None
         number, record = setup.first_sample + sample, self._records[self._done]
         random = random_numbers(setup.campaign, self._parameters, number)
-        census = None if self._runner.census is None else new_census_room(self._runner.census, 1)
-        self._records[self._done], particles = simulate_scene(
-            scene, random, self._abort_flag.abort, census=census
-        )
-        self._keep_censuses(slice(self._done, self._done + 1), census)
+        layout, abort = self._runner.census, self._abort_flag.abort
+        if layout is None:
+            self._records[self._done], particles = simulate_scene(scene, random, abort)
+        else:
+            census = new_census_room(layout, 1)
+            self._records[self._done], particles = simulate_counted(scene, random, census, abort)
+            self._keep_censuses(slice(self._done, self._done + 1), census)
         if record["state"] != COMPLETED or not (stores or code):
             return True
         final = final_particles(scene, particles)

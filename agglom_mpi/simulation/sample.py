@@ -50,7 +50,7 @@ from agglom_mpi.simulation.trajectory import new_observer, observe_particles, st
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Outcome(metaclass=PublicFace, internal=["measured"]):
+class Outcome(metaclass=PublicFace, internal=["measured", "census"]):
     """What `campaign.simulate` returns; the final radii are relative to the starting radius.
 
     Attributes
@@ -126,7 +126,6 @@ def simulate_scene(
     random: np.random.Generator,
     abort: npt.NDArray[np.uint8] | None = None,
     frames: Frames | None = None,
-    census: CensusRoom | None = None,
 ) -> tuple[Any, Any]:
     """Run one sample; return its `OUTCOME` record and its final `Particles`.
 
@@ -140,15 +139,34 @@ def simulate_scene(
         Shape (1,); another thread ends the run early by setting it to 1.
     frames
         Filled if given; from `new_frames` for the scene's number of grains.
-    census
-        Filled if given and no frames are; from `new_census_room` for one sample.
 
     `final_particles` makes arrays of SI values of the particles.
     """
-    particles = new_particles(scene, capacity_of(scene))
     abort = np.zeros(1, np.uint8) if abort is None else abort
     if frames is not None:
+        particles = new_particles(scene, capacity_of(scene))
         return _with_frames(scene, random, particles, abort, frames), particles
+    return _alone(scene, random, abort, None)
+
+
+def simulate_counted(
+    scene: Scene,
+    random: np.random.Generator,
+    census: CensusRoom,
+    abort: npt.NDArray[np.uint8] | None = None,
+) -> tuple[Any, Any]:
+    """Run one sample as `simulate_scene` does, and fill its `census`, from `new_census_room`."""
+    return _alone(scene, random, np.zeros(1, np.uint8) if abort is None else abort, census)
+
+
+def _alone(
+    scene: Scene,
+    random: np.random.Generator,
+    abort: npt.NDArray[np.uint8],
+    census: CensusRoom | None,
+) -> tuple[Any, Any]:
+    """Run a range of one sample; return its `OUTCOME` record and its final `Particles`."""
+    particles = new_particles(scene, capacity_of(scene))
     prepared = prepared_scene(scene)
     room = kept_room(prepared, particles, census is not None)
     draws = with_sizes(new_draws(), [drawn_sizes(scene, random)])

@@ -87,4 +87,4 @@ def test_what_moments_reach_is_drawn_one_by_one(moments):
     from agglom_mpi.report.figures.set_figures import draw_reach
 
     axes = draw_reach(Figure(), moments)
-    assert [ax.get_xlabel() for ax in axes] == ["mean (1)", "spread (1)"]
+    assert [ax.get_xlabel() for ax in axes] == ["mean", "spread"]

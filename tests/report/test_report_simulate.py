@@ -95,7 +95,7 @@ def test_all_panels_have_units_and_can_be_read(outcome):
     labels = [" ".join(ax.get_ylabel().split()) for ax in axes]
     assert labels == [
         "particles",
-        "mean radius $b/b^0$",
+        "mean radius b/b⁰",
         "granular temperature (m²/s²)",
         "mean temperature (K)",
     ]

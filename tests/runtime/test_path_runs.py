@@ -17,6 +17,7 @@ from agglom_mpi.cli import main
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import FAILED
 from agglom_mpi.storage.reader import read_campaign
+from agglom_mpi.storage.schema import FORMAT_VERSION
 from agglom_mpi.variables import PAPER_VARIABLES
 
 NAMES = ("contact_area.initial", "duration.length_ratio", "sizes.spread", "volume_fraction")
@@ -45,7 +46,7 @@ def test_a_file_has_a_column_and_a_row_for_each_variable(run):
     """Read by h5py alone."""
     assert_sound(run / "sized.h5")
     with h5py.File(run / "sized.h5") as file:
-        assert file.attrs["format_version"] == 4
+        assert file.attrs["format_version"] == FORMAT_VERSION
         rows, strings = file["variables"][:], file["strings"][:]
         names = [name.decode() for name in rows["name"]]
         assert names == [*(variable.name for variable in PAPER_VARIABLES), *NAMES]

@@ -383,7 +383,9 @@ def test_a_sample_of_a_billion_events_ends_when_it_is_cancelled(tmp_path):
 
 def test_what_pictures_need_is_compiled_before_anything_runs(tmp_path, monkeypatch):
     seen = []
-    monkeypatch.setattr(module, "compile_kernels", lambda scene, frames, show: seen.append(frames))
+    monkeypatch.setattr(
+        module, "compile_kernels", lambda scene, frames, *_, **__: seen.append(frames)
+    )
     for name, output in (("bare", ""), ("kept", "output: {frames: {count: 3}}")):
         path = write_campaign(tmp_path / f"{name}.yaml", **SMALL)
         path.write_text(f"{path.read_text()}\n{output}\n")

@@ -12,7 +12,7 @@ from agglom_mpi.physics.size_distributions import LognormalDistribution
 from agglom_mpi.random_streams import generator, key_words
 from agglom_mpi.simulation.census import census_values, new_census_room
 from agglom_mpi.simulation.frames import new_frames
-from agglom_mpi.simulation.sample import simulate_samples, simulate_scene
+from agglom_mpi.simulation.sample import simulate_counted, simulate_samples, simulate_scene
 from agglom_mpi.simulation.sample_range import new_results, new_watch
 
 KEY = (7, 1, 2, 3)
@@ -32,7 +32,7 @@ LAYOUT = CensusLayout.between(TIMES, 0.2, 5.0)
 def counted(scene, number):
     """Record of a sample, its final particles, and its censuses by column."""
     room = new_census_room(LAYOUT, 1)
-    record, particles = simulate_scene(scene, generator(*KEY, number), census=room)
+    record, particles = simulate_counted(scene, generator(*KEY, number), room)
     return record, particles, {name: each[0] for name, each in census_values(room).items()}
 
 
@@ -78,7 +78,7 @@ def test_a_range_has_the_censuses_of_single_samples():
 def test_classes_at_the_ends_take_what_lies_beyond():
     scene = SCENES["event"]
     room = new_census_room(CensusLayout.between((math.inf,), 1.0, 1.0), 1)
-    record, _ = simulate_scene(scene, generator(*KEY, 0), census=room)
+    record, _ = simulate_counted(scene, generator(*KEY, 0), room)
     assert room.counts.sum() == record["particles"]
     assert room.masses.sum() == pytest.approx(scene.particles * scene.mass, rel=1e-12)
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from functools import cached_property
-from typing import ClassVar, Final, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, ClassVar, Final, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 from agglom_mpi.measurements.census import Census
 from agglom_mpi.measurements.datum import Datum
 from agglom_mpi.measurements.layout import CENSUS_COLUMNS, CensusLayout
-from agglom_mpi.measurements.misfit import Misfit, misfit
 from agglom_mpi.outcome import SampleSummary, summaries
 from agglom_mpi.search.objectives.objective import Objective
+
+if TYPE_CHECKING:
+    from agglom_mpi.measurements.misfit import Misfit
 
 Floats = NDArray[np.float64]
 
@@ -111,7 +113,7 @@ class MisfitOfData(Objective):
             for summary, census in zip(summaries(rows), censuses, strict=True)
         ]
 
-    def misfit(self, outcomes: Sequence[SampleSummary]) -> Misfit:
+    def misfit(self, outcomes: Sequence[SampleSummary]) -> "Misfit":
         """Return the misfit of completed samples with all that is known of each datum."""
         accumulator = self.accumulator()
         for outcome in outcomes:
@@ -145,8 +147,11 @@ class MisfitAccumulator:
         self.__dict__.pop("misfit", None)
 
     @cached_property
-    def misfit(self) -> Misfit:
+    def misfit(self) -> "Misfit":
         """The misfit of the samples so far."""
+        # SciPy is loaded where a misfit is asked for, and not wherever objectives are known.
+        from agglom_mpi.measurements.misfit import misfit
+
         columns = [np.stack(each) for each in zip(*self._censuses, strict=True)]
         return misfit(self._string.census(columns), self._string.data)
 
