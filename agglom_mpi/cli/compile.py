@@ -25,7 +25,8 @@ def compile(campaigns: tuple[str, ...], allow_code: bool) -> int:
     compile_loop()  # of rank 0, in a moment
     for path, campaign in zip(campaigns, loaded, strict=True):
         scene = campaign.at(campaign.parameters()).build()
-        seconds = compile_kernels(scene, True, lambda line: say(line, error=True))
+        counts = campaign.census is not None
+        seconds = compile_kernels(scene, True, lambda line: say(line, error=True), counts)
         done = f"compiled in {format_duration(seconds)}" if seconds else "compiled before"
         say(f"{path}: {done}")
     files = [path.stat().st_size for path in cache_folder().rglob("*") if path.is_file()]

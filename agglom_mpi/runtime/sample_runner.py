@@ -92,7 +92,7 @@ class SampleRunner:
         for setup, parameters in self.experiment.kernel_cases():
             scene = scene_of(setup, parameters)
             frames = bool(self.experiment.table_sizes.frames)
-            compile_kernels(scene, frames, show, counts=self.census is not None)
+            compile_kernels(scene, frames, show, self.census is not None)
 
     def begin(self, task: np.void) -> "Task":
         """Return the task of a record of `task_type`, with no sample simulated yet."""
