@@ -397,6 +397,18 @@ class CampaignFile(metaclass=PublicFace):
         """
         return self._plot("best_strings", ax)
 
+    def plot_data_fit(self, string: int | None = None, figure: Any = None) -> Any:
+        """Draw measured data beside the best strings, or one; see `plot_convergence`.
+
+        Examples
+        --------
+        >>> import agglom_mpi
+        >>> [ax] = agglom_mpi.open_campaign("quickstart.h5").plot_data_fit()  # has no data
+        >>> len(ax.lines)
+        0
+        """
+        return self._plot("data_fit", figure, string)
+
     def plot_finite_size(self, ax: Any = None) -> Any:
         """Draw the growth of the best strings against 1/N, with limits; see `plot_convergence`.
 

@@ -1,12 +1,14 @@
 """How well a string fits the measured data of its campaign, and which datum disagrees."""
 
 import math
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agglom_mpi.analysis.estimates import objective_at, objective_of
 from agglom_mpi.formatting import pluralise, value_with_error
+from agglom_mpi.measurements.datum import Datum
 from agglom_mpi.measurements.misfit import DatumMisfit, Misfit
 from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.storage.reader import CampaignData
@@ -20,21 +22,60 @@ def has_data(file: CampaignData) -> bool:
     return "objective.law" in file.identity and objective_of(file).needs_data
 
 
+def _completed(file: CampaignData, string: int) -> NDArray[np.void]:
+    """Return the completed fresh samples of a string, or those that the search used if none are."""
+    rows = file.sample_rows(string)
+    fresh = rows[rows["sample"] >= file.fresh_from]
+    used = rows[rows["sample"] < file.samples_used.get(string, 0)]
+    chosen = fresh if len(fresh) else used
+    return np.asarray(chosen[chosen["state"] == COMPLETED])
+
+
 def data_fit(file: CampaignData, string: int) -> tuple[Misfit, int] | None:
     """Return the misfit of a string, and the number of samples that it rests on.
 
     These are its fresh samples if there are any, else those that the search used. None where no
     sample completed.
     """
-    rows = file.sample_rows(string)
-    fresh = rows[rows["sample"] >= file.fresh_from]
-    used = rows[rows["sample"] < file.samples_used.get(string, 0)]
-    chosen = fresh if len(fresh) else used
-    completed = chosen[chosen["state"] == COMPLETED]
+    completed = _completed(file, string)
     if not len(completed):
         return None
     law: Any = objective_at(file, string)
     return law.misfit(law.summaries(completed)), len(completed)
+
+
+class StringPredictions(NamedTuple):
+    """What a string predicts for the values of all data, one datum after the other.
+
+    Attributes
+    ----------
+    data
+        The data.
+    values
+        By its samples, shape (Q,).
+    covariance
+        Of their errors by the jackknife over samples, shape (Q, Q); nan of a single sample.
+    """
+
+    data: tuple[Datum, ...]
+    values: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+
+
+def string_predictions(file: CampaignData, string: int) -> StringPredictions | None:
+    """Return the predictions of a string by its fresh samples, else by those that the search used.
+
+    None where no sample completed.
+    """
+    completed = _completed(file, string)
+    if not len(completed):
+        return None
+    law: Any = objective_at(file, string)
+    found = law.predictions(law.summaries(completed))
+    away = found.left_out - found.left_out.mean(axis=0)
+    count = len(away)
+    covariance = (count - 1.0) / count * away.T @ away
+    return StringPredictions(law.data, found.pooled, covariance)
 
 
 def describe_fit(file: CampaignData, string: int) -> list[str]:

@@ -4,6 +4,7 @@ from typing import Final
 
 from agglom_mpi.report.figures.cloud import CLOUD
 from agglom_mpi.report.figures.convergence import CONVERGENCE, COST
+from agglom_mpi.report.figures.data_fit import DATA_FIT
 from agglom_mpi.report.figures.ensembles import ENSEMBLES, SAMPLES_PER_STRING
 from agglom_mpi.report.figures.figure import Figure
 from agglom_mpi.report.figures.finalists import FINALISTS
@@ -15,6 +16,7 @@ from agglom_mpi.report.figures.utilisation import UTILISATION
 FIGURES: Final[dict[str, Figure]] = {
     figure.name: figure
     for figure in (
+        DATA_FIT,
         FINALISTS,
         FINITE_SIZE,
         CONVERGENCE,

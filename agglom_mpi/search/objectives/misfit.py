@@ -16,6 +16,7 @@ from agglom_mpi.search.objectives.objective import Objective
 
 if TYPE_CHECKING:
     from agglom_mpi.measurements.misfit import Misfit
+    from agglom_mpi.measurements.prediction import Predictions
 
 Floats = NDArray[np.float64]
 
@@ -119,6 +120,18 @@ class MisfitOfData(Objective):
         for outcome in outcomes:
             accumulator.add(outcome)
         return accumulator.misfit
+
+    def predictions(self, outcomes: Sequence[SampleSummary]) -> "Predictions":
+        """Return what completed samples predict for the values of the data."""
+        from agglom_mpi.measurements.prediction import predictions
+
+        columns = [np.stack(each) for each in zip(*(o.census for o in outcomes), strict=True)]
+        return predictions(self._known.census(columns), self.data)
+
+    @property
+    def data(self) -> tuple[Datum, ...]:
+        """The data that samples are compared with."""
+        return self._known.data
 
     @property
     def _known(self) -> MeasuredString:
