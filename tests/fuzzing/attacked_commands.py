@@ -31,7 +31,7 @@ ROOM = 700 << 20
 """Bytes that a command may take beside what the process has, so that both are below 1 GB."""
 PHASES = (Phase.generate, Phase.shrink)
 """Of Hypothesis; to explain a failure it traces every line, which takes longer than `SECONDS`."""
-MOST_LINES, LONGEST_LINE = 14 + len(main.commands), 600
+MOST_LINES, LONGEST_LINE = 20 + len(main.commands), 600
 """Of what a command says on standard error; the longest text is the help of `agglom`, which has a
 line for each of its commands."""
 DOCUMENTED = {FINISHED, FAILURE, BAD_INPUT, STOPPED, INTERRUPTED, BROKEN_PIPE}
