@@ -4,6 +4,8 @@ import tempfile
 import pytest
 from attacked_commands import Commands
 
+from agglom_mpi.compilation.kernels import cache_folder
+
 
 @pytest.fixture(scope="session")
 def tiny_folder(shared_campaign):
@@ -36,6 +38,7 @@ def commands(tmp_path, monkeypatch):
     (tmp_path / "neighbour" / "notes.txt").write_text("mine")
     monkeypatch.chdir(tmp_path / "work")
     made = Commands(tmp_path / "work")
+    cache_folder()  # compiled kernels are those of the real home, whichever test comes first
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     monkeypatch.setenv("TMPDIR", str(tmp_path / "temporary"))
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
