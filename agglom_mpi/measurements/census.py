@@ -7,28 +7,11 @@ predicted from sums over samples, so the order of samples never matters.
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-
-MAX_BIN_RATIO: Final = 1.02
-"""Maximum ratio of the upper to the lower edge of a bin."""
-
-
-def census_edges(smallest: float, largest: float) -> Floats:
-    """Return the edges of bins from the smallest to the largest diameter in m, shape (B + 1,).
-
-    The bins are equally wide in the logarithm. Both diameters are in the middle of the outermost
-    bins, so that grains of one size do not lie on an edge.
-    """
-    if not 0.0 < smallest <= largest < math.inf:
-        raise ValueError(f"diameters from {smallest} to {largest} m; must be positive and ascend")
-    steps = math.ceil(math.log(largest / smallest) / math.log(MAX_BIN_RATIO) * (1.0 - 1e-12))
-    width = math.log(largest / smallest) / steps if steps else math.log(MAX_BIN_RATIO)
-    return np.asarray(smallest * np.exp(width * (np.arange(steps + 2) - 0.5)))
 
 
 @dataclass(frozen=True, eq=False)

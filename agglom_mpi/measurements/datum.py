@@ -1,7 +1,7 @@
 """What was measured: one number, or the shares of size classes, with the covariance of its errors.
 
-All values are in SI units. `shares_from_cumulative` and `multinomial_covariance` give the
-covariance of shares from what laboratories report: a cumulative curve, or numbers of particles.
+All values are in SI units. `config.size_curve` makes shares and their covariance of what
+laboratories report: a cumulative curve, a histogram, or single diameters.
 """
 
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
@@ -145,61 +145,3 @@ def data_times(data: Sequence[Datum]) -> tuple[float | None, ...]:
     times = {datum.time for datum in data}
     ends: tuple[None, ...] = (None,) if None in times else ()
     return (*sorted(time for time in times if time is not None), *ends)
-
-
-class ClassShares(NamedTuple):
-    """Shares of size classes, (q,), their covariance, (q, q), and edges in m, (q + 1,)."""
-
-    values: Floats
-    covariance: Floats
-    edges: Floats
-
-
-def shares_from_cumulative(sizes: ArrayLike, passing: ArrayLike, errors: ArrayLike) -> ClassShares:
-    """Return the shares between sieves, from what passes them.
-
-    A share is the difference of two neighbours, so that neighbouring shares are anticorrelated.
-    There is a class below the first size and one above the last, except where nothing passes the
-    first or everything passes the last with an error of 0.
-
-    Parameters
-    ----------
-    sizes
-        Diameters in m, shape (k,), ascending.
-    passing
-        Share below each of them, from 0 to 1, shape (k,).
-    errors
-        Standard errors of `passing`, independent of each other; shape (k,) or one number.
-    """
-    diameters = np.asarray(sizes, float)
-    below = np.asarray(passing, float)
-    variances = np.broadcast_to(np.asarray(errors, float), below.shape) ** 2
-    if not (below[0] == 0.0 and variances[0] == 0.0):
-        diameters = np.concatenate([[0.0], diameters])
-        below = np.concatenate([[0.0], below])
-        variances = np.concatenate([[0.0], variances])
-    if not (below[-1] == 1.0 and variances[-1] == 0.0):
-        diameters = np.concatenate([diameters, [np.inf]])
-        below = np.concatenate([below, [1.0]])
-        variances = np.concatenate([variances, [0.0]])
-    between = np.diag(-variances[1:-1], 1)
-    covariance = np.diag(variances[:-1] + variances[1:]) + between + between.T
-    return ClassShares(np.diff(below), covariance, diameters)
-
-
-def multinomial_covariance(shares: ArrayLike, counted: float) -> Floats:
-    """Return the covariance of the shares of independently counted particles, shape (q, q).
-
-    (diag(p) − p pᵀ)/counted. The p of this formula are the shares after half a particle more in
-    each class (Jeffreys' prior), so that an empty class has an error as well.
-
-    Parameters
-    ----------
-    shares
-        Measured shares, shape (q,), which sum to 1.
-    counted
-        Number of particles counted.
-    """
-    measured = np.asarray(shares, float)
-    p = (counted * measured + 0.5) / (counted + 0.5 * len(measured))
-    return np.asarray((np.diag(p) - np.outer(p, p)) / counted)

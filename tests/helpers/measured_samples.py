@@ -5,15 +5,33 @@ import math
 import numpy as np
 from scipy.special import ndtr
 
-from agglom_mpi.measurements.census import Census, census_edges
+from agglom_mpi.measurements.census import Census
+from agglom_mpi.measurements.layout import CensusLayout
 
 DENSITY = 2500.0
+
+
+def bins(smallest, largest):
+    """Return the edges of bins that hold diameters between two, in m, as a campaign's are."""
+    layout = CensusLayout.between((math.inf,), 1.0, largest / smallest)
+    return smallest * layout.edges
+
+
+def counted_covariance(shares, counted):
+    """Return the covariance of the shares of so many independently counted particles, (q, q).
+
+    (diag(p) - p pT)/counted, where p has half a particle more in each class (Jeffreys), so that an
+    empty class has an error as well.
+    """
+    measured = np.asarray(shares, float)
+    p = (counted * measured + 0.5) / (counted + 0.5 * len(measured))
+    return (np.diag(p) - np.outer(p, p)) / counted
 
 
 def expected_census(median, log_spread, samples=1, grains=1000):
     """Return samples that have exactly a lognormal distribution by number, at one time."""
     width = 9.0 * log_spread
-    edges = census_edges(median * math.exp(-width), median * math.exp(width + 3 * log_spread**2))
+    edges = bins(median * math.exp(-width), median * math.exp(width + 3 * log_spread**2))
     scaled = np.log(edges / median) / log_spread
     counts = grains * np.diff(ndtr(scaled))
     mean_mass = DENSITY * math.pi / 6.0 * median**3 * math.exp(4.5 * log_spread**2)
@@ -53,7 +71,7 @@ def drawn_census(samples, rng, median=1e-4, log_spread=0.3, grains=100, times=1)
 
     Half of the grains are left on average, and their diameters are lognormal by number.
     """
-    edges = census_edges(0.1 * median, 10.0 * median)
+    edges = bins(0.1 * median, 10.0 * median)
     diameters = [
         [
             median * np.exp(log_spread * rng.standard_normal(rng.binomial(grains, 0.5)))

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from measured_samples import drawn_census, expected_census
+from measured_samples import counted_covariance, drawn_census, expected_census
 from scipy.stats import chi2, f
 
-from agglom_mpi.measurements.datum import Datum, multinomial_covariance
+from agglom_mpi.measurements.datum import Datum
 from agglom_mpi.measurements.misfit import misfit, sampling_noise, tail_probability
 from agglom_mpi.measurements.prediction import predictions
 
@@ -22,7 +22,7 @@ MIDDLE = np.array([0.15, 0.3, 0.33, 0.22])
 
 def sizes(shares=MIDDLE, counted=400, time=None):
     return Datum(
-        "sizes", shares, multinomial_covariance(shares, counted), "mass", time, CLASSES, "sieves"
+        "sizes", shares, counted_covariance(shares, counted), "mass", time, CLASSES, "sieves"
     )
 
 
@@ -198,7 +198,7 @@ def test_tail_probabilities_are_those_of_hotelling():
 def test_a_misfit_does_not_depend_on_the_unit_of_length(decade, seed):
     def scaled(unit):
         data = [
-            Datum("sizes", MIDDLE, multinomial_covariance(MIDDLE, 400), "mass", None, unit * edges),
+            Datum("sizes", MIDDLE, counted_covariance(MIDDLE, 400), "mass", None, unit * edges),
             Datum.of_value("d43", unit * D43 * 1e4, unit * 0.05),
             Datum.of_value("spread", 0.3, 0.02),
         ]

@@ -5,10 +5,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from measured_samples import census_of, drawn_census, expected_census
+from measured_samples import bins, census_of, drawn_census, expected_census
 from scipy.special import ndtr, ndtri
 
-from agglom_mpi.measurements.census import census_edges
 from agglom_mpi.measurements.datum import PARTICLE_WEIGHTS, QUANTITIES, Datum
 from agglom_mpi.measurements.prediction import QUANTILES, predictions
 
@@ -72,7 +71,7 @@ def test_shares_of_classes_are_those_of_the_lognormal(weight):
 
 
 def test_a_bin_is_shared_between_classes_by_its_logarithm():
-    edges = census_edges(1e-4, 1e-4)
+    edges = bins(1e-4, 1e-4)
     census = census_of([[np.full(8, 1e-4)]], 1, edges, grains=8)
     cut = edges[0] * (edges[1] / edges[0]) ** 0.25
     assert predicted(census, classes(np.array([0.0, cut, 1.0]))) == pytest.approx([0.25, 0.75])
@@ -80,7 +79,7 @@ def test_a_bin_is_shared_between_classes_by_its_logarithm():
 
 def test_what_lies_beyond_all_classes_is_in_the_outermost():
     sizes = np.array([1e-5, 1e-5, 1e-4, 1e-3])
-    census = census_of([[sizes]], 1, census_edges(1e-5, 1e-3), grains=4)
+    census = census_of([[sizes]], 1, bins(1e-5, 1e-3), grains=4)
     edges = np.array([5e-5, 8e-5, 2e-4, 3e-4])
     assert predicted(census, classes(edges, "number")) == pytest.approx([0.5, 0.25, 0.25])
 
@@ -90,7 +89,7 @@ def test_numbers_of_unequal_samples_are_those_of_all_particles_together():
     census = census_of(
         [[sizes[0]], [sizes[1]]],
         1,
-        census_edges(1e-4, 2e-4),
+        bins(1e-4, 2e-4),
         grains=10,
         temperatures=np.array([[300.0], [410.0]]),
     )
@@ -100,7 +99,7 @@ def test_numbers_of_unequal_samples_are_those_of_all_particles_together():
 
 
 def test_equal_grains_have_exact_mean_diameters_and_no_spread():
-    census = census_of([[np.full(5, 1e-4)]], 1, census_edges(1e-4, 2e-4), grains=5)
+    census = census_of([[np.full(5, 1e-4)]], 1, bins(1e-4, 2e-4), grains=5)
     data = [number("mean_diameter", weight) for weight in PARTICLE_WEIGHTS] + [number("d32")]
     assert predicted(census, *data) == pytest.approx(np.full(4, 1e-4), rel=1e-12)
     assert predicted(census, number("spread"))[0] < 1e-7

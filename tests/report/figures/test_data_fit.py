@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from measured_samples import counted_covariance
 
-from agglom_mpi.measurements.datum import Datum, multinomial_covariance
+from agglom_mpi.measurements.datum import Datum
 
 pytest.importorskip("matplotlib")
 
@@ -16,7 +17,7 @@ EDGES = np.array([0.0, 1e-4, 2e-4, np.inf])
 CURVE = Datum(
     "sizes",
     SHARES,
-    multinomial_covariance(SHARES, 400),
+    counted_covariance(SHARES, 400),
     "mass",
     edges=EDGES,
     name="sizes by mass at the end",
