@@ -1,15 +1,12 @@
 """`agglom export`: a campaign file as a compact copy, CSV tables, netCDF and for ParaView."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import click
 
-from agglom_mpi.cli.common import ALLOW_CODE, PATH, checked_by, examples, exit_with, say
-from agglom_mpi.config.arguments import read_amount, read_number
-
-if TYPE_CHECKING:
-    from agglom_mpi.report.set_files import SetRequest
+from agglom_mpi.cli.common import ALLOW_CODE, PATH, examples, exit_with, say
+from agglom_mpi.cli.set_options import read_set_request, set_options
 
 FORMS: Final = (
     *("--compact OUT.h5", "--csv DIR", "--xarray OUT.nc", "--arviz OUT.nc"),
@@ -47,24 +44,7 @@ FORMS: Final = (
     help="Write 4000 draws of equal weight for ArviZ: of the posterior with --measured, or else "
     "members of the feasible set.",
 )
-@click.option(
-    "--tolerance",
-    callback=checked_by(read_amount),
-    metavar="SHARE",
-    help="With --arviz: of the feasible set, as for agglom report.  [default: 5%]",
-)
-@click.option(
-    "--measured",
-    callback=checked_by(read_number),
-    metavar="NUMBER",
-    help="With --arviz: a measured mean b/b0.",
-)
-@click.option(
-    "--error",
-    callback=checked_by(read_amount),
-    metavar="NUMBER",
-    help="Standard error of the measured mean, or a percentage of it, like 0.04 or 2%.",
-)
+@set_options("--arviz")
 @click.option(
     "--paraview",
     type=PATH,
@@ -115,7 +95,8 @@ def export(
         raise click.UsageError("two options name the same file; give two names")
     if paraview is None and (string is not None or samples or frames is not None):
         raise click.UsageError("--string, --sample and --frames are for --paraview OUT.vtkhdf")
-    request = _draws(arviz, tolerance, measured, error)
+    numbers = tolerance, measured, error
+    request = read_set_request("--arviz OUT.nc", arviz is not None, *numbers)
     from agglom_mpi.analysis.damage import blame_damage
     from agglom_mpi.report.export import Exports, export
 
@@ -129,20 +110,3 @@ def export(
         for line in export(Path(file), exports, allow_code):
             say(line)
     return 0
-
-
-def _draws(
-    arviz: Path | None, tolerance: str | None, measured: str | None, error: str | None
-) -> "SetRequest | None":
-    """Return which draws are asked for; None if none are."""
-    given = {"--tolerance": tolerance, "--measured": measured, "--error": error}
-    for option, value in given.items():
-        if value is not None and arviz is None:
-            raise click.UsageError(f"{option} is for --arviz OUT.nc")
-    if arviz is None:
-        return None
-    if (measured is None) != (error is None):
-        raise click.UsageError("--measured and --error go together")
-    from agglom_mpi.report.set_files import DEFAULT_TOLERANCE, SetRequest
-
-    return SetRequest(tolerance or DEFAULT_TOLERANCE, measured, error)

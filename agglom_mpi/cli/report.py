@@ -9,13 +9,12 @@ from agglom_mpi.cli.common import (
     ALLOW_CODE,
     JSON,
     PATH,
-    checked_by,
     examples,
     exit_with,
     mention_left_out,
     say,
 )
-from agglom_mpi.config.arguments import read_amount, read_number
+from agglom_mpi.cli.set_options import read_set_request, set_options
 from agglom_mpi.errors import FAILURE, FINISHED, INTERRUPTED
 from agglom_mpi.formatting import pluralise
 
@@ -54,25 +53,7 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Print which parameters are compatible with the target, with probabilities.",
 )
-@click.option(
-    "--tolerance",
-    callback=checked_by(read_amount),
-    metavar="SHARE",
-    help="With --feasible-set: tolerance relative to the target or the maximum (5% or 0.05); for "
-    "a Python function, its largest allowed value.  [default: 5%]",
-)
-@click.option(
-    "--measured",
-    callback=checked_by(read_number),
-    metavar="NUMBER",
-    help="With --feasible-set: measured mean b/b0; adds the posterior of the variables.",
-)
-@click.option(
-    "--error",
-    callback=checked_by(read_amount),
-    metavar="NUMBER",
-    help="With --measured: standard error of the measured mean (0.04), or a percentage (2%).",
-)
+@set_options("--feasible-set")
 @click.option(
     "--draws",
     type=PATH,
@@ -126,7 +107,8 @@ def report(
         raise click.UsageError("--stored-only is for --out DIR")
     if out is not None and as_json:
         raise click.UsageError("give --out or --json, not both")
-    request = _set_request(feasible_set, tolerance, measured, error, draws, grid)
+    numbers = tolerance, measured, error
+    request = read_set_request("--feasible-set", feasible_set, *numbers, draws=draws, grid=grid)
     _check_names(draws, grid, out)
     from agglom_mpi.storage.reader import read_inversion
 
@@ -207,35 +189,6 @@ def _write_page(
 
     for line in write_report(file, out, resimulate, sensitivity, request):
         say(line)
-
-
-def _set_request(
-    wanted: bool,
-    tolerance: str | None,
-    measured: str | None,
-    error: str | None,
-    draws: Path | None,
-    grid: Path | None,
-) -> "SetRequest | None":
-    """Return what is asked of the feasible set; None if it is not asked for."""
-    given: dict[str, str | Path | None] = {
-        "--tolerance": tolerance,
-        "--measured": measured,
-        "--error": error,
-    }
-    given |= {"--draws": draws, "--grid": grid}
-    for option, value in given.items():
-        if value is not None and not wanted:
-            raise click.UsageError(f"{option} is for --feasible-set")
-    if not wanted:
-        return None
-    if (measured is None) != (error is None):
-        raise click.UsageError("--measured and --error go together")
-    if draws is not None and measured is None:
-        raise click.UsageError("--draws is for --measured")
-    from agglom_mpi.report.set_files import DEFAULT_TOLERANCE, SetRequest
-
-    return SetRequest(tolerance or DEFAULT_TOLERANCE, measured, error, draws, grid)
 
 
 def _check_names(draws: Path | None, grid: Path | None, out: Path | None) -> None:
