@@ -15,11 +15,7 @@ from agglom_mpi.compilation.kernels import kernel
 from agglom_mpi.compilation.stages import inlined
 from agglom_mpi.measurements.layout import CENSUS_COLUMNS, CLASS_WIDTH, CensusLayout
 from agglom_mpi.simulation.measurement import mean_temperature
-from agglom_mpi.simulation.scene import copy_at
-from agglom_mpi.simulation.trajectory import (
-    cool_copies,
-    return_copies_to_box,
-)
+from agglom_mpi.simulation.trajectory import observe
 
 EXAMPLE_LAYOUT: Final = CensusLayout((math.inf,), 0.0, 1)
 """A layout, for kernels to be compiled for."""
@@ -89,9 +85,7 @@ def take_census(scene, particles, engine_state, observer, initial, census, k, t)
     time = census.times[t]
     for axis in range(3):
         observer.drift[axis] = initial[0]["drift"][axis]
-    copy_at(scene.engine, scene, particles, engine_state, observer, time)
-    cool_copies(observer, scene, time)
-    return_copies_to_box(observer, scene, time)
+    observe(scene, particles, engine_state, observer, time)
     count_classes(scene, observer.copy, census, k, t)
 
 

@@ -125,8 +125,8 @@ def compile_kernels(
     begin, together, compiled = time.perf_counter(), not is_compiled(scene), False
     further = _further(frames, counts)
     names = [PLACEMENT, MEASUREMENT, RANGE, ENGINE, *further]
-    is_new = {name: together or not mark_of(scene, name).exists() for name in further}
-    is_new = dict.fromkeys(names, together) | is_new
+    is_new = dict.fromkeys(names, together)
+    is_new |= {name: together or not mark_of(scene, name).exists() for name in further}
     if new := [name for name in names if is_new[name]]:
         show(f"compiling {pluralise(len(new), 'kernel')} of a new kind of scene: {', '.join(new)}")
     with engine_compiled_elsewhere(scene) if together else nullcontext(_nothing) as finish:

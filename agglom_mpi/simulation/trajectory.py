@@ -59,6 +59,12 @@ def observe_particles(scene, particles, engine_state, observer, time):
     observer : Observer; its copy holds the particles in the frame of reference of the box
     time : float, s
     """
+    observe(scene, particles, engine_state, observer, time)
+
+
+@inlined
+def observe(scene, particles, engine_state, observer, time):
+    """Copy the particles as they are at a time, cooled and in the frame of the box."""
     copy_at(scene.engine, scene, particles, engine_state, observer, time)
     cool_copies(observer, scene, time)
     return_copies_to_box(observer, scene, time)

@@ -24,6 +24,7 @@ from agglom_mpi.physics.restitution import (
     ImpactLaws,
     PressureRestitution,
 )
+from agglom_mpi.physics.size_distributions import LognormalDistribution
 from agglom_mpi.physics.velocities import SpreadVelocities
 from agglom_mpi.simulation.boundary import Periodic, Reentry
 from agglom_mpi.simulation.engines import AdaptiveSteps, EventDriven, FixedSteps
@@ -280,3 +281,15 @@ def kinetic_energy(particles):
 def momentum(particles):
     n = int(particles.size[0])
     return particles.velocity[:, :n] @ particles.mass[:n]
+
+
+SMALL = {"particles": 12, "size_ratio": 0.5, "end_time": 1e-3}
+SMALL_SCENES = {
+    "event": event_periodic(0.9, **SMALL),
+    "event, different sizes": event_periodic(0.9, **SMALL)._replace(
+        sizes=LognormalDistribution(0.3)
+    ),
+    "fixed": fixed_periodic(0.9, 20, **SMALL),
+    "event, breaking": breaking_event_periodic(**SMALL),
+}
+"""Samples that take no time, one for each kind of kernels."""

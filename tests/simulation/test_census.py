@@ -4,11 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from scenes import breaking_event_periodic, event_periodic, fixed_periodic
+from scenes import SMALL_SCENES
 
 from agglom_mpi.measurements.layout import CLASS_WIDTH, CensusLayout
 from agglom_mpi.outcome import COMPLETED
-from agglom_mpi.physics.size_distributions import LognormalDistribution
 from agglom_mpi.random_streams import generator, key_words
 from agglom_mpi.simulation.census import census_values, new_census_room
 from agglom_mpi.simulation.frames import new_frames
@@ -16,15 +15,6 @@ from agglom_mpi.simulation.sample import simulate_counted, simulate_samples, sim
 from agglom_mpi.simulation.sample_range import new_results, new_watch
 
 KEY = (7, 1, 2, 3)
-SMALL = {"particles": 12, "size_ratio": 0.5, "end_time": 1e-3}
-SCENES = {
-    "event": event_periodic(0.9, **SMALL),
-    "event, different sizes": event_periodic(0.9, **SMALL)._replace(
-        sizes=LognormalDistribution(0.3)
-    ),
-    "fixed": fixed_periodic(0.9, 20, **SMALL),
-    "event, breaking": breaking_event_periodic(**SMALL),
-}
 TIMES = (3.3e-4, 7.1e-4, math.inf)
 LAYOUT = CensusLayout.between(TIMES, 0.2, 5.0)
 
@@ -36,19 +26,19 @@ def counted(scene, number):
     return record, particles, {name: each[0] for name, each in census_values(room).items()}
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", SMALL_SCENES)
 def test_censuses_change_no_bit_of_a_sample(name):
     for number in range(4):
-        record, particles, _ = counted(SCENES[name], number)
-        other, same = simulate_scene(SCENES[name], generator(*KEY, number))
+        record, particles, _ = counted(SMALL_SCENES[name], number)
+        other, same = simulate_scene(SMALL_SCENES[name], generator(*KEY, number))
         assert record.tobytes() == other.tobytes()
         left = int(same.size[0])
         assert particles.records[:left].tobytes() == same.records[:left].tobytes()
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", SMALL_SCENES)
 def test_a_census_has_the_particles_of_a_frame_at_its_time(name):
-    scene = SCENES[name]
+    scene = SMALL_SCENES[name]
     for number in range(4):
         _, _, census = counted(scene, number)
         frames = new_frames(np.array([*TIMES[:-1], scene.end_time]), scene.particles)
@@ -66,7 +56,7 @@ def test_a_census_has_the_particles_of_a_frame_at_its_time(name):
 
 
 def test_a_range_has_the_censuses_of_single_samples():
-    scene = SCENES["event, different sizes"]
+    scene = SMALL_SCENES["event, different sizes"]
     results = new_results(5, LAYOUT)
     simulate_samples(scene, key_words(KEY), 2, new_watch(np.zeros(1, np.uint8)), results)
     assert set(results.records["state"].tolist()) == {COMPLETED}
@@ -76,7 +66,7 @@ def test_a_range_has_the_censuses_of_single_samples():
 
 
 def test_classes_at_the_ends_take_what_lies_beyond():
-    scene = SCENES["event"]
+    scene = SMALL_SCENES["event"]
     room = new_census_room(CensusLayout.between((math.inf,), 1.0, 1.0), 1)
     record, _ = simulate_counted(scene, generator(*KEY, 0), room)
     assert room.counts.sum() == record["particles"]

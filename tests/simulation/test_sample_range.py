@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from processes import HANG, output_of, program
-from scenes import breaking_event_periodic, event_periodic, fixed_periodic
+from scenes import SMALL_SCENES
 
 from agglom_mpi.outcome import COMPLETED, FAILED, FailureReason
 from agglom_mpi.physics.size_distributions import LognormalDistribution, SizeDistribution
@@ -19,15 +19,6 @@ from agglom_mpi.simulation.sample_draws import samples_at_once, thread_stream
 from agglom_mpi.simulation.sample_range import new_results, new_watch
 
 KEY = (7, 1, 2, 3)
-SMALL = {"particles": 12, "size_ratio": 0.5, "end_time": 1e-3}
-SCENES = {
-    "event": event_periodic(0.9, **SMALL),
-    "event, different sizes": event_periodic(0.9, **SMALL)._replace(
-        sizes=LognormalDistribution(0.3)
-    ),
-    "fixed": fixed_periodic(0.9, 20, **SMALL),
-    "event, breaking": breaking_event_periodic(**SMALL),
-}
 
 
 def alone(scene, number):
@@ -41,19 +32,19 @@ def in_a_range(scene, first, count, watch=None):
     return results, cut
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", SMALL_SCENES)
 def test_a_range_is_sample_after_sample(name):
-    results, cut = in_a_range(SCENES[name], 3, 6)
+    results, cut = in_a_range(SMALL_SCENES[name], 3, 6)
     assert not cut
     assert results.finished[0] == 6
     assert {record["state"] for record in results.records} == {COMPLETED}
     for k, record in enumerate(results.records):
-        assert record.tobytes() == alone(SCENES[name], 3 + k).tobytes()
+        assert record.tobytes() == alone(SMALL_SCENES[name], 3 + k).tobytes()
 
 
 def test_a_sample_that_fails_is_one_of_its_range():
     """Some need more events than the budget, some have a grain as large as the box."""
-    scene = SCENES["event"]._replace(end_time=3e-2)
+    scene = SMALL_SCENES["event"]._replace(end_time=3e-2)
     steps = [int(alone(scene, k)["steps"]) for k in range(8)]
     budget = sorted(steps)[5] // scene.particles
     scarce = scene._replace(engine=scene.engine._replace(budget=budget))
@@ -72,7 +63,7 @@ def test_a_sample_that_fails_is_one_of_its_range():
 
 def test_samples_take_the_time_of_their_range():
     wall, processor, date = time.monotonic(), time.thread_time(), time.time()
-    times = in_a_range(SCENES["event"], 0, 20)[0].times
+    times = in_a_range(SMALL_SCENES["event"], 0, 20)[0].times
     assert np.all(times["seconds"] > 0.0)
     assert np.all(times["cpu_seconds"] > 0.0)
     assert times["seconds"].sum() <= time.monotonic() - wall
@@ -82,7 +73,7 @@ def test_samples_take_the_time_of_their_range():
 
 
 def test_an_abort_ends_the_sample_under_way_and_keeps_those_before(monkeypatch):
-    scene = SCENES["event"]
+    scene = SMALL_SCENES["event"]
     results, abort = new_results(1_000_000), np.zeros(1, np.uint8)
 
     def end():
@@ -114,7 +105,7 @@ def test_the_sample_under_way_is_known_while_it_runs():
     thread = threading.Thread(target=watch)
     before = time.monotonic()
     thread.start()
-    simulate_samples(SCENES["event"], key_words(KEY), 0, new_watch(abort, begun), results)
+    simulate_samples(SMALL_SCENES["event"], key_words(KEY), 0, new_watch(abort, begun), results)
     thread.join(HANG)
     starts = sorted(seen - {0.0})
     assert len(starts) >= 2
@@ -123,15 +114,15 @@ def test_the_sample_under_way_is_known_while_it_runs():
 
 def test_no_sample_is_begun_after_the_budget():
     watch = new_watch(np.zeros(1, np.uint8), budget=0.0)
-    results, cut = in_a_range(SCENES["event"], 0, 5, watch)
+    results, cut = in_a_range(SMALL_SCENES["event"], 0, 5, watch)
     assert not cut
     assert results.finished[0] == 1
-    assert results.records[0].tobytes() == alone(SCENES["event"], 0).tobytes()
+    assert results.records[0].tobytes() == alone(SMALL_SCENES["event"], 0).tobytes()
 
 
 def test_a_sample_that_takes_too_long_has_no_result():
     watch = new_watch(np.zeros(1, np.uint8), max_seconds=0.0)
-    results, cut = in_a_range(SCENES["event"], 0, 5, watch)
+    results, cut = in_a_range(SMALL_SCENES["event"], 0, 5, watch)
     assert cut
     assert results.finished[0] == 0
 
@@ -146,7 +137,7 @@ class Picky(SizeDistribution):
 
 
 def test_a_law_of_sizes_raises_for_the_first_sample_of_a_range_alone():
-    scene = SCENES["event"]._replace(sizes=Picky())
+    scene = SMALL_SCENES["event"]._replace(sizes=Picky())
     raises, at = [], 0
     while at < 12:
         try:
@@ -164,7 +155,7 @@ def test_a_law_of_sizes_raises_for_the_first_sample_of_a_range_alone():
 
 @pytest.mark.parametrize("name", ["event", "event, different sizes"])
 def test_where_the_generator_cannot_be_written_samples_come_one_by_one(monkeypatch, name):
-    scene = SCENES[name]
+    scene = SMALL_SCENES[name]
     wanted = [alone(scene, k).tobytes() for k in range(2)]
     assert samples_at_once(scene) > 1000
     monkeypatch.setattr(thread_stream(), "is_open", False)
@@ -175,18 +166,18 @@ def test_where_the_generator_cannot_be_written_samples_come_one_by_one(monkeypat
 
 
 def test_scenes_of_several_kinds_come_in_any_order():
-    wanted = {name: alone(scene, 5).tobytes() for name, scene in SCENES.items()}
-    for name in [*SCENES, *reversed(SCENES)]:
-        other = SCENES[name]._replace(end_time=1e-4)
+    wanted = {name: alone(scene, 5).tobytes() for name, scene in SMALL_SCENES.items()}
+    for name in [*SMALL_SCENES, *reversed(SMALL_SCENES)]:
+        other = SMALL_SCENES[name]._replace(end_time=1e-4)
         in_a_range(other, 0, 1)
-        assert in_a_range(SCENES[name], 5, 1)[0].records[0].tobytes() == wanted[name]
+        assert in_a_range(SMALL_SCENES[name], 5, 1)[0].records[0].tobytes() == wanted[name]
 
 
 def test_the_particles_of_a_sample_stay_what_they_are():
-    _, particles = simulate_scene(SCENES["event"], generator(*KEY, 0))
+    _, particles = simulate_scene(SMALL_SCENES["event"], generator(*KEY, 0))
     before = particles.records.tobytes()
-    in_a_range(SCENES["event"], 1, 3)
-    simulate_scene(SCENES["event"], generator(*KEY, 4))
+    in_a_range(SMALL_SCENES["event"], 1, 3)
+    simulate_scene(SMALL_SCENES["event"], generator(*KEY, 4))
     assert particles.records.tobytes() == before
 
 
