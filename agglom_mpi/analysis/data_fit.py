@@ -6,11 +6,10 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.analysis.estimates import objective_at, objective_of
+from agglom_mpi.analysis.estimates import completed_rows, objective_at, objective_of
 from agglom_mpi.formatting import pluralise, value_with_error
 from agglom_mpi.measurements.datum import Datum
-from agglom_mpi.measurements.misfit import DatumMisfit, Misfit
-from agglom_mpi.outcome import COMPLETED
+from agglom_mpi.measurements.misfit import DatumMisfit, Misfit, sampling_noise
 from agglom_mpi.storage.reader import CampaignData
 
 UNLIKELY: Final = 0.05
@@ -24,11 +23,8 @@ def has_data(file: CampaignData) -> bool:
 
 def _completed(file: CampaignData, string: int) -> NDArray[np.void]:
     """Return the completed fresh samples of a string, or those that the search used if none are."""
-    rows = file.sample_rows(string)
-    fresh = rows[rows["sample"] >= file.fresh_from]
-    used = rows[rows["sample"] < file.samples_used.get(string, 0)]
-    chosen = fresh if len(fresh) else used
-    return np.asarray(chosen[chosen["state"] == COMPLETED])
+    fresh = completed_rows(file, string, fresh=True)
+    return fresh if len(fresh) else completed_rows(file, string, fresh=False)
 
 
 def data_fit(file: CampaignData, string: int) -> tuple[Misfit, int] | None:
@@ -72,14 +68,13 @@ def string_predictions(file: CampaignData, string: int) -> StringPredictions | N
         return None
     law: Any = objective_at(file, string)
     found = law.predictions(law.summaries(completed))
-    away = found.left_out - found.left_out.mean(axis=0)
-    count = len(away)
-    covariance = (count - 1.0) / count * away.T @ away
+    noise = sampling_noise(found.left_out)
+    covariance = noise.raw if noise.freedom else np.full(noise.raw.shape, math.nan)
     return StringPredictions(law.data, found.pooled, covariance)
 
 
 def describe_fit(file: CampaignData, string: int) -> list[str]:
-    """Return lines on the misfit of a string and on each datum; none without data."""
+    """Return lines on the misfit of the best string, #1, and on each datum; none without data."""
     found = data_fit(file, string) if has_data(file) else None
     if found is None:
         return []

@@ -4,8 +4,10 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agglom_mpi.outcome import COMPLETED
+from agglom_mpi.search.proposals import AGAIN
 from agglom_mpi.statistics import without_rounding
 
 if TYPE_CHECKING:
@@ -143,6 +145,24 @@ def estimate(
     ends = interval(value, error, len(completed), law.least)
     grown = float(completed["mean_radius_ratio"].mean()) if len(completed) else math.nan
     return Estimate(int(result["string"]), value, error, *ends, samples, failed, grown, *own)
+
+
+def completed_rows(data: "CampaignData", string: int, fresh: bool) -> NDArray[np.void]:
+    """Return completed samples of a string: fresh ones, or those that its result rests on.
+
+    The result of a parent that got more samples rests on the earlier ones, too; see
+    `search.proposals.AGAIN`.
+    """
+    rows = data.sample_rows(string)
+    completed = rows["state"] == COMPLETED
+    if fresh:
+        return np.asarray(rows[completed & (rows["sample"] >= data.fresh_from)])
+    used = rows[completed & (rows["sample"] < data.samples_used.get(string, 0))]
+    strings = data.string_rows()
+    [row] = strings[strings["string"] == string]
+    if row["origin"] != AGAIN:
+        return np.asarray(used)
+    return np.concatenate([used, completed_rows(data, int(row["parents"][0]), fresh)])
 
 
 def rounding_of(data: "CampaignData") -> float:

@@ -1,15 +1,14 @@
 """Means over samples of the quantities that an objective's function returns, of each string."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.analysis.estimates import objective_of
+from agglom_mpi.analysis.estimates import completed_rows, objective_of
 from agglom_mpi.formatting import in_unit, value_with_error
-from agglom_mpi.outcome import COMPLETED, quantity_columns
-from agglom_mpi.search.proposals import AGAIN
+from agglom_mpi.outcome import quantity_columns
 from agglom_mpi.statistics import MeanEstimate, mean_of
 
 if TYPE_CHECKING:
@@ -27,26 +26,8 @@ def quantity_means(data: "CampaignData", string: int) -> dict[str, tuple[MeanEst
     names = list(data.quantities)
     if not names:
         return {}
-    rows = data.sample_rows(string)
-    fresh = rows[(rows["sample"] >= data.fresh_from) & (rows["state"] == COMPLETED)]
-    used = np.concatenate([*_used_samples(data, string)])
+    used, fresh = (completed_rows(data, string, fresh) for fresh in (False, True))
     return {name: (mean_of(used[name]), mean_of(fresh[name])) for name in names}
-
-
-def _used_samples(data: "CampaignData", string: int) -> Iterator[NDArray[np.void]]:
-    """Yield the completed samples that a result rests on; of a parent again, the earlier ones, too.
-
-    See `search.proposals.AGAIN`.
-    """
-    strings = data.string_rows()
-    while True:
-        rows = data.sample_rows(string)
-        used = rows["sample"] < data.samples_used.get(string, 0)
-        yield rows[used & (rows["state"] == COMPLETED)]
-        [row] = strings[strings["string"] == string]
-        if row["origin"] != AGAIN:
-            return
-        string = int(row["parents"][0])
 
 
 def as_entries(data: "CampaignData", string: int) -> dict[str, Any]:

@@ -9,11 +9,11 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from agglom_mpi.analysis.derived import derived_columns, values_of
+from agglom_mpi.analysis.estimates import completed_rows
 from agglom_mpi.analysis.quantity_means import quantity_means
 from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.errors import UserError
-from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.statistics import mean_of
 
 if TYPE_CHECKING:
@@ -135,11 +135,7 @@ def _measured(file: "CampaignData", string: int, name: str, fresh: bool) -> tupl
         mean = quantity_means(file, string)[name][int(fresh)]
         return mean.value, mean.error
     if name == GROWTH:
-        rows = file.sample_rows(string)
-        rows = rows[rows["state"] == COMPLETED]
-        is_fresh = rows["sample"] >= file.fresh_from
-        chosen = is_fresh if fresh else rows["sample"] < file.samples_used.get(string, 0)
-        mean = mean_of(rows[GROWTH][chosen])
+        mean = mean_of(completed_rows(file, string, fresh)[GROWTH])
         return mean.value, mean.error
     return float(values_of(file, [string], name)[0]), 0.0
 
