@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from typing import Any, Final
 
+from agglom_mpi.measurements.datum import data_times
 from agglom_mpi.measurements.layout import CensusLayout
 from agglom_mpi.physics.size_distributions import draw_radii
 from agglom_mpi.random_streams import sample_stream
@@ -26,13 +27,13 @@ def census_layout(campaign: Any) -> CensusLayout | None:
     """
     if not campaign.data:
         return None
-    times = {math.inf if datum.time is None else datum.time for datum in campaign.data}
+    times = [math.inf if time is None else time for time in data_times(campaign.data)]
     volume = max(campaign.final.larger, default=1) if campaign.final else 1
     largest = (volume * campaign.most_grains) ** (1.0 / 3.0)
     drawn = list(_drawn_radii(campaign))
     smallest = min([1.0, *(low / MARGIN for low, _ in drawn)])
     largest = max([largest, *(high * MARGIN for _, high in drawn)])
-    return CensusLayout.between(tuple(sorted(times)), smallest, largest)
+    return CensusLayout.between(tuple(times), smallest, largest)
 
 
 def _drawn_radii(campaign: Any) -> Iterator[tuple[float, float]]:

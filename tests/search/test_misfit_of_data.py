@@ -26,11 +26,8 @@ def samples_of(campaign):
 def test_the_objective_is_the_misfit_of_the_pooled_samples(campaign):
     samples = samples_of(campaign)
     objective = campaign.objective_at(campaign.parameters(STRING))
-    counts, masses, largest, temperatures = (
-        np.stack(each) for each in zip(*(sample.census for sample in samples), strict=True)
-    )
-    columns = counts, masses, largest, temperatures
-    found = misfit(objective._known.census(columns), campaign.data)
+    pooled = objective._known.census([sample.census for sample in samples])
+    found = misfit(pooled, campaign.data)
     assert objective.of_ensemble(samples) == (found.value, found.standard_error)
     assert found.rank == sum(part.rank for part in found.parts)
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from agglom_mpi.analysis.data_fit import has_data, string_predictions
 from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.measurements.datum import Datum
-from agglom_mpi.report.drawing import COLOURS, style_axes
+from agglom_mpi.report.drawing import COLOURS, scaled_unit, style_axes
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
 from agglom_mpi.storage.reader import CampaignData
 
@@ -58,7 +58,8 @@ def _draw_curve(ax: Any, compared: ComparedDatum) -> None:
     """Draw the share below each edge between classes, as measured and as predicted."""
     datum = compared.datum
     assert datum.edges is not None
-    sizes, unit = _in_prefix(datum.edges[1:-1])
+    factor, unit = scaled_unit("m", float(datum.edges[-2]))
+    sizes = datum.edges[1:-1] / factor
     style_axes(ax)
     ax.set(title=datum.name, xlabel=f"diameter ({unit})", ylabel="share below (%)", xscale="log")
     for place, each in enumerate(compared.predictions):
@@ -96,14 +97,6 @@ def _cumulative(shares: Floats, covariance: Floats) -> tuple[Floats, Floats]:
     below = np.tril(np.ones((len(shares) - 1, len(shares))))
     variances = np.diag(below @ covariance @ below.T)
     return 100.0 * below @ shares, 100.0 * TWO_SIDED * np.sqrt(np.maximum(variances, 0.0))
-
-
-def _in_prefix(lengths: Floats) -> tuple[Floats, str]:
-    """Return lengths in m, nm, µm or mm, whichever suits the largest, and the unit."""
-    for factor, unit in ((1e-6, "nm"), (1e-3, "µm"), (1.0, "mm")):
-        if lengths[-1] < factor:
-            return lengths / factor * 1e3, unit
-    return lengths, "m"
 
 
 def _compared(data: CampaignData, options: FigureOptions) -> list[ComparedDatum] | None:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar, Final, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, ClassVar, Final, Literal, NamedTuple, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,10 @@ Floats = NDArray[np.float64]
 
 RULES: Final = ("fixed", "standard_error")
 """Stopping rules that need no objective of a sample alone."""
+
+
+SampleCensus: TypeAlias = tuple[NDArray[np.generic], ...]
+"""Values of the columns `CENSUS_COLUMNS` of a sample."""
 
 
 class MeasuredString(NamedTuple):
@@ -47,9 +51,10 @@ class MeasuredString(NamedTuple):
     density: float
     grains: int
 
-    def census(self, columns: Sequence[NDArray[np.generic]]) -> Census:
-        """Return the censuses of n samples, whose columns are those of `CENSUS_COLUMNS`."""
-        counts, masses, largest, temperatures = (np.asarray(each, np.float64) for each in columns)
+    def census(self, samples: Sequence[SampleCensus]) -> Census:
+        """Return the censuses of n > 0 samples together."""
+        columns = [np.array(each, np.float64) for each in zip(*samples, strict=True)]
+        counts, masses, largest, temperatures = columns
         edges = self.diameter * self.layout.edges
         content = counts, masses, temperatures, largest
         return Census(edges, *content, self.grains, self.density)
@@ -125,8 +130,7 @@ class MisfitOfData(Objective):
         """Return what completed samples predict for the values of the data."""
         from agglom_mpi.measurements.prediction import predictions
 
-        columns = [np.stack(each) for each in zip(*(o.census for o in outcomes), strict=True)]
-        return predictions(self._known.census(columns), self.data)
+        return predictions(self._known.census([o.census for o in outcomes]), self.data)
 
     @property
     def data(self) -> tuple[Datum, ...]:
@@ -151,7 +155,7 @@ class MisfitAccumulator:
 
     def __init__(self, string: MeasuredString) -> None:
         self._string = string
-        self._censuses: list[tuple[NDArray[np.generic], ...]] = []
+        self._censuses: list[SampleCensus] = []
 
     def add(self, outcome: SampleSummary) -> None:
         """Take one more completed sample."""
@@ -165,8 +169,7 @@ class MisfitAccumulator:
         # SciPy is loaded where a misfit is asked for, and not wherever objectives are known.
         from agglom_mpi.measurements.misfit import misfit
 
-        columns = [np.stack(each) for each in zip(*self._censuses, strict=True)]
-        return misfit(self._string.census(columns), self._string.data)
+        return misfit(self._string.census(self._censuses), self._string.data)
 
     @property
     def value(self) -> float:
