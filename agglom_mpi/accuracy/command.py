@@ -2,7 +2,6 @@
 
 import shlex
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple
 
@@ -37,7 +36,6 @@ from agglom_mpi.formatting import format_duration, pluralise
 from agglom_mpi.runtime.file_setup import check_writable
 from agglom_mpi.runtime.leg import RunRequest
 from agglom_mpi.runtime.run import run_on_all_ranks
-from agglom_mpi.search.objectives.growth import MaximumGrowth
 from agglom_mpi.storage.reader import CampaignData, read_campaign, read_inversion
 from agglom_mpi.variables import TEN, volume_fraction
 
@@ -204,14 +202,7 @@ def _read_sources(
                 message = "is a directory without any scene; allowed: one with *.yaml files"
                 raise CampaignError(Problem(source, None, "SOURCE", message))
             scenes |= found
-    return _by_growth(load_campaign(files[0], allow_code)) if files else None, scenes
-
-
-def _by_growth(campaign: Campaign) -> Campaign:
-    """Return a campaign whose samples have an objective: growth, where they had data to fit."""
-    if not campaign.objective.needs_data:
-        return campaign
-    return replace(campaign, objective=MaximumGrowth(), data=(), data_entries=())
+    return load_campaign(files[0], allow_code) if files else None, scenes
 
 
 def write_report(plan: StudyPlan, options: AccuracyOptions, file: CampaignData) -> Path:

@@ -55,9 +55,13 @@ def setups(
     Raises
     ------
     CampaignError
-        If the objective is a function and `allowed` is none or another one.
+        If the objective is a function and `allowed` is none or another one, or compares measured
+        data, for which a study keeps too little of a sample.
     """
     campaign = campaign_of(history)
+    if campaign.objective.needs_data:
+        message = f"is {campaign.objective.name!r}; must need no measured data"
+        raise CampaignError(Problem(campaign.name, None, "objective.law", message))
     if campaign.user_function is not None:
         if allowed is None or allowed.without_source != campaign.user_function.without_source:
             message = "is a function that is not run from a file: give its unchanged campaign, too"

@@ -19,6 +19,7 @@ from agglom_mpi.runtime.experiment import Experiment, Restore, SampleSetup, Stag
 from agglom_mpi.search.ending import Generations
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.inversion import Inversion
+from agglom_mpi.search.objectives.growth import MaximumGrowth
 from agglom_mpi.search.proposals import RANDOM, EvaluatedStrings, Proposals, as_proposals
 from agglom_mpi.search.stopping import EnsembleState, StoppingRule
 from agglom_mpi.simulation.engines import Engine
@@ -84,6 +85,7 @@ def closed(campaign: Campaign, string: NDArray[np.float64]) -> tuple[Campaign, N
     A study compares set-ups of several campaigns in one file, whose strings are of the variables
     that all campaigns have.
     """
+    campaign = without_data(campaign)
     if not campaign.variables.paths:
         return campaign, string
     section, values = campaign.at(string)
@@ -92,6 +94,16 @@ def closed(campaign: Campaign, string: NDArray[np.float64]) -> tuple[Campaign, N
     used = tuple(name for name in TEN.names if not np.isnan(values[name]))
     box = Bounds(rest, rest, nowhere, nowhere, used, (), third_moment=section.third_moment)
     return replace(campaign, scene=section, variables=box, relations=NO_RELATIONS), rest
+
+
+def without_data(campaign: Campaign) -> Campaign:
+    """Return a campaign of measured data as one of growth, which single samples have; others as is.
+
+    A study is one of a scene, to which what was measured does not belong.
+    """
+    if not campaign.objective.needs_data:
+        return campaign
+    return replace(campaign, objective=MaximumGrowth(), data=(), data_entries=())
 
 
 def scene_error(setup: Setup) -> str:
@@ -188,7 +200,7 @@ class Study(Experiment):
     purpose = STUDY
 
     def __init__(self, campaign: Campaign, setups: Mapping[str, Setup], budget: float) -> None:
-        self.campaign = campaign
+        self.campaign = without_data(campaign)
         self.setups = dict(setups)
         self._by_string = list(self.setups.values())
         self._budget = budget
@@ -198,8 +210,8 @@ class Study(Experiment):
         """Sizes of the tables: one generation of all set-ups."""
         count = len(self._by_string)
         samples = max(setup.samples for setup in self._by_string)
-        quantities, census = self.campaign.objective.quantity_units, self.campaign.census
-        return TableSizes(count, samples, 1, count, quantities=quantities, census=census)
+        quantities = self.campaign.objective.quantity_units
+        return TableSizes(count, samples, 1, count, quantities=quantities)
 
     @property
     def largest(self) -> str:

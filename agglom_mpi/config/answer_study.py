@@ -266,7 +266,10 @@ def _check_stems(source: Source, settings: list[Setting]) -> None:
 
 
 def _check_answer(source: Source, document: AnswerDocument, question: Campaign) -> None:
-    """Raise a CampaignError if the answer is a set that cannot be compared point by point."""
+    """Raise a CampaignError if the question has no answer that can be compared with others."""
+    if question.objective.needs_data:
+        message = f"is {document.question!r}, whose objective {question.objective.name} compares"
+        raise CampaignError(source.problem(("question",), f"{message} measured data; no study can"))
     if document.answer == "set" and not question.objective.is_magnitude:
         message = (
             f"is 'set', which needs a question with a growth target; the objective of "

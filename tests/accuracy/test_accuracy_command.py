@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 import pytest
 from campaign_runs import QUICKSTART, environment, finish, need_mpirun
+from measured_runs import write_measured
 from processes import HANG
 
 from agglom_mpi.analysis.file_check import check_file
@@ -243,6 +244,15 @@ def test_a_map_reproduces_its_failing_cells_and_goes_on_where_it_was_stopped(fol
     words = ["agglom", "simulate", "m/cells/collapse_event_engine.yaml", "--samples", "4"]
     again = subprocess.run(words, cwd=folder, env=environment(), capture_output=True, text=True)
     assert "budget of steps or events exceeded" in again.stdout + again.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", [[], ["--map", "collapse"]], ids=["study", "map"])
+def test_the_scene_of_a_campaign_of_measured_data_is_studied(tmp_path, mode):
+    write_measured(tmp_path)
+    done = run(tmp_path, "measured.yaml", "--quick", *mode, "-o", "x")
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "x" / "report.md").exists()
 
 
 def test_an_unknown_plane_is_one_message(folder):

@@ -8,8 +8,11 @@ import pytest
 from accuracy_rows import made_up
 from goals import growth_target
 from matplotlib.figure import Figure
+from measured_runs import write_measured
 
 from agglom_mpi.accuracy import search_history
+from agglom_mpi.config.loading import load_campaign
+from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.declaration.reading import PLAIN
 from agglom_mpi.variables import TEN
 
@@ -49,6 +52,15 @@ def test_every_best_string_is_estimated_once_on_samples_beyond_those_of_the_sear
     assert list(setups) == ["string 4 again", "string 9 again"]
     assert {setup.first_sample for setup in setups.values()} == {History.max_samples}
     assert setups["string 9 again"].parameters[1] == 0.59
+
+
+def test_a_history_of_measured_data_is_refused(tmp_path, monkeypatch):
+    campaign = load_campaign(write_measured(tmp_path))
+    monkeypatch.setattr(search_history, "campaign_of", lambda history: campaign)
+    with pytest.raises(CampaignError) as caught:
+        search_history.setups(History(), 25)
+    [problem] = caught.value.problems
+    assert problem.field == "objective.law"
 
 
 def test_a_lucky_string_is_told_from_a_good_one():

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from measured_runs import write_measured
 
 from agglom_mpi.config.answer_study import load_answer_study
 from agglom_mpi.config.loading import load_campaign
@@ -122,6 +123,16 @@ def test_a_set_needs_a_growth_target(tmp_path):
 def test_a_question_that_is_missing_is_named(tmp_path):
     with pytest.raises(CampaignError, match=r"other\.yaml"):
         load(tmp_path, STUDY.replace("question: quickstart", "question: other"))
+
+
+def test_a_question_of_measured_data_has_no_study(tmp_path):
+    write_measured(tmp_path)
+    text = STUDY.replace("quickstart.yaml", "measured.yaml")
+    assert text != STUDY
+    with pytest.raises(CampaignError) as caught:
+        load(tmp_path, text)
+    [problem] = caught.value.problems
+    assert problem.field == "question"
 
 
 @pytest.mark.parametrize("study", sorted(Path("jobs/accuracy").glob("answer_*.yaml")), ids=str)
