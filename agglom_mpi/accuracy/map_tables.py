@@ -15,7 +15,7 @@ R = TypeVar("R")
 
 
 class Shares(NamedTuple):
-    """What becomes of the plane by one method.
+    """Parts of the plane in which one method is sound, and in which it fails.
 
     Attributes
     ----------

@@ -41,7 +41,7 @@ def data_fit(file: CampaignData, string: int) -> tuple[Misfit, int] | None:
 
 
 class StringPredictions(NamedTuple):
-    """What a string predicts for the values of all data, one datum after the other.
+    """Predictions of a string for the values of all data, one datum after the other.
 
     Attributes
     ----------

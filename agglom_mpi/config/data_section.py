@@ -218,7 +218,7 @@ CURVE_NUMBERS: Final = ("edges", "shares", "errors")
 
 
 class DataLimits(NamedTuple):
-    """What a scene allows of data.
+    """Limits of a scene on data.
 
     Attributes
     ----------

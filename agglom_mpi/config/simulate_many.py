@@ -98,7 +98,7 @@ class SimulatedSamples(metaclass=PublicFace):
 
 
 class _Work(NamedTuple):
-    """What the threads share.
+    """Work that the threads share.
 
     Attributes
     ----------

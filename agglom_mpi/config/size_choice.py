@@ -26,7 +26,7 @@ PREFERRED_AMOUNTS: Final[tuple[tuple[Role, ...], ...]] = (
 
 
 class CurveKeys(NamedTuple):
-    """What an entry of `data` states of its file; None and empty where it does not.
+    """Statements of an entry of `data` on its file; None and empty where it makes none.
 
     Attributes
     ----------

@@ -14,7 +14,7 @@ Numbers: TypeAlias = npt.NDArray[np.float64]
 ShareWeight: TypeAlias = Literal["number", "area", "mass"]
 
 POWER: Final[dict[ShareWeight, int]] = {"number": 0, "area": 2, "mass": 3}
-"""Power of its diameter by which a grain counts."""
+"""Power of the diameter that is the weight of a grain."""
 MIN_COUNT: Final = 5.0
 """Minimum number of counted grains of a class, from which its share is nearly normal."""
 MIN_LISTED_SHARE: Final = 0.05
@@ -148,7 +148,7 @@ def curve_of_amounts(
 def curve_of_counted(
     edges: Numbers, shares: Numbers, counted: float, weight: ShareWeight
 ) -> SizeCurve:
-    """Return the curve of classes among which so many grains were counted.
+    """Return the curve of classes with a number of counted grains.
 
     The shares (q,) may be of the area or the mass of these grains; how many grains they stand for
     follows from the geometric mean of a class's edges. A class that is open at one end counts as

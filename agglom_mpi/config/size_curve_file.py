@@ -253,7 +253,7 @@ def _total(amount: SizeColumn, numbers: Numbers) -> tuple[float, bool]:
 
 
 def _counted(curve: SizeCurve, counted: float) -> SizeCurve:
-    """Return a curve with the errors of so many counted grains."""
+    """Return a curve with the errors of a number of counted grains."""
     if len(curve.shares) < 2:
         return curve
     return curve_of_counted(np.array(curve.edges), np.array(curve.shares), counted, curve.weight)

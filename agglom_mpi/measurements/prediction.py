@@ -1,4 +1,4 @@
-"""What a string predicts for each datum, from sums over its samples.
+"""Predictions of a string for each datum, from sums over its samples.
 
 The distribution of a string is the pooled one: that of the particles of all of its samples
 together. Each prediction is a function of sums over samples, so the same function gives the pooled
@@ -27,7 +27,7 @@ QUANTILES: Final = {"d10": 0.1, "d50": 0.5, "d90": 0.9}
 
 
 class Predictions(NamedTuple):
-    """What a string predicts for all values of some data, one after the other.
+    """Predictions of a string for all values of some data, one after the other.
 
     Attributes
     ----------

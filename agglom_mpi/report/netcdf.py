@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from agglom_mpi.storage.reader import CampaignData
 
 ENGINE: Final = "h5netcdf"
-"""Library by which xarray writes: the lightest one that can write groups."""
+"""Library that xarray writes with: the lightest one that can write groups."""
 COMPRESSION: Final = {"zlib": True, "complevel": 4}
 """Compression of padded arrays, which are mostly empty."""
 

@@ -1,4 +1,4 @@
-"""What a table of the campaign file is: its columns, and the number of a row."""
+"""Tables of the campaign file: their columns, and the meaning of a row's number."""
 
 from typing import Final, NamedTuple
 

@@ -25,7 +25,7 @@ PANEL_WIDTH, PANEL_HEIGHT = 4.2, 3.4
 
 
 class DrawnPrediction(NamedTuple):
-    """What a string predicts for a datum, (q,), and the covariance of its errors, (q, q)."""
+    """Prediction of a string for a datum, (q,), and the covariance of its errors, (q, q)."""
 
     name: str
     values: Floats

@@ -29,7 +29,7 @@ SampleCensus: TypeAlias = tuple[NDArray[np.generic], ...]
 
 
 class MeasuredString(NamedTuple):
-    """What the samples of a string are compared with, and what their censuses refer to.
+    """Measured data for the samples of a string, and the scales of their censuses.
 
     Attributes
     ----------
