@@ -19,6 +19,9 @@ from agglom_mpi.simulation.sample_draws import samples_at_once, thread_stream
 from agglom_mpi.simulation.sample_range import new_results, new_watch
 
 KEY = (7, 1, 2, 3)
+PLAIN = os.environ.get("NUMBA_DISABLE_JIT", "0") != "0"
+MORE_THAN_WILL_END = 2_000 if PLAIN else 1_000_000
+"""Samples of a range that is ended; plain Python takes long for the streams of a million."""
 
 
 def alone(scene, number):
@@ -83,7 +86,7 @@ def test_samples_take_the_time_of_their_range():
 
 def test_an_abort_ends_the_sample_under_way_and_keeps_those_before(monkeypatch):
     scene = SMALL_SCENES["event"]
-    results, abort = new_results(1_000_000), np.zeros(1, np.uint8)
+    results, abort = new_results(MORE_THAN_WILL_END), np.zeros(1, np.uint8)
 
     def end():
         while results.finished[0] < 3:
@@ -96,14 +99,14 @@ def test_an_abort_ends_the_sample_under_way_and_keeps_those_before(monkeypatch):
     thread.join(HANG)
     finished = int(results.finished[0])
     assert cut
-    assert 3 <= finished < 1_000_000
+    assert 3 <= finished < MORE_THAN_WILL_END
     assert results.records[finished - 1].tobytes() == alone(scene, finished - 1).tobytes()
     assert not results.records[finished:]["state"].any()
 
 
 def test_the_sample_under_way_is_known_while_it_runs():
     """Its start is read by another thread, which ends the range when two samples have begun."""
-    results, abort, begun = new_results(1_000_000), np.zeros(1, np.uint8), np.zeros(1)
+    results, abort, begun = new_results(MORE_THAN_WILL_END), np.zeros(1, np.uint8), np.zeros(1)
     seen = set()
 
     def watch():
@@ -190,7 +193,7 @@ def test_the_particles_of_a_sample_stay_what_they_are():
     assert particles.records.tobytes() == before
 
 
-@pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT", "0") != "0", reason="it is the other run")
+@pytest.mark.skipif(PLAIN, reason="it is the other run")
 def test_all_of_this_holds_in_plain_python():
     files = [Path(__file__), Path(__file__).with_name("test_stream_states.py")]
     words = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-m", "not slow", *files]
