@@ -162,7 +162,7 @@ class PageBuilder:
         widths = (TEXT_WIDTH, NARROW_TEXT_WIDTH)
         self._set_texts = tuple(plain_text(set_text(found, posterior), width) for width in widths)
         shown = self._figures.setdefault("set", [])
-        for drawing in set_drawings(found) if found.calibration.passed else ():
+        for drawing in set_drawings(self._data, found) if found.calibration.passed else ():
             write_drawing(self._directory, drawing)
             shown.append(embedded(self._directory, drawing))
             self.figure_count += 1

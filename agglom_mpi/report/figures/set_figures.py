@@ -18,10 +18,11 @@ from agglom_mpi.report.drawing import (
     histogram_range,
     legend_below,
     note,
-    scaled_unit,
     style_axes,
 )
 from agglom_mpi.report.set_summary import shown_directions
+from agglom_mpi.report.shown_units import shown_unit
+from agglom_mpi.storage.reader import CampaignData
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -62,6 +63,8 @@ class PlottedSet(NamedTuple):
     of
     variables
         Searched variables, the decided ones first.
+    shown_units
+        Factor and label of the unit of each variable, in their order.
     units
         Coordinates of the points on the scales of the search, in units of the box, (n, d).
     probability
@@ -70,6 +73,7 @@ class PlottedSet(NamedTuple):
 
     of: FeasibleSet
     variables: "list[SetVariable]"
+    shown_units: list[tuple[float, str]]
     units: Floats
     probability: Floats
 
@@ -83,16 +87,17 @@ class PlottedSet(NamedTuple):
         return float(self.of.points.lower[place]), float(self.of.points.upper[place])
 
 
-def plotted(of: FeasibleSet) -> PlottedSet:
-    """Return a set with points to draw it by."""
+def plotted(data: CampaignData, of: FeasibleSet) -> PlottedSet:
+    """Return the set of a campaign with points to draw it by."""
     box = of.emulated.box
     strings = box.even_strings(PLOTTED_POINTS, of.points.lower, of.points.upper)
     probability = of.emulated.probability(strings)
     ordered = sorted(of.variables, key=lambda each: (each.free, each.kept))
-    return PlottedSet(of, ordered, box.space.to_unit(strings), probability)
+    shown = [shown_unit(data, each.name, each.unit, each.upper) for each in ordered]
+    return PlottedSet(of, ordered, shown, box.space.to_unit(strings), probability)
 
 
-def set_drawings(of: FeasibleSet) -> list[Drawing]:
+def set_drawings(data: CampaignData, of: FeasibleSet) -> list[Drawing]:
     """Return the figures of a calibrated set; of an empty set, its reach and its reliability."""
     drawings = []
     if of.empty:
@@ -107,7 +112,7 @@ def set_drawings(of: FeasibleSet) -> list[Drawing]:
             )
         )
     elif of.volume > 0.0:
-        shown = plotted(of)
+        shown = plotted(data, of)
         count = min(len(shown.variables), MAX_PLOTTED_VARIABLES)
         side = max(PAIR_PANEL_SIZE * count + 1.0, 4.0)
         drawings += [
@@ -282,7 +287,7 @@ def _scale_axis(axis: Any, shown: PlottedSet, each: "SetVariable", label: bool) 
     units[:, place] = low, high
     strings = space.from_unit(units)
     first, last = variable.values(strings)
-    factor, unit = scaled_unit(each.unit, each.upper)
+    factor, unit = shown.shown_units[shown.variables.index(each)]
     ticks = few_ticks(first / factor, last / factor, variable.logarithmic) * factor
     marked = np.tile(strings[0], (len(ticks), 1))
     marked[:, variable.column] = variable.components(ticks)
