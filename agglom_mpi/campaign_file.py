@@ -400,6 +400,8 @@ class CampaignFile(metaclass=PublicFace):
     def plot_data_fit(self, string: int | None = None, figure: Any = None) -> Any:
         """Draw measured data beside the best strings, or one; see `plot_convergence`.
 
+        Each size curve has a cumulative and a density panel; all other data have one of residuals.
+
         Examples
         --------
         >>> import agglom_mpi
@@ -408,6 +410,20 @@ class CampaignFile(metaclass=PublicFace):
         0
         """
         return self._plot("data_fit", figure, string)
+
+    def plot_growth(self, string: int | None = None, figure: Any = None) -> Any:
+        """Draw sizes of the best strings, or of one, over time, with data; see `plot_convergence`.
+
+        The times are those of the measured data; data at a single time show no growth.
+
+        Examples
+        --------
+        >>> import agglom_mpi
+        >>> [ax] = agglom_mpi.open_campaign("quickstart.h5").plot_growth()  # has no data
+        >>> len(ax.lines)
+        0
+        """
+        return self._plot("growth", figure, string)
 
     def plot_finite_size(self, ax: Any = None) -> Any:
         """Draw the growth of the best strings against 1/N, with limits; see `plot_convergence`.

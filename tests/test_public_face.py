@@ -32,7 +32,10 @@ FILE = {
     *("path", "title", "seed", "campaign_text", "status", "damaged"),
     *("strings", "samples", "estimates", "generations", "variables", "volumes", "limits"),
     *("best", "feasible_set", "final_particles", "framed", "frames"),
-    *(f"plot_{name}" for name in (*PLOTS, "data_fit", "finite_size", "samples", "search_paths")),
+    *(
+        f"plot_{name}"
+        for name in (*PLOTS, "data_fit", "finite_size", "growth", "samples", "search_paths")
+    ),
 }
 BOX = {"advance", "particles", "reset", "set", "state", "time", "volume"}  # see test_box_inputs
 METHODS_OF_CAMPAIGN = {
