@@ -17,6 +17,7 @@ from agglom_mpi.storage.reader import CampaignData, Status, read_campaign
 if TYPE_CHECKING:
     import pandas as pd
 
+    from agglom_mpi.inference.data_posterior import DataPosterior
     from agglom_mpi.inference.feasible_set import FeasibleSet
     from agglom_mpi.simulation.frames import Frames
 
@@ -424,6 +425,74 @@ class CampaignFile(metaclass=PublicFace):
         0
         """
         return self._plot("growth", figure, string)
+
+    def plot_posterior(
+        self,
+        truth: "dict[str, float | str] | None" = None,
+        figure: Any = None,
+        posterior: "DataPosterior | None" = None,
+    ) -> Any:
+        """Draw the posterior given all measured data as a corner plot: `posterior()`, drawn.
+
+        Parameters
+        ----------
+        truth : dict, optional
+            Values of searched variables that are marked, as numbers in SI units or texts.
+        figure : matplotlib.figure.Figure or SubFigure, optional
+        posterior : DataPosterior, optional
+            What `posterior()` returned; by default it is computed, which takes seconds.
+
+        Returns
+        -------
+        numpy.ndarray
+            The axes, shape (m, m); those above the diagonal are not shown.
+
+        Raises
+        ------
+        PosteriorError
+            If the campaign has no data, or too few strings.
+        CampaignError
+            If `truth` names no searched variable, or its value has another unit.
+
+        Examples
+        --------
+        >>> import agglom_mpi
+        >>> file = agglom_mpi.open_campaign("quickstart.h5")
+        >>> file.plot_posterior(truth={"hardness": "60 MPa"})  # has no data
+        Traceback (most recent call last):
+            ...
+        agglom_mpi.inference.posterior.PosteriorError: quickstart.h5: ...
+        """
+        require_library("matplotlib", "report", "figures")
+        from agglom_mpi.report.figures import posterior_figures
+
+        found = self.posterior() if posterior is None else posterior
+        return posterior_figures.plot_posterior(self._snapshot(), found, truth or {}, figure)
+
+    def plot_predictive(self, figure: Any = None, posterior: "DataPosterior | None" = None) -> Any:
+        """Draw all measured data beside what the posterior predicts for them.
+
+        Parameters and errors are those of `plot_posterior`. Panels are those of `plot_data_fit`;
+        each datum has a p-value, which is near 0 where it disagrees.
+
+        Returns
+        -------
+        numpy.ndarray
+            The axes, one for each panel.
+
+        Examples
+        --------
+        >>> import agglom_mpi
+        >>> agglom_mpi.open_campaign("quickstart.h5").plot_predictive()  # has no data
+        Traceback (most recent call last):
+            ...
+        agglom_mpi.inference.posterior.PosteriorError: quickstart.h5: ...
+        """
+        require_library("matplotlib", "report", "figures")
+        from agglom_mpi.report.figures import posterior_figures
+
+        found = self.posterior() if posterior is None else posterior
+        return posterior_figures.plot_predictive(self._snapshot(), found, figure)
 
     def plot_finite_size(self, ax: Any = None) -> Any:
         """Draw the growth of the best strings against 1/N, with limits; see `plot_convergence`.

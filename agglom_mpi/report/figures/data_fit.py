@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,32 @@ INDICES: Final = {"number": "₀", "area": "₂", "mass": "₃"}
 """Index of a distribution by its weight, as ISO 9276-1 names them."""
 
 
+class Interval(NamedTuple):
+    """Middle and ends of 95 % intervals of q numbers, shape (q,) each."""
+
+    middle: Floats
+    low: Floats
+    high: Floats
+
+    @property
+    def bars(self) -> Floats:
+        """Lengths below and above the middle, shape (2, q)."""
+        return np.maximum([self.middle - self.low, self.high - self.middle], 0.0)
+
+
+class Prediction(Protocol):
+    """What is predicted for a datum, with its error."""
+
+    @property
+    def name(self) -> str:
+        """Name in the legend."""
+        ...
+
+    def interval(self, matrix: Floats) -> Interval:
+        """Return the intervals of `matrix`, (r, q), times the predicted values, (q,)."""
+        ...
+
+
 class DrawnPrediction(NamedTuple):
     """Prediction of a string for a datum, (q,), and the covariance of its errors, (q, q)."""
 
@@ -37,13 +63,54 @@ class DrawnPrediction(NamedTuple):
     values: Floats
     covariance: Floats
 
+    def interval(self, matrix: Floats) -> Interval:
+        """Return the intervals of `matrix`, (r, q), times the values, of normal errors."""
+        middle = matrix @ self.values
+        variances = np.diag(matrix @ self.covariance @ matrix.T)
+        half = TWO_SIDED * np.sqrt(np.maximum(variances, 0.0))
+        return Interval(middle, middle - half, middle + half)
+
+
+class DrawnValues(NamedTuple):
+    """Draws of what is predicted for a datum, shape (draws, q)."""
+
+    name: str
+    draws: Floats
+
+    def interval(self, matrix: Floats) -> Interval:
+        """Return the intervals of `matrix`, (r, q), times the draws, by their quantiles."""
+        low, middle, high = np.quantile(self.draws @ matrix.T, [0.025, 0.5, 0.975], axis=0)
+        return Interval(middle, low, high)
+
 
 class ComparedDatum(NamedTuple):
-    """A datum, what the best strings predict for it, and factor and label of its shown unit."""
+    """A datum, what is predicted for it, and how it is shown.
+
+    Attributes
+    ----------
+    datum
+    predictions
+        In order of the legend.
+    shown_unit
+        Factor and label of the unit of its number, or of the diameters of its classes.
+    note
+        What is to be said of the datum; empty if nothing.
+    """
 
     datum: Datum
-    predictions: list[DrawnPrediction]
+    predictions: Sequence[Prediction]
     shown_unit: tuple[float, str]
+    note: str = ""
+
+    @property
+    def measured(self) -> DrawnPrediction:
+        """The measured values with their errors."""
+        return DrawnPrediction("measured", self.datum.values, self.datum.covariance)
+
+    @property
+    def title(self) -> str:
+        """Name of the datum."""
+        return self.datum.name.replace("_", " ")
 
 
 def draw_data_fit(figure: Any, compared: Sequence[ComparedDatum]) -> NDArray[Any]:
@@ -76,13 +143,18 @@ def _draw_cumulative(ax: Any, compared: ComparedDatum) -> None:
     sizes = datum.edges[1:-1] / factor
     _scale_sizes(ax, compared)
     ax.set_ylabel(f"share below, Q{INDICES[datum.weight]} (%)")
+    below = 100.0 * np.tril(np.ones((len(sizes), len(datum.values))))
     for place, each in enumerate(compared.predictions):
         colour = COLOURS[place % len(COLOURS)]
-        share, error = _cumulative(each.values, each.covariance)
-        ax.plot(sizes, share, color=colour, label=each.name, zorder=3.0 - 0.1 * place)
-        ax.fill_between(sizes, share - error, share + error, color=colour, alpha=0.2, linewidth=0)
-    share, error = _cumulative(datum.values, datum.covariance)
-    ax.errorbar(sizes, share, yerr=error, fmt="o", color="0.15", capsize=3, label="measured")
+        share = each.interval(below)
+        ax.plot(sizes, share.middle, color=colour, label=each.name, zorder=3.0 - 0.1 * place)
+        ax.fill_between(sizes, share.low, share.high, color=colour, alpha=0.2, linewidth=0)
+    share = compared.measured.interval(below)
+    style = {"fmt": "o", "color": "0.15", "capsize": 3, "label": "measured"}
+    ax.errorbar(sizes, share.middle, yerr=share.bars, **style)
+    # The lower right of a cumulative curve is empty.
+    where = {"transform": ax.transAxes, "ha": "right", "va": "bottom", "fontsize": "small"}
+    ax.text(0.97, 0.04, compared.note, **where)
 
 
 def _draw_density(ax: Any, compared: ComparedDatum) -> None:
@@ -90,11 +162,12 @@ def _draw_density(ax: Any, compared: ComparedDatum) -> None:
     datum, (factor, _) = compared.datum, compared.shown_unit
     assert datum.edges is not None
     edges = closed_edges(datum.edges) / factor
-    decades = np.diff(np.log10(edges))
+    per_decade = 100.0 * np.diag(1.0 / np.diff(np.log10(edges)))
     _scale_sizes(ax, compared)
     index = INDICES[datum.weight]
     ax.set_ylabel(f"density, dQ{index}/dlog₁₀d (%)")
-    density, error = _densities(datum.values, datum.covariance, decades)
+    measured = compared.measured.interval(per_decade)
+    density = measured.middle
     ax.stairs(density, edges, fill=True, color="0.88", label="measured")
     open_classes = [(0, datum.edges[0] == 0.0), (len(density) - 1, datum.edges[-1] == math.inf)]
     for here in (place for place, is_open in open_classes if is_open):
@@ -102,11 +175,12 @@ def _draw_density(ax: Any, compared: ComparedDatum) -> None:
         ax.stairs(density[[here]], edges[[here, here + 1]], fill=True, **style)
     for place, each in enumerate(compared.predictions):
         colour = COLOURS[place % len(COLOURS)]
-        own, half = _densities(each.values, each.covariance, decades)
-        ax.stairs(own, edges, baseline=None, color=colour, linewidth=1.5, zorder=3.0 - 0.1 * place)
-        ax.stairs(own + half, edges, baseline=own - half, fill=True, color=colour, alpha=0.2)
+        own = each.interval(per_decade)
+        line = {"baseline": None, "linewidth": 1.5, "zorder": 3.0 - 0.1 * place}
+        ax.stairs(own.middle, edges, color=colour, **line)
+        ax.stairs(own.high, edges, baseline=own.low, fill=True, color=colour, alpha=0.2)
     middles = np.sqrt(edges[:-1] * edges[1:])
-    ax.errorbar(middles, density, yerr=error, fmt="o", color="0.15", capsize=3)
+    ax.errorbar(middles, density, yerr=measured.bars, fmt="o", color="0.15", capsize=3)
     ax.set_ylim(bottom=0.0)
 
 
@@ -129,7 +203,7 @@ def _scale_sizes(ax: Any, compared: ComparedDatum) -> None:
     assert datum.edges is not None
     low, high = closed_edges(datum.edges)[[0, -1]] / factor
     style_axes(ax)
-    ax.set(title=datum.name, xlabel=f"diameter ({unit})", xscale="log", xlim=(low, high))
+    ax.set(title=compared.title, xlabel=f"diameter ({unit})", xscale="log", xlim=(low, high))
     ticks = few_ticks(low, high, logarithmic=True)
     ax.set_xticks(ticks, [f"{tick:.4g}" for tick in ticks])
     ax.minorticks_off()
@@ -142,12 +216,12 @@ def _draw_residuals(ax: Any, compared: Sequence[ComparedDatum]) -> None:
     for row, each in enumerate(compared):
         scale = math.sqrt(each.datum.covariance[0, 0])
         for place, found in enumerate(each.predictions):
-            away = (found.values[0] - each.datum.values[0]) / scale
-            bar = TWO_SIDED * math.sqrt(found.covariance[0, 0]) / scale
+            own = found.interval(np.array([[1.0 / scale]]))
+            away = own.middle - each.datum.values / scale
             aside = 0.2 * (place - (len(each.predictions) - 1) / 2.0)
             style = {"color": COLOURS[place % len(COLOURS)], "fmt": "o", "capsize": 2}
             label = found.name if row == 0 else None
-            ax.errorbar(away, row + aside, xerr=bar, label=label, markersize=4, **style)
+            ax.errorbar(away, row + aside, xerr=own.bars, label=label, markersize=4, **style)
     ax.set_yticks(range(len(compared)), [_measured(each) for each in compared])
     ax.set_ylim(len(compared) - 0.5, -0.5)
     ax.set_xlabel("(predicted − measured)/error")
@@ -158,24 +232,12 @@ def _measured(compared: ComparedDatum) -> str:
     datum, (factor, unit) = compared.datum, compared.shown_unit
     error = math.sqrt(datum.covariance[0, 0])
     shown = value_with_error(float(datum.values[0]) / factor, error / factor)
-    return f"{datum.name.replace('_', ' ')}\n{in_unit(shown, unit)}"
+    note = f", {compared.note}" if compared.note else ""
+    return f"{compared.title}\n{in_unit(shown, unit)}{note}"
 
 
 def _residual_height(numbers: int) -> float:
     return 0.9 + NUMBER_HEIGHT * numbers
-
-
-def _cumulative(shares: Floats, covariance: Floats) -> tuple[Floats, Floats]:
-    """Return the share below each edge between classes and half its 95 % interval, in %."""
-    below = np.tril(np.ones((len(shares) - 1, len(shares))))
-    variances = np.diag(below @ covariance @ below.T)
-    return 100.0 * below @ shares, 100.0 * TWO_SIDED * np.sqrt(np.maximum(variances, 0.0))
-
-
-def _densities(shares: Floats, covariance: Floats, decades: Floats) -> tuple[Floats, Floats]:
-    """Return the share of each class and half its 95 % interval, in % per decade."""
-    errors = TWO_SIDED * np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    return 100.0 * shares / decades, 100.0 * errors / decades
 
 
 def compared_strings(data: CampaignData, string: int | None) -> dict[int, str]:
@@ -222,7 +284,8 @@ def unit_of_datum(data: CampaignData, datum: Datum) -> tuple[float, str]:
     return shown_unit(data, datum.quantity, unit, float(datum.values[0]))
 
 
-def _size(compared: Sequence[ComparedDatum]) -> tuple[float, float]:
+def data_fit_size(compared: Sequence[ComparedDatum]) -> tuple[float, float]:
+    """Return width and height of the figure of some data, inches."""
     curves = sum(each.datum.quantity == "sizes" for each in compared)
     numbers = len(compared) - curves
     height = CURVE_HEIGHT * curves + (_residual_height(numbers) if numbers else 0.0)
@@ -237,7 +300,7 @@ DATA_FIT: Final = Figure(
     "Measured data and the best strings, with 95 % intervals of each: shares below a diameter and "
     "densities, and differences of single numbers in errors of the measurement, whose own 95 % are "
     "shaded. Hatched classes are open; they are drawn as wide as those beside them.",
-    size=_size,
+    size=data_fit_size,
     empty="the campaign has no measured data, or no string is judged yet",
     panels=True,
 )

@@ -96,7 +96,7 @@ def test_a_string_that_is_not_judged_is_refused(measured, name):
 
 @pytest.mark.parametrize("name", ["data_fit", "growth"])
 def test_a_figure_of_data_is_drawn_without_warnings(measured, name, recwarn):
-    figure = Figure(layout="constrained")
+    figure = Figure((8.0, 8.0), layout="constrained")
     axes = getattr(open_campaign(measured), f"plot_{name}")(figure=figure)
     figure.canvas.draw()
     assert all(ax.has_data() for ax in axes)
