@@ -83,7 +83,7 @@ def posterior_drawings(data: CampaignData, posterior: "DataPosterior") -> list[D
     )
     return [
         Drawing(
-            "posterior",
+            "posterior_pairs",
             f"Posterior of the variables, given {posterior.given}: densities of pairs, regions "
             "with 50 % and 90 % of it, and marginals over the prior (line at 1) with median and "
             f"central 90 %.{more}{doubt}",

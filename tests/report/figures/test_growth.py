@@ -18,22 +18,13 @@ from matplotlib.figure import Figure
 from agglom_mpi.report.figures.growth import quantile_bounds
 
 
-@pytest.fixture(scope="module")
-def measured(tmp_path_factory):
-    """Return the file of a finished campaign with a curve at 2 ms, and numbers at the end."""
-    folder = tmp_path_factory.mktemp("measured")
-    write_measured(folder)
-    finish(folder, "measured.yaml")
-    return folder / "measured.h5"
-
-
 def panels(path, **options):
     axes = open_campaign(path).plot_growth(figure=Figure(layout="constrained"), **options)
     return {ax.get_ylabel(): ax for ax in axes}
 
 
-def test_there_is_a_panel_for_each_kind_of_quantity(measured):
-    found = panels(measured)
+def test_there_is_a_panel_for_each_kind_of_quantity(measured_file):
+    found = panels(measured_file)
     assert list(found) == [
         "mean diameter by number (µm)",
         "diameters by mass (µm)",
@@ -46,19 +37,19 @@ def test_there_is_a_panel_for_each_kind_of_quantity(measured):
     ]
 
 
-def test_curves_begin_with_the_grains_and_end_with_the_predictions(measured):
-    best = int(open_campaign(measured).best()["string"][0])
-    curve = panels(measured, string=best)["mean diameter by number (µm)"].lines[0]
+def test_curves_begin_with_the_grains_and_end_with_the_predictions(measured_file):
+    best = int(open_campaign(measured_file).best()["string"][0])
+    curve = panels(measured_file, string=best)["mean diameter by number (µm)"].lines[0]
     assert curve.get_xdata() == pytest.approx([0.0, 2.0, 5.0])  # ms
-    mean, left = string_predictions(read_campaign(measured), best).values[-2:]
+    mean, left = string_predictions(read_campaign(measured_file), best).values[-2:]
     assert curve.get_ydata()[[0, -1]] == pytest.approx([100.0, 1e6 * mean])
-    assert panels(measured)["particles left"].lines[0].get_ydata()[[0, -1]] == pytest.approx(
+    assert panels(measured_file)["particles left"].lines[0].get_ydata()[[0, -1]] == pytest.approx(
         [1.0, left]
     )
 
 
-def test_a_measured_number_has_its_interval_at_its_time(measured):
-    [bar] = panels(measured)["mean diameter by number (µm)"].containers
+def test_a_measured_number_has_its_interval_at_its_time(measured_file):
+    [bar] = panels(measured_file)["mean diameter by number (µm)"].containers
     assert bar.get_label() == "measured"
     [segment] = bar.lines[2][0].get_segments()
     assert segment[:, 0] == pytest.approx([5.0, 5.0])
@@ -89,15 +80,15 @@ def test_data_at_a_single_time_show_no_growth(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["data_fit", "growth"])
-def test_a_string_that_is_not_judged_is_refused(measured, name):
+def test_a_string_that_is_not_judged_is_refused(measured_file, name):
     with pytest.raises(ValueError, match="string is 99999, which is not judged"):
-        getattr(open_campaign(measured), f"plot_{name}")(99999)
+        getattr(open_campaign(measured_file), f"plot_{name}")(99999)
 
 
 @pytest.mark.parametrize("name", ["data_fit", "growth"])
-def test_a_figure_of_data_is_drawn_without_warnings(measured, name, recwarn):
+def test_a_figure_of_data_is_drawn_without_warnings(measured_file, name, recwarn):
     figure = Figure((8.0, 8.0), layout="constrained")
-    axes = getattr(open_campaign(measured), f"plot_{name}")(figure=figure)
+    axes = getattr(open_campaign(measured_file), f"plot_{name}")(figure=figure)
     figure.canvas.draw()
     assert all(ax.has_data() for ax in axes)
     assert not recwarn.list

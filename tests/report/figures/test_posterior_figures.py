@@ -157,7 +157,7 @@ def test_predictions_stand_beside_all_data_with_their_p_values(data, posterior):
 def test_figures_of_an_unreliable_posterior_say_so(data, posterior, warning):
     posterior.warning = warning
     drawings = posterior_drawings(data, posterior)
-    assert [drawing.name for drawing in drawings] == ["posterior", "predictive_check"]
+    assert [drawing.name for drawing in drawings] == ["posterior_pairs", "predictive_check"]
     for drawing in drawings:
         figure = Figure(figsize=drawing.size)
         drawing.draw(figure)
