@@ -32,7 +32,7 @@ from agglom_mpi.report.embedding import EmbeddedFigure, embedded
 from agglom_mpi.report.export import require_directory
 from agglom_mpi.report.figures import FIGURES
 from agglom_mpi.report.figures.figure import FigureOptions
-from agglom_mpi.report.figures.posterior_figures import posterior_drawings
+from agglom_mpi.report.figures.posterior_figures import pairs_drawing, posterior_drawings
 from agglom_mpi.report.figures.set_figures import set_drawings
 from agglom_mpi.report.posterior_summary import data_posterior_text
 from agglom_mpi.report.sample_particles import (
@@ -171,6 +171,8 @@ class PageBuilder:
         self._set_texts = tuple(plain_text(set_text(found, posterior), width) for width in widths)
         for drawing in set_drawings(self._data, found) if found.calibration.passed else ():
             self._write("set", drawing)
+        if posterior is not None:
+            self._write("set", pairs_drawing(self._data, posterior, "set_posterior"))
 
     @single_threaded
     def add_posterior(self, posterior: DataPosterior) -> None:

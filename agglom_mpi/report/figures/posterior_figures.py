@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     import matplotlib.figure
 
     from agglom_mpi.inference.data_posterior import DataPosterior
+    from agglom_mpi.inference.posterior import Posterior
 
 Floats = NDArray[np.float64]
 
@@ -60,7 +61,7 @@ WARNING_COLOUR: Final = COLOURS[1]
 TRUTH_COLOUR: Final = COLOURS[4]
 
 
-def posterior_points(data: CampaignData, posterior: "DataPosterior") -> BoxPoints:
+def posterior_points(data: CampaignData, posterior: "Posterior") -> BoxPoints:
     """Return the strings of a posterior as weighted points, the narrowest variables first."""
     box, weights = posterior.of.box, posterior.weights
     names = sorted(box.names, key=lambda name: posterior.contraction[name])
@@ -75,34 +76,43 @@ def posterior_points(data: CampaignData, posterior: "DataPosterior") -> BoxPoint
 
 def posterior_drawings(data: CampaignData, posterior: "DataPosterior") -> list[Drawing]:
     """Return the figures of a posterior: its corner plot, and its predictions beside the data."""
-    points, compared = posterior_points(data, posterior), predicted_data(data, posterior)
-    doubt = f" Unreliable: {posterior.warning}." if posterior.warning else ""
-    left = len(points.names) - MAX_PLOTTED_VARIABLES
-    more = (
-        f" The {left} variables that the data narrow down least are left out." if left > 0 else ""
+    compared = predicted_data(data, posterior)
+    caption = (
+        "Data beside what the posterior predicts, with 95 % intervals; p is the probability that a "
+        "further measurement would differ more, near 0 where a datum disagrees with the model."
     )
     return [
-        Drawing(
-            "posterior_pairs",
-            f"Posterior of the variables, given {posterior.given}: densities of pairs, regions "
-            "with 50 % and 90 % of it, and marginals over the prior (line at 1) with median and "
-            f"central 90 %.{more}{doubt}",
-            lambda figure: draw_posterior(figure, points, posterior),
-            corner_size(len(points.names)),
-        ),
+        pairs_drawing(data, posterior, "posterior_pairs"),
         Drawing(
             "predictive_check",
-            "Data beside what the posterior predicts, with 95 % intervals; p is the probability "
-            "that a further measurement would differ more, near 0 where a datum disagrees with the "
-            f"model.{doubt}",
+            caption + _doubt(posterior),
             lambda figure: draw_predictive(figure, compared, posterior.warning),
             data_fit_size(compared),
         ),
     ]
 
 
+def pairs_drawing(data: CampaignData, posterior: "Posterior", name: str) -> Drawing:
+    """Return the corner plot of a posterior, whatever was measured, by the name of its files."""
+    points = posterior_points(data, posterior)
+    left = len(points.names) - MAX_PLOTTED_VARIABLES
+    more = f" The {left} that are narrowed down least are left out." if left > 0 else ""
+    return Drawing(
+        name,
+        f"Posterior of the variables, given {posterior.given}: densities of pairs, regions with "
+        "50 % and 90 % of it, and marginals over the prior (line at 1) with median and central "
+        f"90 %.{more}{_doubt(posterior)}",
+        lambda figure: draw_posterior(figure, points, posterior),
+        corner_size(len(points.names)),
+    )
+
+
+def _doubt(posterior: "Posterior") -> str:
+    return f" Unreliable: {posterior.warning}." if posterior.warning else ""
+
+
 def plot_posterior(
-    data: CampaignData, posterior: "DataPosterior", truth: Mapping[str, float | str], figure: Any
+    data: CampaignData, posterior: "Posterior", truth: Mapping[str, float | str], figure: Any
 ) -> Any:
     """Draw the corner plot of a posterior into a figure, or a new one, and return the axes, (m, m).
 
@@ -137,7 +147,7 @@ def plot_predictive(data: CampaignData, posterior: "DataPosterior", figure: Any)
 def draw_posterior(
     figure: "matplotlib.figure.Figure",
     points: BoxPoints,
-    posterior: "DataPosterior",
+    posterior: "Posterior",
     truth: Mapping[str, float] | None = None,
 ) -> Any:
     """Draw the corner plot of a posterior, and return the axes, shape (m, m).
@@ -181,7 +191,7 @@ def draw_posterior(
     return axes
 
 
-def _range_text(points: BoxPoints, posterior: "DataPosterior", name: str) -> str:
+def _range_text(points: BoxPoints, posterior: "Posterior", name: str) -> str:
     """Return the median of a variable and the ends of its central 90 %, in its unit."""
     factor, unit = points.shown_units[points.names.index(name)]
     low, median, high = (value / factor for value in posterior.quantiles(name, CENTRAL))
