@@ -171,7 +171,8 @@ def _draw_density(ax: Any, compared: ComparedDatum) -> None:
     ax.stairs(density, edges, fill=True, color="0.88", label="measured")
     open_classes = [(0, datum.edges[0] == 0.0), (len(density) - 1, datum.edges[-1] == math.inf)]
     for here in (place for place, is_open in open_classes if is_open):
-        style = {"hatch": "////", "facecolor": "0.95", "edgecolor": "0.75", "linewidth": 0}
+        # A colour behind a hatch would not follow the dark mode of the page.
+        style = {"hatch": "////", "facecolor": "none", "edgecolor": "0.65", "linewidth": 0}
         ax.stairs(density[[here]], edges[[here, here + 1]], fill=True, **style)
     for place, each in enumerate(compared.predictions):
         colour = COLOURS[place % len(COLOURS)]
