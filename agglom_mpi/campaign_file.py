@@ -429,6 +429,8 @@ class CampaignFile(metaclass=PublicFace):
     def plot_data_fit(self, string: int | None = None, figure: Any = None) -> Any:
         """Draw measured data beside the best strings, or one; see `plot_convergence`.
 
+        Each size curve has a cumulative and a density panel; all other data have one of residuals.
+
         Examples
         --------
         >>> import agglom_mpi
@@ -437,6 +439,88 @@ class CampaignFile(metaclass=PublicFace):
         0
         """
         return self._plot("data_fit", figure, string)
+
+    def plot_growth(self, string: int | None = None, figure: Any = None) -> Any:
+        """Draw sizes of the best strings, or of one, over time, with data; see `plot_convergence`.
+
+        The times are those of the measured data; data at a single time show no growth.
+
+        Examples
+        --------
+        >>> import agglom_mpi
+        >>> [ax] = agglom_mpi.open_campaign("quickstart.h5").plot_growth()  # has no data
+        >>> len(ax.lines)
+        0
+        """
+        return self._plot("growth", figure, string)
+
+    def plot_posterior(
+        self,
+        truth: "dict[str, float | str] | None" = None,
+        figure: Any = None,
+        posterior: "DataPosterior | None" = None,
+    ) -> Any:
+        """Draw the posterior given all measured data as a corner plot: `posterior()`, drawn.
+
+        Parameters
+        ----------
+        truth : dict, optional
+            Values of searched variables that are marked, as numbers in SI units or texts.
+        figure : matplotlib.figure.Figure or SubFigure, optional
+        posterior : DataPosterior, optional
+            What `posterior()` returned; by default it is computed, which takes seconds.
+
+        Returns
+        -------
+        numpy.ndarray
+            The axes, shape (m, m); those above the diagonal are not shown.
+
+        Raises
+        ------
+        PosteriorError
+            If the campaign has no data, or too few strings.
+        CampaignError
+            If `truth` names no searched variable, or its value has another unit.
+
+        Examples
+        --------
+        >>> import agglom_mpi
+        >>> file = agglom_mpi.open_campaign("quickstart.h5")
+        >>> file.plot_posterior(truth={"hardness": "60 MPa"})  # has no data
+        Traceback (most recent call last):
+            ...
+        agglom_mpi.inference.posterior.PosteriorError: quickstart.h5: ...
+        """
+        require_library("matplotlib", "report", "figures")
+        from agglom_mpi.report.figures import posterior_figures
+
+        found = self.posterior() if posterior is None else posterior
+        return posterior_figures.plot_posterior(self._snapshot(), found, truth or {}, figure)
+
+    def plot_predictive(self, figure: Any = None, posterior: "DataPosterior | None" = None) -> Any:
+        """Draw all measured data beside what the posterior predicts for them.
+
+        Parameters and errors are those of `plot_posterior`. Panels are those of `plot_data_fit`;
+        each datum has a p-value, which is near 0 where it disagrees.
+
+        Returns
+        -------
+        numpy.ndarray
+            The axes, one for each panel.
+
+        Examples
+        --------
+        >>> import agglom_mpi
+        >>> agglom_mpi.open_campaign("quickstart.h5").plot_predictive()  # has no data
+        Traceback (most recent call last):
+            ...
+        agglom_mpi.inference.posterior.PosteriorError: quickstart.h5: ...
+        """
+        require_library("matplotlib", "report", "figures")
+        from agglom_mpi.report.figures import posterior_figures
+
+        found = self.posterior() if posterior is None else posterior
+        return posterior_figures.plot_predictive(self._snapshot(), found, figure)
 
     def plot_finite_size(self, ax: Any = None) -> Any:
         """Draw the growth of the best strings against 1/N, with limits; see `plot_convergence`.

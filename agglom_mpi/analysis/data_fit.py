@@ -1,6 +1,7 @@
 """How well a string fits the measured data of its campaign, and which datum disagrees."""
 
 import math
+from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -58,19 +59,28 @@ class StringPredictions(NamedTuple):
     covariance: NDArray[np.float64]
 
 
-def string_predictions(file: CampaignData, string: int) -> StringPredictions | None:
+def string_predictions(
+    file: CampaignData, string: int, data: Sequence[Datum] | None = None
+) -> StringPredictions | None:
     """Return the predictions of a string by its fresh samples, else by those that the search used.
 
     None where no sample completed.
+
+    Parameters
+    ----------
+    file
+    string
+    data
+        Measured or not, at the times of the campaign's censuses; None: what was measured.
     """
     completed = _completed(file, string)
     if not len(completed):
         return None
     law: Any = objective_at(file, string)
-    found = law.predictions(law.summaries(completed))
+    found = law.predictions(law.summaries(completed), data)
     noise = sampling_noise(found.left_out)
     covariance = noise.raw if noise.freedom else np.full(noise.raw.shape, math.nan)
-    return StringPredictions(law.data, found.pooled, covariance)
+    return StringPredictions(tuple(data or law.data), found.pooled, covariance)
 
 
 def describe_fit(file: CampaignData, string: int) -> list[str]:

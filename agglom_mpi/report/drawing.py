@@ -1,6 +1,7 @@
 """How every figure of the package looks, and how it is written as PNG and SVG."""
 
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
@@ -29,7 +30,10 @@ SMALL_PREFIXES: Final = ((1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
 """Factors of the units of small lengths and times, and their prefixes."""
 STRING_LINK: Final = "report.html#string-"
 """Address of a string's row in the page, without its number; marks of strings link to it."""
-SUPERSCRIPTS: Final = {"^2": "²", "^3": "³"}
+TYPESET: Final = {"^2": "²", "^3": "³", "**2": "²", "**3": "³", "*": "·"}
+"""Parts of units in ASCII, and how labels show them."""
+MICRO: Final = re.compile(r"\bu(?=(?:m|s|g|N|J|Pa|W|K|C|L|l|mol)\b)")
+"""The prefix u of a unit."""
 
 
 class Drawing(NamedTuple):
@@ -192,9 +196,7 @@ def scaled_unit(unit: str, largest: float) -> tuple[float, str]:
     >>> scaled_unit("kg/m^3", 1e4)
     (1.0, 'kg/m³')
     """
-    name = unit
-    for ascii_power, superscript in SUPERSCRIPTS.items():
-        name = name.replace(ascii_power, superscript)
+    name = typeset_unit(unit)
     if unit.startswith(("Pa", "J")):
         for factor, prefix in ((1e15, "P"), (1e12, "T"), (1e9, "G"), (1e6, "M"), (1e3, "k")):
             if largest >= 1.5 * factor:
@@ -204,6 +206,19 @@ def scaled_unit(unit: str, largest: float) -> tuple[float, str]:
             if largest >= factor:
                 return factor, f"{prefix}{name}"
     return 1.0, name
+
+
+def typeset_unit(unit: str) -> str:
+    """Return a unit in ASCII as labels show it.
+
+    Examples
+    --------
+    >>> typeset_unit("kg/m^3"), typeset_unit("um"), typeset_unit("mPa*s")
+    ('kg/m³', 'µm', 'mPa·s')
+    """
+    for written, shown in TYPESET.items():
+        unit = unit.replace(written, shown)
+    return MICRO.sub("µ", unit)
 
 
 def axis_label(name: str, unit: str) -> str:

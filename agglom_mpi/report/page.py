@@ -27,11 +27,12 @@ from agglom_mpi.inference.data_posterior import DataPosterior, data_posterior
 from agglom_mpi.inference.feasible_set import FeasibleSet
 from agglom_mpi.outcome import COMPLETED, FAILED
 from agglom_mpi.report import page_tables, published_results
-from agglom_mpi.report.drawing import write_drawing
+from agglom_mpi.report.drawing import Drawing, write_drawing
 from agglom_mpi.report.embedding import EmbeddedFigure, embedded
 from agglom_mpi.report.export import require_directory
 from agglom_mpi.report.figures import FIGURES
 from agglom_mpi.report.figures.figure import FigureOptions
+from agglom_mpi.report.figures.posterior_figures import pairs_drawing, posterior_drawings
 from agglom_mpi.report.figures.set_figures import set_drawings
 from agglom_mpi.report.posterior_summary import data_posterior_text
 from agglom_mpi.report.sample_particles import (
@@ -147,7 +148,7 @@ class PageBuilder:
 
     def draw(self, section: str) -> None:
         """Write the figures of a section of the page that have something to show."""
-        shown = self._figures.setdefault(section, [])
+        self._figures.setdefault(section, [])
         for figure in FIGURES.values():
             if figure.section != section or (figure.on_request and not self._sensitivity):
                 continue
@@ -158,9 +159,7 @@ class PageBuilder:
                 self._frames_unavailable = str(error)
                 continue
             if drawing is not None:
-                write_drawing(self._directory, drawing)
-                shown.append(embedded(self._directory, drawing))
-                self.figure_count += 1
+                self._write(section, drawing)
 
     @single_threaded
     def draw_set(self, request: SetRequest) -> None:
@@ -170,17 +169,25 @@ class PageBuilder:
         write_files(request, found, posterior)
         widths = (TEXT_WIDTH, NARROW_TEXT_WIDTH)
         self._set_texts = tuple(plain_text(set_text(found, posterior), width) for width in widths)
-        shown = self._figures.setdefault("set", [])
-        for drawing in set_drawings(found) if found.calibration.passed else ():
-            write_drawing(self._directory, drawing)
-            shown.append(embedded(self._directory, drawing))
-            self.figure_count += 1
+        for drawing in set_drawings(self._data, found) if found.calibration.passed else ():
+            self._write("set", drawing)
+        if posterior is not None:
+            self._write("set", pairs_drawing(self._data, posterior, "set_posterior"))
 
+    @single_threaded
     def add_posterior(self, posterior: DataPosterior) -> None:
-        """Keep the text of the posterior of all data for the page."""
+        """Write the figures of the posterior of all data, and keep its text for the page."""
         widths = (TEXT_WIDTH, NARROW_TEXT_WIDTH)
         text = data_posterior_text(posterior)
         self._posterior_texts = tuple(plain_text(text, width) for width in widths)
+        for drawing in posterior_drawings(self._data, posterior):
+            self._write("posterior", drawing)
+
+    def _write(self, section: str, drawing: Drawing) -> None:
+        """Write a figure into the directory, and keep it for a section of the page."""
+        write_drawing(self._directory, drawing)
+        self._figures.setdefault(section, []).append(embedded(self._directory, drawing))
+        self.figure_count += 1
 
     def render(self) -> str:
         """Return the page with the figures drawn so far, as HTML."""

@@ -25,7 +25,8 @@ from agglom_mpi.analysis.ranking import listed_strings, rank_strings
 from agglom_mpi.analysis.tables import searched_variables
 from agglom_mpi.formatting import format_duration, label_of, number_or_none, value_with_error
 from agglom_mpi.outcome import COLUMNS, COMPLETED, LEDGER, REASONS
-from agglom_mpi.report.drawing import axis_label, scaled_unit
+from agglom_mpi.report.drawing import axis_label
+from agglom_mpi.report.shown_units import shown_unit
 from agglom_mpi.storage.reader import CampaignData
 
 LAST: Final = 20
@@ -88,20 +89,21 @@ def ranges(data: CampaignData) -> PageTable:
     searched = searched_variables(data)
     lines = []
     for variable, lower, upper, logarithmic in searched:
-        factor, unit = scaled_unit(variable.unit, upper)
+        factor, unit = shown_unit(data, variable.name, variable.unit, upper)
         ends = (f"{lower / factor:.6g}", f"{upper / factor:.6g}")
         scale = "by its logarithm" if logarithmic else "evenly"
-        lines.append([label_of(variable.name), *ends, _shown_unit(unit), scale])
+        lines.append([label_of(variable.name), *ends, _unit_or_empty(unit), scale])
     for variable, row in zip(data.variables.variables, data.variable_rows(), strict=True):
         if row["searched"] != 1 and not np.isnan(row["lower"]):
-            factor, unit = scaled_unit(variable.unit, float(row["upper"]))
-            value = f"{row['upper'] / factor:.6g}"
-            lines.append([label_of(variable.name), value, value, _shown_unit(unit), "fixed"])
+            fixed = float(row["upper"])
+            factor, unit = shown_unit(data, variable.name, variable.unit, fixed)
+            value = f"{fixed / factor:.6g}"
+            lines.append([label_of(variable.name), value, value, _unit_or_empty(unit), "fixed"])
     headings = ("variable", "from", "to", "unit", "searched")
     return PageTable(headings, lines, "Ranges", text_columns=(3, 4), name="ranges")
 
 
-def _shown_unit(unit: str) -> str:
+def _unit_or_empty(unit: str) -> str:
     return "" if unit == "1" else unit
 
 
@@ -116,7 +118,7 @@ def all_strings(data: CampaignData) -> PageTable:
         ("generation", [str(generation.get(string, "")) for string in order]),
     ]
     for variable, _, upper, _ in searched_variables(data):
-        factor, unit = scaled_unit(variable.unit, upper)
+        factor, unit = shown_unit(data, variable.name, variable.unit, upper)
         values = values_of(data, order, variable.name) / factor
         columns.append((axis_label(variable.name, unit), [f"{value:.5g}" for value in values]))
     results = [rank_strings(data).results[string] for string in order]
@@ -150,18 +152,20 @@ def _variable_rows(data: CampaignData, best: list[dict[str, Any]]) -> Iterator[l
         if np.isnan(row["lower"]):  # the campaign does not use it
             continue
         fixed = "" if row["searched"] else "fixed"
-        yield _scaled_row(variable.name, variable.unit, float(row["upper"]), best, fixed)
+        shown = shown_unit(data, variable.name, variable.unit, float(row["upper"]))
+        yield _scaled_row(variable.name, shown, best, fixed)
     for column in derived_columns(data):
         largest = np.nanmax([abs(entry[column.name]) for entry in best], initial=0.0)
-        yield _scaled_row(column.name, column.unit, float(largest), best)
+        shown = shown_unit(data, column.name, column.unit, float(largest))
+        yield _scaled_row(column.name, shown, best)
 
 
 def _scaled_row(
-    name: str, unit: str, largest: float, best: list[dict[str, Any]], note: str = ""
+    name: str, shown: tuple[float, str], best: list[dict[str, Any]], note: str = ""
 ) -> list[str]:
-    """Return a row of values in a unit in which the largest of them reads well."""
-    factor, scaled = scaled_unit(unit, largest)
-    notes = [part for part in (_shown_unit(scaled), note) if part]
+    """Return a row of values in the unit that is `shown`: its factor and its label."""
+    factor, scaled = shown
+    notes = [part for part in (_unit_or_empty(scaled), note) if part]
     label = f"{label_of(name)} ({', '.join(notes)})" if notes else label_of(name)
     return [label, *(f"{entry[name] / factor:.5g}" for entry in best)]
 

@@ -10,9 +10,10 @@ from agglom_mpi.analysis.estimates import Estimate
 from agglom_mpi.analysis.ranking import listed_strings, rank_strings
 from agglom_mpi.analysis.tables import searched_variables
 from agglom_mpi.formatting import number_or_none, value_with_error
-from agglom_mpi.report.drawing import axis_label, scaled_unit
+from agglom_mpi.report.drawing import axis_label
 from agglom_mpi.report.figures.figure import objective_label
 from agglom_mpi.report.page_tables import PageTable
+from agglom_mpi.report.shown_units import shown_unit
 from agglom_mpi.storage.reader import CampaignData
 
 
@@ -226,7 +227,7 @@ def _own_table(data: CampaignData, best: Sequence[int]) -> PageTable:
 def _variable_columns(data: CampaignData) -> list[PublishedColumn]:
     columns = []
     for variable, _, upper, _ in searched_variables(data):
-        factor, unit = scaled_unit(variable.unit, upper)
+        factor, unit = shown_unit(data, variable.name, variable.unit, upper)
         heading = axis_label(variable.name, unit)
         columns.append(PublishedColumn(heading, variable.name, factor, ".5g"))
     return columns

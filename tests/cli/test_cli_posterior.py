@@ -1,6 +1,7 @@
 """The posterior of all measured data of a campaign, as commands show and write it."""
 
 import json
+import re
 
 import pytest
 from click.testing import CliRunner
@@ -52,7 +53,13 @@ def test_the_page_has_a_section_on_the_posterior(run, tmp_path):
     assert done.exit_code == 0, done.output
     page = (tmp_path / "report.html").read_text()
     assert 'id="posterior"' in page
-    assert "surface_energy" in page.partition('id="posterior"')[2].partition("</section>")[0]
+    section = page.partition('<section id="posterior">')[2].partition("</section>")[0]
+    assert "surface_energy" in section
+    for name in ("posterior_pairs", "predictive_check"):
+        assert f'<figure id="{name}"' in section
+        assert (tmp_path / f"{name}.png").stat().st_size > 5000
+    identifiers = re.findall(r'\bid="([^"]*)"', page)
+    assert len(identifiers) == len(set(identifiers))
 
 
 def test_draws_for_arviz_are_of_the_posterior_of_all_data(run, tmp_path):

@@ -10,6 +10,7 @@ from set_runs import three_variable_file, three_variable_text
 from agglom_mpi import open_campaign
 from agglom_mpi.display.plain_console import PlainConsole
 from agglom_mpi.report.set_summary import set_text
+from agglom_mpi.storage.reader import read_campaign
 
 EXACT = """
 import math
@@ -67,5 +68,5 @@ def test_a_mean_that_is_the_same_everywhere_is_known(tmp_path):
     pytest.importorskip("matplotlib")
     from agglom_mpi.report.figures.set_figures import set_drawings
 
-    names = [drawing.name for drawing in set_drawings(found)]
+    names = [drawing.name for drawing in set_drawings(read_campaign(path), found)]
     assert names == ["set_pairs", "set_marginals", "set_reliability"]

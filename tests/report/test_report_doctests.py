@@ -33,5 +33,5 @@ def test_every_plot_and_table_has_an_example():
         if name.startswith("plot_") or name in ("best", "strings", "samples", "generations")
     ]
     texts = [getattr(value, "fget", None) or value for value in public]
-    assert len(texts) == 16
+    assert len(texts) == 19
     assert [text.__name__ for text in texts if ">>>" not in (text.__doc__ or "")] == []

@@ -9,6 +9,7 @@ from agglom_mpi.report.figures.ensembles import ENSEMBLES, SAMPLES_PER_STRING
 from agglom_mpi.report.figures.figure import Figure
 from agglom_mpi.report.figures.finalists import FINALISTS
 from agglom_mpi.report.figures.finite_size import FINITE_SIZE
+from agglom_mpi.report.figures.growth import GROWTH
 from agglom_mpi.report.figures.radii import RADII
 from agglom_mpi.report.figures.search_space import BEST_STRINGS, SEARCH_PATHS, SENSITIVITY
 from agglom_mpi.report.figures.utilisation import UTILISATION
@@ -17,6 +18,7 @@ FIGURES: Final[dict[str, Figure]] = {
     figure.name: figure
     for figure in (
         DATA_FIT,
+        GROWTH,
         FINALISTS,
         FINITE_SIZE,
         CONVERGENCE,

@@ -1,17 +1,19 @@
-"""Measured data beside what the best strings give: cumulative curves, and residuals of numbers."""
+"""Measured data beside what the best strings give: cumulative and density curves, and residuals."""
 
 import math
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.analysis.data_fit import has_data, string_predictions
-from agglom_mpi.analysis.ranking import rank_strings
-from agglom_mpi.measurements.datum import Datum
-from agglom_mpi.report.drawing import COLOURS, scaled_unit, style_axes
+from agglom_mpi.analysis.ranking import judged_string, rank_strings
+from agglom_mpi.formatting import in_unit, value_with_error
+from agglom_mpi.measurements.datum import QUANTITIES, Datum
+from agglom_mpi.report.drawing import COLOURS, few_ticks, style_axes
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
+from agglom_mpi.report.shown_units import shown_unit
 from agglom_mpi.storage.reader import CampaignData
 
 Floats = NDArray[np.float64]
@@ -20,8 +22,38 @@ MAX_DRAWN: Final = 3
 """Maximum number of strings that are drawn."""
 TWO_SIDED: Final = 1.96
 """Standard errors in half a 95 % interval of a normal distribution."""
-PANEL_WIDTH, PANEL_HEIGHT = 4.2, 3.4
-"""Size of a panel, inches."""
+WIDTH, CURVE_HEIGHT, NUMBER_HEIGHT = 7.6, 3.1, 0.5
+"""Width of the figure, and height of a curve and of a number, inches."""
+OPEN_CLASS_RATIO: Final = 2.0
+"""Ratio of the ends of an open class as it is drawn where no class beside it is closed."""
+INDICES: Final = {"number": "₀", "area": "₂", "mass": "₃"}
+"""Index of a distribution by its weight, as ISO 9276-1 names them."""
+
+
+class Interval(NamedTuple):
+    """Middle and ends of 95 % intervals of q numbers, shape (q,) each."""
+
+    middle: Floats
+    low: Floats
+    high: Floats
+
+    @property
+    def bars(self) -> Floats:
+        """Lengths below and above the middle, shape (2, q)."""
+        return np.maximum([self.middle - self.low, self.high - self.middle], 0.0)
+
+
+class Prediction(Protocol):
+    """What is predicted for a datum, with its error."""
+
+    @property
+    def name(self) -> str:
+        """Name in the legend."""
+        ...
+
+    def interval(self, matrix: Floats) -> Interval:
+        """Return the intervals of `matrix`, (r, q), times the predicted values, (q,)."""
+        ...
 
 
 class DrawnPrediction(NamedTuple):
@@ -31,46 +63,150 @@ class DrawnPrediction(NamedTuple):
     values: Floats
     covariance: Floats
 
+    def interval(self, matrix: Floats) -> Interval:
+        """Return the intervals of `matrix`, (r, q), times the values, of normal errors."""
+        middle = matrix @ self.values
+        variances = np.diag(matrix @ self.covariance @ matrix.T)
+        half = TWO_SIDED * np.sqrt(np.maximum(variances, 0.0))
+        return Interval(middle, middle - half, middle + half)
+
+
+class DrawnValues(NamedTuple):
+    """Draws of what is predicted for a datum, shape (draws, q)."""
+
+    name: str
+    draws: Floats
+
+    def interval(self, matrix: Floats) -> Interval:
+        """Return the intervals of `matrix`, (r, q), times the draws, by their quantiles."""
+        low, middle, high = np.quantile(self.draws @ matrix.T, [0.025, 0.5, 0.975], axis=0)
+        return Interval(middle, low, high)
+
 
 class ComparedDatum(NamedTuple):
-    """A datum, and what the best strings predict for it."""
+    """A datum, what is predicted for it, and how it is shown.
+
+    Attributes
+    ----------
+    datum
+    predictions
+        In order of the legend.
+    shown_unit
+        Factor and label of the unit of its number, or of the diameters of its classes.
+    note
+        What is to be said of the datum; empty if nothing.
+    """
 
     datum: Datum
-    predictions: list[DrawnPrediction]
+    predictions: Sequence[Prediction]
+    shown_unit: tuple[float, str]
+    note: str = ""
+
+    @property
+    def measured(self) -> DrawnPrediction:
+        """The measured values with their errors."""
+        return DrawnPrediction("measured", self.datum.values, self.datum.covariance)
+
+    @property
+    def title(self) -> str:
+        """Name of the datum."""
+        return self.datum.name.replace("_", " ")
 
 
 def draw_data_fit(figure: Any, compared: Sequence[ComparedDatum]) -> NDArray[Any]:
-    """Draw a panel for each size curve, and one for all numbers; return the axes, (panels,)."""
+    """Draw two panels for each size curve, and one for all numbers; return the axes, (panels,)."""
     curves = [each for each in compared if each.datum.quantity == "sizes"]
     numbers = [each for each in compared if each.datum.quantity != "sizes"]
-    count = len(curves) + bool(numbers)
-    axes = figure.subplots(1, count, squeeze=False)[0]
-    for ax, each in zip(axes, curves, strict=False):
-        _draw_curve(ax, each)
+    heights = [
+        *([CURVE_HEIGHT] * len(curves)),
+        *([_residual_height(len(numbers))] if numbers else []),
+    ]
+    grid = figure.add_gridspec(len(heights), 2, height_ratios=heights)
+    axes = []
+    for row, each in enumerate(curves):
+        cumulative, density = figure.add_subplot(grid[row, 0]), figure.add_subplot(grid[row, 1])
+        _draw_cumulative(cumulative, each)
+        _draw_density(density, each)
+        axes += [cumulative, density]
     if numbers:
+        axes.append(figure.add_subplot(grid[-1, :]))
         _draw_residuals(axes[-1], numbers)
     handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=count + 1, frameon=False)
+    figure.legend(handles, labels, loc="outside lower center", ncols=MAX_DRAWN + 1, frameon=False)
     return np.asarray(axes)
 
 
-def _draw_curve(ax: Any, compared: ComparedDatum) -> None:
+def _draw_cumulative(ax: Any, compared: ComparedDatum) -> None:
     """Draw the share below each edge between classes, as measured and as predicted."""
-    datum = compared.datum
+    datum, (factor, _) = compared.datum, compared.shown_unit
     assert datum.edges is not None
-    factor, unit = scaled_unit("m", float(datum.edges[-2]))
     sizes = datum.edges[1:-1] / factor
-    style_axes(ax)
-    ax.set(title=datum.name, xlabel=f"diameter ({unit})", ylabel="share below (%)", xscale="log")
+    _scale_sizes(ax, compared)
+    ax.set_ylabel(f"share below, Q{INDICES[datum.weight]} (%)")
+    below = 100.0 * np.tril(np.ones((len(sizes), len(datum.values))))
     for place, each in enumerate(compared.predictions):
         colour = COLOURS[place % len(COLOURS)]
-        share, error = _cumulative(each.values, each.covariance)
-        ax.plot(sizes, share, color=colour, label=each.name)
-        ax.fill_between(sizes, share - error, share + error, color=colour, alpha=0.2, linewidth=0)
-    share, error = _cumulative(datum.values, datum.covariance)
-    ax.errorbar(sizes, share, yerr=error, fmt="o", color="0.15", capsize=3, label="measured")
-    ticks = np.unique(np.round(np.geomspace(sizes[0], sizes[-1], 4), 2))
-    ax.set_xticks(ticks, [f"{tick:.3g}" for tick in ticks])
+        share = each.interval(below)
+        ax.plot(sizes, share.middle, color=colour, label=each.name, zorder=3.0 - 0.1 * place)
+        ax.fill_between(sizes, share.low, share.high, color=colour, alpha=0.2, linewidth=0)
+    share = compared.measured.interval(below)
+    style = {"fmt": "o", "color": "0.15", "capsize": 3, "label": "measured"}
+    ax.errorbar(sizes, share.middle, yerr=share.bars, **style)
+    # The lower right of a cumulative curve is empty.
+    where = {"transform": ax.transAxes, "ha": "right", "va": "bottom", "fontsize": "small"}
+    ax.text(0.97, 0.04, compared.note, **where)
+
+
+def _draw_density(ax: Any, compared: ComparedDatum) -> None:
+    """Draw the share of each class over its width in decades, as measured and as predicted."""
+    datum, (factor, _) = compared.datum, compared.shown_unit
+    assert datum.edges is not None
+    edges = closed_edges(datum.edges) / factor
+    per_decade = 100.0 * np.diag(1.0 / np.diff(np.log10(edges)))
+    _scale_sizes(ax, compared)
+    index = INDICES[datum.weight]
+    ax.set_ylabel(f"density, dQ{index}/dlog₁₀d (%)")
+    measured = compared.measured.interval(per_decade)
+    density = measured.middle
+    ax.stairs(density, edges, fill=True, color="0.88", label="measured")
+    open_classes = [(0, datum.edges[0] == 0.0), (len(density) - 1, datum.edges[-1] == math.inf)]
+    for here in (place for place, is_open in open_classes if is_open):
+        # A colour behind a hatch would not follow the dark mode of the page.
+        style = {"hatch": "////", "facecolor": "none", "edgecolor": "0.65", "linewidth": 0}
+        ax.stairs(density[[here]], edges[[here, here + 1]], fill=True, **style)
+    for place, each in enumerate(compared.predictions):
+        colour = COLOURS[place % len(COLOURS)]
+        own = each.interval(per_decade)
+        line = {"baseline": None, "linewidth": 1.5, "zorder": 3.0 - 0.1 * place}
+        ax.stairs(own.middle, edges, color=colour, **line)
+        ax.stairs(own.high, edges, baseline=own.low, fill=True, color=colour, alpha=0.2)
+    middles = np.sqrt(edges[:-1] * edges[1:])
+    ax.errorbar(middles, density, yerr=measured.bars, fmt="o", color="0.15", capsize=3)
+    ax.set_ylim(bottom=0.0)
+
+
+def closed_edges(edges: Floats) -> Floats:
+    """Return edges of classes, (q + 1,), with ends of open classes as far as those beside them."""
+    inner = edges[(edges > 0.0) & np.isfinite(edges)]
+    first, last = (
+        (inner[1] / inner[0], inner[-1] / inner[-2])
+        if len(inner) > 1
+        else (OPEN_CLASS_RATIO, OPEN_CLASS_RATIO)
+    )
+    begin = [inner[0] / first] if edges[0] == 0.0 else []
+    end = [inner[-1] * last] if edges[-1] == math.inf else []
+    return np.array([*begin, *inner, *end])
+
+
+def _scale_sizes(ax: Any, compared: ComparedDatum) -> None:
+    """Give a panel of a curve its title and its axis of diameters."""
+    datum, (factor, unit) = compared.datum, compared.shown_unit
+    assert datum.edges is not None
+    low, high = closed_edges(datum.edges)[[0, -1]] / factor
+    style_axes(ax)
+    ax.set(title=compared.title, xlabel=f"diameter ({unit})", xscale="log", xlim=(low, high))
+    ticks = few_ticks(low, high, logarithmic=True)
+    ax.set_xticks(ticks, [f"{tick:.4g}" for tick in ticks])
     ax.minorticks_off()
 
 
@@ -81,32 +217,50 @@ def _draw_residuals(ax: Any, compared: Sequence[ComparedDatum]) -> None:
     for row, each in enumerate(compared):
         scale = math.sqrt(each.datum.covariance[0, 0])
         for place, found in enumerate(each.predictions):
-            away = (found.values[0] - each.datum.values[0]) / scale
-            bar = TWO_SIDED * math.sqrt(found.covariance[0, 0]) / scale
-            aside = 0.15 * (place - (len(each.predictions) - 1) / 2.0)
-            style = {"color": COLOURS[place % len(COLOURS)], "fmt": "o", "capsize": 3}
+            own = found.interval(np.array([[1.0 / scale]]))
+            away = own.middle - each.datum.values / scale
+            aside = 0.2 * (place - (len(each.predictions) - 1) / 2.0)
+            style = {"color": COLOURS[place % len(COLOURS)], "fmt": "o", "capsize": 2}
             label = found.name if row == 0 else None
-            ax.errorbar(away, row + aside, xerr=bar, label=label, **style)
-    ax.set_yticks(range(len(compared)), [each.datum.name for each in compared])
+            ax.errorbar(away, row + aside, xerr=own.bars, label=label, markersize=4, **style)
+    ax.set_yticks(range(len(compared)), [_measured(each) for each in compared])
     ax.set_ylim(len(compared) - 0.5, -0.5)
     ax.set_xlabel("(predicted − measured)/error")
 
 
-def _cumulative(shares: Floats, covariance: Floats) -> tuple[Floats, Floats]:
-    """Return the share below each edge between classes and half its 95 % interval, in %."""
-    below = np.tril(np.ones((len(shares) - 1, len(shares))))
-    variances = np.diag(below @ covariance @ below.T)
-    return 100.0 * below @ shares, 100.0 * TWO_SIDED * np.sqrt(np.maximum(variances, 0.0))
+def _measured(compared: ComparedDatum) -> str:
+    """Return a number with its error in its unit, and below it what it is."""
+    datum, (factor, unit) = compared.datum, compared.shown_unit
+    error = math.sqrt(datum.covariance[0, 0])
+    shown = value_with_error(float(datum.values[0]) / factor, error / factor)
+    note = f", {compared.note}" if compared.note else ""
+    return f"{compared.title}\n{in_unit(shown, unit)}{note}"
+
+
+def _residual_height(numbers: int) -> float:
+    return 0.9 + NUMBER_HEIGHT * numbers
+
+
+def compared_strings(data: CampaignData, string: int | None) -> dict[int, str]:
+    """Return the names of a judged string, or of the best, by number.
+
+    Raises
+    ------
+    ValueError
+        If the string is not judged.
+    """
+    order = rank_strings(data).order
+    ranks = {each: f"#{place} string {each}" for place, each in enumerate(order, 1)}
+    wanted = order[:MAX_DRAWN] if string is None else [judged_string(data, string)]
+    return {each: ranks[each] for each in wanted if each in ranks}
 
 
 def _compared(data: CampaignData, options: FigureOptions) -> list[ComparedDatum] | None:
     """Return all data with the predictions of the best strings, or of one; None without data."""
     if not has_data(data):
         return None
-    order = rank_strings(data).order
-    ranks = {string: f"#{place} string {string}" for place, string in enumerate(order, 1)}
-    wanted = order[:MAX_DRAWN] if options.string is None else [options.string]
-    found = {string: string_predictions(data, string) for string in wanted}
+    names = compared_strings(data, options.string)
+    found = {string: string_predictions(data, string) for string in names}
     known = {string: each for string, each in found.items() if each is not None}
     if not known:
         return None
@@ -116,16 +270,27 @@ def _compared(data: CampaignData, options: FigureOptions) -> list[ComparedDatum]
         here = slice(begin, begin + len(datum.values))
         begin = here.stop
         rows = [
-            DrawnPrediction(ranks[string], each.values[here], each.covariance[here, here])
+            DrawnPrediction(names[string], each.values[here], each.covariance[here, here])
             for string, each in known.items()
         ]
-        compared.append(ComparedDatum(datum, rows))
+        compared.append(ComparedDatum(datum, rows, unit_of_datum(data, datum)))
     return compared
 
 
-def _size(compared: Sequence[ComparedDatum]) -> tuple[float, float]:
+def unit_of_datum(data: CampaignData, datum: Datum) -> tuple[float, str]:
+    """Return factor and label of the unit in which a datum, or the sizes of a curve, are shown."""
+    if datum.edges is not None:
+        return shown_unit(data, datum.quantity, "m", float(datum.edges[-2]))
+    unit = QUANTITIES[datum.quantity].unit
+    return shown_unit(data, datum.quantity, unit, float(datum.values[0]))
+
+
+def data_fit_size(compared: Sequence[ComparedDatum]) -> tuple[float, float]:
+    """Return width and height of the figure of some data, inches."""
     curves = sum(each.datum.quantity == "sizes" for each in compared)
-    return PANEL_WIDTH * (curves + (curves < len(compared))), PANEL_HEIGHT
+    numbers = len(compared) - curves
+    height = CURVE_HEIGHT * curves + (_residual_height(numbers) if numbers else 0.0)
+    return WIDTH, height + 0.4
 
 
 DATA_FIT: Final = Figure(
@@ -133,9 +298,10 @@ DATA_FIT: Final = Figure(
     "answer",
     _compared,
     draw_data_fit,
-    "Measured data and the best strings, with 95 % intervals of each: shares below a diameter, and "
-    "differences of single numbers in errors of the measurement, whose own 95 % are shaded.",
-    size=_size,
+    "Measured data and the best strings, with 95 % intervals of each: shares below a diameter and "
+    "densities, and differences of single numbers in errors of the measurement, whose own 95 % are "
+    "shaded. Hatched classes are open; they are drawn as wide as those beside them.",
+    size=data_fit_size,
     empty="the campaign has no measured data, or no string is judged yet",
     panels=True,
 )

@@ -17,10 +17,10 @@ from agglom_mpi.report.drawing import (
     few_ticks,
     integer_ticks,
     legend_below,
-    scaled_unit,
     style_axes,
 )
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
+from agglom_mpi.report.shown_units import shown_unit
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.variables import Variable
 
@@ -52,7 +52,7 @@ class VariablePath(NamedTuple):
 
     Attributes
     ----------
-    name, unit
+    name
     lower, upper
         Ends of the range that is searched.
     logarithmic
@@ -65,10 +65,11 @@ class VariablePath(NamedTuple):
         Values of all strings with a result, and the generation of each, from 1, shape (n,).
     strings
         Their numbers, shape (n,).
+    shown_unit
+        Factor and label of the unit on the axis.
     """
 
     name: str
-    unit: str
     lower: float
     upper: float
     logarithmic: bool
@@ -78,6 +79,7 @@ class VariablePath(NamedTuple):
     evaluated: Floats
     generation: Floats
     strings: NDArray[np.int64]
+    shown_unit: tuple[float, str]
 
 
 def shown_quantities(data: CampaignData) -> list[SearchedVariable]:
@@ -104,7 +106,6 @@ def variable_paths(data: CampaignData) -> list[VariablePath]:
         paths.append(
             VariablePath(
                 variable.name,
-                variable.unit,
                 lower,
                 upper,
                 logarithmic,
@@ -114,6 +115,7 @@ def variable_paths(data: CampaignData) -> list[VariablePath]:
                 values_of(data, strings["string"], variable.name),
                 strings["generation"] + 1.0,
                 strings["string"],
+                shown_unit(data, variable.name, variable.unit, upper),
             )
         )
     return paths
@@ -148,7 +150,7 @@ def _panel_columns(count: int) -> int:
 
 
 def _draw_path(ax: Any, path: VariablePath) -> None:
-    factor, unit = scaled_unit(path.unit, path.upper)
+    factor, unit = path.shown_unit
     generation = np.arange(1, len(path.best) + 1)
     style_axes(ax)
     ax.scatter(
@@ -204,6 +206,8 @@ class BestStrings(NamedTuple):
         Whether each of these was estimated again; otherwise it is dashed.
     strings
         Their numbers, n.
+    shown_units
+        Factor and label of the unit of each variable, d.
     """
 
     searched: list[SearchedVariable]
@@ -211,6 +215,7 @@ class BestStrings(NamedTuple):
     labels: list[str]
     estimated: list[bool]
     strings: list[int]
+    shown_units: list[tuple[float, str]]
 
 
 def draw_best_strings(ax: Any, best: BestStrings) -> Any:
@@ -236,7 +241,7 @@ def draw_best_strings(ax: Any, best: BestStrings) -> Any:
             zorder=2.0 + (len(values) - place) / len(values) if coloured else 1.0,
             url=f"{STRING_LINK}{best.strings[place]}",
         )
-    _label_variables(ax, best.searched)
+    _label_variables(ax, best)
     handles, labels = ax.get_legend_handles_labels()
     ax.legend(
         handles[::-1],
@@ -258,22 +263,22 @@ def _relative_value(values: Floats, entry: SearchedVariable) -> Floats:
     return (values - lower) / (upper - lower)
 
 
-def _label_variables(ax: Any, searched: Sequence[SearchedVariable]) -> None:
+def _label_variables(ax: Any, best: BestStrings) -> None:
     """Write the ends of the range above and below each line, and the names at the bottom."""
     ticks = []
-    for at, (variable, lower, upper, logarithmic) in enumerate(searched):
-        factor, unit = scaled_unit(variable.unit, upper)
+    for at, (entry, shown) in enumerate(zip(best.searched, best.shown_units, strict=True)):
+        (variable, lower, upper, logarithmic), (factor, unit) = entry, shown
         ax.text(at, 1.03, f"{upper / factor:.6g}", ha="center", va="bottom", fontsize=8)
         ax.text(at, -0.03, f"{lower / factor:.6g}", ha="center", va="top", fontsize=8)
         notes = [part for part in (unit, "log" if logarithmic else "1") if part != "1"]
         note = f"\n({', '.join(notes)})" if notes else ""
         ticks.append(f"{label_of(variable.name)}{note}")
     slant = {"rotation": 40, "ha": "right", "rotation_mode": "anchor"}
-    ax.set_xticks(range(len(searched)), ticks, **(slant if len(searched) > MAX_HORIZONTAL else {}))
+    ax.set_xticks(range(len(ticks)), ticks, **(slant if len(ticks) > MAX_HORIZONTAL else {}))
     ax.tick_params(axis="x", length=0, pad=18, labelsize=9)
     ax.set_yticks([])
     ax.set_ylim(0.0, 1.0)
-    ax.set_xlim(-0.4, len(searched) - 0.6)
+    ax.set_xlim(-0.4, len(ticks) - 0.6)
     ax.spines[["top", "right", "left", "bottom"]].set_visible(False)
 
 
@@ -327,7 +332,8 @@ def _best_data(data: CampaignData, _: FigureOptions) -> BestStrings | None:
             label += f", re-estimate {again[string]:.4g}"
         labels.append(label)
     estimated = [string in again for string in shown[:BEST]]
-    return BestStrings(entries, np.column_stack(columns), labels, estimated, shown)
+    units = [shown_unit(data, each.name, each.unit, upper) for each, _, upper, _ in entries]
+    return BestStrings(entries, np.column_stack(columns), labels, estimated, shown, units)
 
 
 def _best_caption(best: BestStrings) -> str:

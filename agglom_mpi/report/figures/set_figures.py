@@ -13,15 +13,27 @@ from agglom_mpi.inference.set_points import INNER_PROBABILITY, OUTER_PROBABILITY
 from agglom_mpi.report.drawing import (
     COLOURS,
     Drawing,
-    axis_label,
-    few_ticks,
     histogram_range,
     legend_below,
     note,
-    scaled_unit,
     style_axes,
 )
+from agglom_mpi.report.figures.box_panels import (
+    MAX_PLOTTED_VARIABLES,
+    BoxPoints,
+    contour_handle,
+    corner_legend,
+    corner_size,
+    draw_contour,
+    draw_corner,
+    draw_marginal,
+    pair_edges,
+    scale_axis,
+    shown_units_of,
+    smoothed,
+)
 from agglom_mpi.report.set_summary import shown_directions
+from agglom_mpi.storage.reader import CampaignData
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -32,22 +44,8 @@ Floats = NDArray[np.float64]
 
 PLOTTED_POINTS: Final = 1 << 15
 """Number of points that panels are made of."""
-PANEL_CELLS: Final = 22
-"""Number of cells of a panel along each side."""
-FINE: Final = 6
-"""Number of cells of a contour's grid in a cell of a panel, along each side."""
-SMOOTHING: Final = 0.6
-"""Standard deviation by which contours are smoothed, in cells of a panel."""
-LINE_COLOUR: Final = "#E6007E"
-"""Colour of contours, which stands out from both ends of the panels' scale."""
-MARGINAL_BARS: Final = 24
-"""Number of bars of a marginal."""
 MARGINAL_COLUMNS: Final = 3
 """Maximum number of marginals side by side."""
-MAX_PLOTTED_VARIABLES: Final = 6
-"""Maximum number of variables of the pair plot; the decided ones come first."""
-PAIR_PANEL_SIZE: Final = 1.9
-"""Width and height of a panel of a pair plot, inches."""
 REACH_BARS: Final = 40
 """Number of bars of a distribution over the box."""
 AXIS_NAMES: Final = {"mean_radius_ratio": "mean b/b⁰", "objective": "value of the function"}
@@ -55,44 +53,29 @@ AXIS_NAMES: Final = {"mean_radius_ratio": "mean b/b⁰", "objective": "value of 
 
 
 class PlottedSet(NamedTuple):
-    """A set with points of the box, and their places on the axes.
+    """A set with points of the box, whose weights are their probabilities, to draw it by.
 
-    Attributes
-    ----------
-    of
-    variables
-        Searched variables, the decided ones first.
-    units
-        Coordinates of the points on the scales of the search, in units of the box, (n, d).
-    probability
-        Shape (n,).
+    `variables` are the searched ones, the decided ones first.
     """
 
     of: FeasibleSet
-    variables: "list[SetVariable]"
-    units: Floats
-    probability: Floats
-
-    def place(self, variable: "SetVariable") -> int:
-        """Return the column of a variable in `units`."""
-        return self.of.emulated.box.names.index(variable.name)
-
-    def ends(self, variable: "SetVariable") -> tuple[float, float]:
-        """Return the range that the points span, in units of the box."""
-        place = self.place(variable)
-        return float(self.of.points.lower[place]), float(self.of.points.upper[place])
+    variables: "dict[str, SetVariable]"
+    points: BoxPoints
 
 
-def plotted(of: FeasibleSet) -> PlottedSet:
-    """Return a set with points to draw it by."""
-    box = of.emulated.box
-    strings = box.even_strings(PLOTTED_POINTS, of.points.lower, of.points.upper)
-    probability = of.emulated.probability(strings)
+def plotted(data: CampaignData, of: FeasibleSet) -> PlottedSet:
+    """Return the set of a campaign with points to draw it by."""
+    box, lower, upper = of.emulated.box, of.points.lower, of.points.upper
+    strings = box.even_strings(PLOTTED_POINTS, lower, upper)
     ordered = sorted(of.variables, key=lambda each: (each.free, each.kept))
-    return PlottedSet(of, ordered, box.space.to_unit(strings), probability)
+    names = [each.name for each in ordered]
+    units, probability = box.space.to_unit(strings), of.emulated.probability(strings)
+    shown = shown_units_of(data, box, names)
+    points = BoxPoints(box, names, shown, units, probability, lower, upper)
+    return PlottedSet(of, dict(zip(names, ordered, strict=True)), points)
 
 
-def set_drawings(of: FeasibleSet) -> list[Drawing]:
+def set_drawings(data: CampaignData, of: FeasibleSet) -> list[Drawing]:
     """Return the figures of a calibrated set; of an empty set, its reach and its reliability."""
     drawings = []
     if of.empty:
@@ -107,15 +90,13 @@ def set_drawings(of: FeasibleSet) -> list[Drawing]:
             )
         )
     elif of.volume > 0.0:
-        shown = plotted(of)
-        count = min(len(shown.variables), MAX_PLOTTED_VARIABLES)
-        side = max(PAIR_PANEL_SIZE * count + 1.0, 4.0)
+        shown = plotted(data, of)
         drawings += [
             Drawing(
                 "set_pairs",
                 _pairs_caption(shown),
                 lambda figure: draw_pairs(figure, shown),
-                (side + 0.6, side),
+                corner_size(len(shown.variables)),
             ),
             Drawing(
                 "set_marginals",
@@ -149,78 +130,44 @@ def set_drawings(of: FeasibleSet) -> list[Drawing]:
 
 def draw_pairs(figure: "matplotlib.figure.Figure", shown: PlottedSet) -> Any:
     """Draw a panel for each pair of variables, and return the axes, shape (m, m)."""
-    variables = shown.variables[:MAX_PLOTTED_VARIABLES]
-    count = len(variables)
-    axes = figure.subplots(count, count, squeeze=False)
-    image = None
-    for i, row in enumerate(variables):
-        for j, column in enumerate(variables):
-            ax = axes[i, j]
-            if j > i:
-                ax.remove()
-                continue
-            if i == j:
-                _draw_marginal(ax, shown, row)
-                _scale_density(ax)
-            else:
-                image = _draw_pair(ax, shown, column, row)
-                _scale_axis(ax.yaxis, shown, row, label=j == 0)
-            _scale_axis(ax.xaxis, shown, column, label=i == count - 1)
-    if image is not None:
+    images = []
+    axes = draw_corner(
+        figure,
+        shown.points,
+        lambda ax, name: _draw_marginal(ax, shown, name),
+        lambda ax, column, row: images.append(_draw_pair(ax, shown.points, column, row)),
+    )
+    if images:
         # The upper right half is empty.
         place = figure.add_axes((0.62, 0.9, 0.3, 0.025))
         place.set_in_layout(False)
-        bar = figure.colorbar(image, cax=place, orientation="horizontal")
+        bar = figure.colorbar(images[-1], cax=place, orientation="horizontal")
         bar.set_label("share of all other values in the set", fontsize=8)
         bar.ax.tick_params(labelsize=7)
         handles = [
-            _line("dashed", f"possible (P ≥ {OUTER_PROBABILITY:g})"),
-            _line("solid", f"sure (P ≥ {INNER_PROBABILITY:g})"),
+            contour_handle("dashed", f"possible (P ≥ {OUTER_PROBABILITY:g})"),
+            contour_handle("solid", f"sure (P ≥ {INNER_PROBABILITY:g})"),
         ]
-        legend = figure.legend(
-            handles=handles,
-            loc="upper right",
-            bbox_to_anchor=(0.93, 0.83),
-            fontsize=7,
-            frameon=False,
-        )
-        legend.set_in_layout(False)
+        corner_legend(figure, handles)
     return axes
 
 
-def _line(style: Literal["dashed", "solid"], label: str) -> Any:
-    from matplotlib.lines import Line2D
-
-    return Line2D([], [], color=LINE_COLOUR, linestyle=style, label=label, linewidth=1.2)
-
-
-def _draw_pair(ax: Any, shown: PlottedSet, column: "SetVariable", row: "SetVariable") -> Any:
+def _draw_pair(ax: Any, points: BoxPoints, column: str, row: str) -> Any:
     """Draw the share of the other variables' values that is in the set, for pairs of values."""
-    x, y = shown.units[:, shown.place(column)], shown.units[:, shown.place(row)]
-    edges = [np.linspace(*shown.ends(each), PANEL_CELLS + 1) for each in (column, row)]
+    x, y, probability = points.column(column), points.column(row), points.weights
+    edges = pair_edges(points, column, row)
     count = np.histogram2d(x, y, bins=edges)[0]
-    mass = np.histogram2d(x, y, bins=edges, weights=shown.probability)[0]
+    mass = np.histogram2d(x, y, bins=edges, weights=probability)[0]
     with np.errstate(invalid="ignore"):
         share = mass / count
     image = ax.pcolormesh(*edges, share.T, cmap="cividis", rasterized=True)
-    for bound, style in ((OUTER_PROBABILITY, "dashed"), (INNER_PROBABILITY, "solid")):
-        some = shown.probability >= bound
+    styles: tuple[tuple[float, Literal["dashed", "solid"]], ...]
+    styles = (OUTER_PROBABILITY, "dashed"), (INNER_PROBABILITY, "solid")
+    for bound, style in styles:
+        some = probability >= bound
         there = np.histogram2d(x[some], y[some], bins=edges)[0] > 0
-        if there.any() and not there.all():
-            finer = [np.linspace(edge[0], edge[-1], FINE * PANEL_CELLS) for edge in edges]
-            field = _smoothed(there).T
-            ax.contour(*finer, field, [0.5], colors=LINE_COLOUR, linestyles=style, linewidths=1.0)
-    ax.set_xlim(*edges[0][[0, -1]])
-    ax.set_ylim(*edges[1][[0, -1]])
+        draw_contour(ax, edges, smoothed(there), 0.5, style)
     return image
-
-
-def _smoothed(there: NDArray[np.bool_]) -> Floats:
-    """Return a mask on a grid `FINE` times as fine, smoothed; 0.5 is where its edges were."""
-    from scipy.ndimage import gaussian_filter
-
-    fine = np.kron(there.astype(np.float64), np.ones((FINE, FINE)))
-    return np.asarray(gaussian_filter(fine, SMOOTHING * FINE, mode="nearest"))
 
 
 def _marginals_size(count: int) -> tuple[float, float]:
@@ -237,60 +184,18 @@ def draw_marginals(figure: "matplotlib.figure.Figure", shown: PlottedSet) -> Any
     axes = figure.subplots(rows, columns, squeeze=False).ravel()
     for unused in axes[count:]:
         unused.remove()
-    for place, (ax, each) in enumerate(zip(axes[:count], shown.variables, strict=True)):
-        _draw_marginal(ax, shown, each)
-        _scale_axis(ax.xaxis, shown, each, label=True)
+    for place, (ax, name) in enumerate(zip(axes[:count], shown.variables, strict=True)):
+        _draw_marginal(ax, shown, name)
+        scale_axis(ax.xaxis, shown.points, name, label=True)
         if place % columns == 0:
             ax.set_ylabel("density over prior")
     return axes[:count]
 
 
-def _draw_marginal(ax: Any, shown: PlottedSet, each: "SetVariable") -> None:
-    low, high = shown.ends(each)
-    edges = np.linspace(low, high, MARGINAL_BARS + 1)
-    values = shown.units[:, shown.place(each)]
-    mass = np.histogram(values, edges, weights=shown.probability)[0]
-    density = mass / mass.sum() / np.diff(edges)
-    colour = "0.75" if each.free else COLOURS[0]
-    ax.stairs(density, edges, fill=True, color=colour)
-    ax.axhline(1.0, color="0.3", linewidth=0.8, linestyle="--")
-    ax.set_xlim(low, high)
-    ax.spines[["top", "right"]].set_visible(False)
-    ax.set_title("free" if each.free else "decided", fontsize=8, color="0.4", pad=2)
-
-
-def _scale_density(ax: Any) -> None:
-    """Label the densities of a marginal on the right, where a pair plot has room."""
-    from matplotlib.ticker import MaxNLocator
-
-    ax.yaxis.tick_right()
-    ax.yaxis.set_label_position("right")
-    ax.spines["right"].set_visible(True)
-    ax.spines["left"].set_visible(False)
-    ax.yaxis.set_major_locator(MaxNLocator(3))
-    ax.tick_params(labelsize=7)
-    ax.set_ylabel("density over prior", fontsize=7)
-
-
-def _scale_axis(axis: Any, shown: PlottedSet, each: "SetVariable", label: bool) -> None:
-    """Label an axis of a variable's coordinate with its values, name and unit."""
-    place = shown.place(each)
-    box = shown.of.emulated.box
-    variable, space = box.own[place], box.space
-    low, high = shown.ends(each)
-    units = np.zeros((2, shown.units.shape[1]))
-    units[:, place] = low, high
-    strings = space.from_unit(units)
-    first, last = variable.values(strings)
-    factor, unit = scaled_unit(each.unit, each.upper)
-    ticks = few_ticks(first / factor, last / factor, variable.logarithmic) * factor
-    marked = np.tile(strings[0], (len(ticks), 1))
-    marked[:, variable.column] = variable.components(ticks)
-    at = space.to_unit(marked)[:, place]
-    axis.set_ticks(at, [f"{tick / factor:.3g}" for tick in ticks] if label else [""] * len(ticks))
-    axis.set_tick_params(labelsize=7)
-    if label:
-        axis.set_label_text(axis_label(each.name, unit), fontsize=8)
+def _draw_marginal(ax: Any, shown: PlottedSet, name: str) -> None:
+    free = shown.variables[name].free
+    draw_marginal(ax, shown.points, name, "0.75" if free else COLOURS[0])
+    ax.set_title("free" if free else "decided", fontsize=8, color="0.4", pad=2)
 
 
 def draw_group(ax: Any, shown: PlottedSet) -> Any:
@@ -299,7 +204,7 @@ def draw_group(ax: Any, shown: PlottedSet) -> Any:
     style_axes(ax)
     [row, *_] = shown_directions(of)
     emulated = of.emulated
-    strings = emulated.box.space.from_unit(shown.units[:BOX_POINTS])
+    strings = emulated.box.space.from_unit(shown.points.units[:BOX_POINTS])
     x = _combination(of, row, strings)
     mean, deviation = emulated.mean(strings)[:, 0], emulated.deviation(strings)[:, 0]
     ax.vlines(
@@ -315,7 +220,7 @@ def draw_group(ax: Any, shown: PlottedSet) -> Any:
         x,
         mean,
         s=5,
-        c=shown.probability[: len(x)],
+        c=shown.points.weights[: len(x)],
         cmap="cividis",
         vmin=0,
         vmax=1,

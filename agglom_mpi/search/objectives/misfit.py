@@ -140,11 +140,21 @@ class MisfitOfData(Objective):
             accumulator.add(outcome)
         return accumulator.misfit
 
-    def predictions(self, outcomes: Sequence[SampleSummary]) -> "Predictions":
-        """Return what completed samples predict for the values of the data."""
+    def predictions(
+        self, outcomes: Sequence[SampleSummary], data: Sequence[Datum] | None = None
+    ) -> "Predictions":
+        """Return what completed samples predict for the values of data.
+
+        Parameters
+        ----------
+        outcomes
+        data
+            Measured or not, at the times of the censuses; None: what was measured.
+        """
         from agglom_mpi.measurements.prediction import predictions
 
-        return predictions(self._known.census([o.census for o in outcomes]), self.data)
+        census = self._known.census([o.census for o in outcomes])
+        return predictions(census, self.data if data is None else data)
 
     @property
     def data(self) -> tuple[Datum, ...]:

@@ -1,0 +1,210 @@
+"""Panels of weighted points of the search box: marginals, and pairs of variables as a corner plot.
+
+Axes are the coordinates in which the campaign searches, with ticks in the unit of each variable.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglom_mpi.inference.searched_box import SearchedBox
+from agglom_mpi.report.drawing import axis_label, few_ticks
+from agglom_mpi.report.shown_units import shown_unit
+from agglom_mpi.storage.reader import CampaignData
+
+if TYPE_CHECKING:
+    import matplotlib.figure
+
+Floats = NDArray[np.float64]
+
+PANEL_CELLS: Final = 22
+"""Number of cells of a panel along each side."""
+FINE: Final = 6
+"""Number of cells of a contour's grid in a cell of a panel, along each side."""
+SMOOTHING: Final = 0.6
+"""Standard deviation by which contours are smoothed, in cells of a panel."""
+LINE_COLOUR: Final = "#E6007E"
+"""Colour of contours, which stands out from both ends of the panels' scale."""
+MARGINAL_BARS: Final = 24
+"""Number of bars of a marginal."""
+MAX_PLOTTED_VARIABLES: Final = 6
+"""Maximum number of variables of a corner plot."""
+PAIR_PANEL_SIZE: Final = 1.9
+"""Width and height of a panel of a corner plot, inches."""
+
+
+class BoxPoints(NamedTuple):
+    """Weighted points of the search box, and the variables that panels show.
+
+    Attributes
+    ----------
+    box
+    names
+        The variables in the order of the panels.
+    shown_units
+        Factor and label of the unit of each of them.
+    units
+        Coordinates of the points on the scales of the search, in units of the box, (n, d).
+    weights
+        Shape (n,).
+    lower, upper
+        Range that panels span, in units of the box, (d,).
+    """
+
+    box: SearchedBox
+    names: list[str]
+    shown_units: list[tuple[float, str]]
+    units: Floats
+    weights: Floats
+    lower: Floats
+    upper: Floats
+
+    def column(self, name: str) -> Floats:
+        """Return the coordinate of a variable at each point, (n,)."""
+        return self.units[:, self.box.names.index(name)]
+
+    def ends(self, name: str) -> tuple[float, float]:
+        """Return the range of a variable that panels span, in units of the box."""
+        place = self.box.names.index(name)
+        return float(self.lower[place]), float(self.upper[place])
+
+    def coordinates(self, name: str, values: Sequence[float] | Floats) -> Floats:
+        """Return the coordinates of values of a variable in SI units, (m,), the same shape."""
+        place = self.box.names.index(name)
+        variable = self.box.own[place]
+        marked = np.tile(self.box.space.from_unit(self.lower[None]), (len(values), 1))
+        marked[:, variable.column] = variable.components(np.asarray(values, np.float64))
+        return np.asarray(self.box.space.to_unit(marked)[:, place])
+
+
+def shown_units_of(data: CampaignData, box: SearchedBox, names: Sequence[str]) -> Any:
+    """Return factor and label of the unit in which each of some searched variables is shown."""
+    own = {each.name: each for each in box.own}
+    return [shown_unit(data, name, own[name].unit, own[name].upper) for name in names]
+
+
+def corner_size(count: int) -> tuple[float, float]:
+    """Return width and height of a corner plot of some variables, inches."""
+    side = max(PAIR_PANEL_SIZE * min(count, MAX_PLOTTED_VARIABLES) + 1.0, 4.0)
+    return side + 0.6, side
+
+
+def draw_corner(
+    figure: "matplotlib.figure.Figure",
+    points: BoxPoints,
+    draw_one: Callable[[Any, str], object],
+    draw_pair: Callable[[Any, str, str], object],
+) -> Any:
+    """Draw a panel for each variable and each pair, and return the axes, shape (m, m).
+
+    Parameters
+    ----------
+    figure
+    points
+    draw_one
+        Draws a variable into axes.
+    draw_pair
+        Draws a pair of variables, that of the abscissa first, into axes.
+    """
+    names = points.names[:MAX_PLOTTED_VARIABLES]
+    count = len(names)
+    axes = figure.subplots(count, count, squeeze=False)
+    for i, row in enumerate(names):
+        for j, column in enumerate(names):
+            ax = axes[i, j]
+            if j > i:
+                ax.remove()
+                continue
+            if i == j:
+                draw_one(ax, row)
+                _scale_density(ax)
+            else:
+                draw_pair(ax, column, row)
+                ax.set_xlim(*points.ends(column))
+                ax.set_ylim(*points.ends(row))
+                scale_axis(ax.yaxis, points, row, label=j == 0)
+            scale_axis(ax.xaxis, points, column, label=i == count - 1)
+    return axes
+
+
+def corner_legend(figure: "matplotlib.figure.Figure", handles: Sequence[Any]) -> None:
+    """Put a legend into the upper right half of a corner plot, which is empty."""
+    legend = figure.legend(
+        handles=list(handles),
+        loc="upper right",
+        bbox_to_anchor=(0.93, 0.83),
+        fontsize=7,
+        frameon=False,
+    )
+    legend.set_in_layout(False)
+
+
+def contour_handle(style: Literal["dashed", "solid"], label: str) -> Any:
+    """Return the entry of a legend for contours."""
+    from matplotlib.lines import Line2D
+
+    return Line2D([], [], color=LINE_COLOUR, linestyle=style, label=label, linewidth=1.2)
+
+
+def pair_edges(points: BoxPoints, column: str, row: str, cells: int = PANEL_CELLS) -> list[Floats]:
+    """Return the edges of the cells of a pair's panel, (cells + 1,) along each side."""
+    return [np.linspace(*points.ends(each), cells + 1) for each in (column, row)]
+
+
+def draw_contour(
+    ax: Any, edges: Sequence[Floats], field: Floats, level: float, style: Literal["dashed", "solid"]
+) -> None:
+    """Draw where a field, (m, m), that fills a panel from edge to edge has a level."""
+    if field.min() < level < field.max():
+        sides = [np.linspace(edge[0], edge[-1], len(field)) for edge in edges]
+        ax.contour(*sides, field.T, [level], colors=LINE_COLOUR, linestyles=style, linewidths=1.0)
+
+
+def smoothed(there: NDArray[np.bool_]) -> Floats:
+    """Return a mask on a grid `FINE` times as fine, smoothed; 0.5 is where its edges were."""
+    from scipy.ndimage import gaussian_filter
+
+    fine = np.kron(there.astype(np.float64), np.ones((FINE, FINE)))
+    return np.asarray(gaussian_filter(fine, SMOOTHING * FINE, mode="nearest"))
+
+
+def draw_marginal(ax: Any, points: BoxPoints, name: str, colour: str) -> None:
+    """Draw the density of a variable over that of the prior, which is uniform over the box."""
+    edges = np.linspace(*points.ends(name), MARGINAL_BARS + 1)
+    mass = np.histogram(points.column(name), edges, weights=points.weights)[0]
+    density = mass / mass.sum() / np.diff(edges)
+    ax.stairs(density, edges, fill=True, color=colour)
+    ax.axhline(1.0, color="0.3", linewidth=0.8, linestyle="--")
+    ax.set_xlim(edges[0], edges[-1])
+    ax.spines[["top", "right"]].set_visible(False)
+
+
+def _scale_density(ax: Any) -> None:
+    """Label the densities of a marginal on the right, where a corner plot has room."""
+    from matplotlib.ticker import MaxNLocator
+
+    ax.yaxis.tick_right()
+    ax.yaxis.set_label_position("right")
+    ax.spines["right"].set_visible(True)
+    ax.spines["left"].set_visible(False)
+    ax.yaxis.set_major_locator(MaxNLocator(3))
+    ax.tick_params(labelsize=7)
+    ax.set_ylabel("density over prior", fontsize=7)
+
+
+def scale_axis(axis: Any, points: BoxPoints, name: str, label: bool) -> None:
+    """Label an axis of a variable's coordinate with its values, name and unit."""
+    place = points.box.names.index(name)
+    variable = points.box.own[place]
+    first, last = variable.values(
+        points.box.space.from_unit(np.array([points.lower, points.upper]))
+    )
+    factor, unit = points.shown_units[points.names.index(name)]
+    ticks = few_ticks(first / factor, last / factor, variable.logarithmic)
+    at = points.coordinates(name, ticks * factor)
+    axis.set_ticks(at, [f"{tick:.3g}" for tick in ticks] if label else [""] * len(ticks))
+    axis.set_tick_params(labelsize=7)
+    if label:
+        axis.set_label_text(axis_label(name, unit), fontsize=8)

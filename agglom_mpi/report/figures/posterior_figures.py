@@ -1,0 +1,281 @@
+"""The posterior of a campaign with data: a corner plot of its variables, and what it predicts."""
+
+import textwrap
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglom_mpi.declaration.spelling import suggestion
+from agglom_mpi.declaration.units import to_si
+from agglom_mpi.formatting import in_unit
+from agglom_mpi.inference.searched_box import SearchedBox
+from agglom_mpi.report.drawing import COLOURS, Drawing, figure_or_new
+from agglom_mpi.report.figures.box_panels import (
+    MAX_PLOTTED_VARIABLES,
+    BoxPoints,
+    contour_handle,
+    corner_legend,
+    corner_size,
+    draw_contour,
+    draw_corner,
+    draw_marginal,
+    pair_edges,
+    shown_units_of,
+)
+from agglom_mpi.report.figures.data_fit import (
+    ComparedDatum,
+    DrawnValues,
+    data_fit_size,
+    draw_data_fit,
+    unit_of_datum,
+)
+from agglom_mpi.statistics import weighted_quantiles
+from agglom_mpi.storage.reader import CampaignData
+
+if TYPE_CHECKING:
+    import matplotlib.figure
+
+    from agglom_mpi.inference.data_posterior import DataPosterior
+    from agglom_mpi.inference.posterior import Posterior
+
+Floats = NDArray[np.float64]
+
+REGIONS: Final[tuple[tuple[float, Literal["dashed", "solid"]], ...]] = (
+    (0.9, "dashed"),
+    (0.5, "solid"),
+)
+"""Shares of the posterior in the regions of a pair of variables, and how they are drawn."""
+DENSITY_DRAWS: Final = 500
+"""Number of draws that the density of a pair of variables is made of."""
+DENSITY_CELLS: Final = 100
+"""Number of cells of the density of a pair along each side of its panel."""
+TAIL: Final = 1e-3
+"""Share of the posterior beyond each end of a variable's range, before its margin."""
+RANGE_MARGIN: Final = 0.1
+"""Margin of the range of a panel, relative to its width."""
+CENTRAL: Final = (0.05, 0.5, 0.95)
+"""Quantiles of a variable above its marginal."""
+WARNING_COLOUR: Final = COLOURS[1]
+TRUTH_COLOUR: Final = COLOURS[4]
+
+
+def posterior_points(data: CampaignData, posterior: "Posterior") -> BoxPoints:
+    """Return the strings of a posterior as weighted points, the narrowest variables first."""
+    box, weights = posterior.of.box, posterior.weights
+    names = sorted(box.names, key=lambda name: posterior.contraction[name])
+    shown = shown_units_of(data, box, names)
+    units = box.space.to_unit(posterior.strings)
+    ends = [weighted_quantiles(column, weights, (TAIL, 1.0 - TAIL)) for column in units.T]
+    low, high = np.array(ends).T
+    margin = RANGE_MARGIN * (high - low)
+    lower, upper = np.maximum(low - margin, 0.0), np.minimum(high + margin, 1.0)
+    return BoxPoints(box, names, shown, units, weights, lower, upper)
+
+
+def posterior_drawings(data: CampaignData, posterior: "DataPosterior") -> list[Drawing]:
+    """Return the figures of a posterior: its corner plot, and its predictions beside the data."""
+    compared = predicted_data(data, posterior)
+    caption = (
+        "Data beside what the posterior predicts, with 95 % intervals; p is the probability that a "
+        "further measurement would differ more, near 0 where a datum disagrees with the model."
+    )
+    return [
+        pairs_drawing(data, posterior, "posterior_pairs"),
+        Drawing(
+            "predictive_check",
+            caption + _doubt(posterior),
+            lambda figure: draw_predictive(figure, compared, posterior.warning),
+            data_fit_size(compared),
+        ),
+    ]
+
+
+def pairs_drawing(data: CampaignData, posterior: "Posterior", name: str) -> Drawing:
+    """Return the corner plot of a posterior, whatever was measured, by the name of its files."""
+    points = posterior_points(data, posterior)
+    left = len(points.names) - MAX_PLOTTED_VARIABLES
+    more = f" The {left} that are narrowed down least are left out." if left > 0 else ""
+    return Drawing(
+        name,
+        f"Posterior of the variables, given {posterior.given}: densities of pairs, regions with "
+        "50 % and 90 % of it, and marginals over the prior (line at 1) with median and central "
+        f"90 %.{more}{_doubt(posterior)}",
+        lambda figure: draw_posterior(figure, points, posterior),
+        corner_size(len(points.names)),
+    )
+
+
+def _doubt(posterior: "Posterior") -> str:
+    return f" Unreliable: {posterior.warning}." if posterior.warning else ""
+
+
+def plot_posterior(
+    data: CampaignData, posterior: "Posterior", truth: Mapping[str, float | str], figure: Any
+) -> Any:
+    """Draw the corner plot of a posterior into a figure, or a new one, and return the axes, (m, m).
+
+    Raises
+    ------
+    CampaignError
+        If `truth` names no searched variable, or its value has another unit.
+    """
+    points = posterior_points(data, posterior)
+    known = {name: _true_value(points.box, name, value) for name, value in truth.items()}
+    figure = figure_or_new(figure, corner_size(len(points.names)))
+    return draw_posterior(figure, points, posterior, known)
+
+
+def _true_value(box: SearchedBox, name: str, value: float | str) -> float:
+    """Return a value of a searched variable, given as a number or a text, in its SI unit."""
+    if name not in box.names:
+        raise box.mistaken(name, f"is no searched variable; {suggestion(name, box.names)}")
+    try:
+        return to_si(value, box.own[box.names.index(name)].unit)
+    except ValueError as error:
+        raise box.mistaken(name, error) from None
+
+
+def plot_predictive(data: CampaignData, posterior: "DataPosterior", figure: Any) -> NDArray[Any]:
+    """Draw data and what a posterior predicts into a figure, or a new one; return the axes."""
+    compared = predicted_data(data, posterior)
+    figure = figure_or_new(figure, data_fit_size(compared))
+    return draw_predictive(figure, compared, posterior.warning)
+
+
+def draw_posterior(
+    figure: "matplotlib.figure.Figure",
+    points: BoxPoints,
+    posterior: "Posterior",
+    truth: Mapping[str, float] | None = None,
+) -> Any:
+    """Draw the corner plot of a posterior, and return the axes, shape (m, m).
+
+    Parameters
+    ----------
+    figure
+    points
+        From `posterior_points`.
+    posterior
+    truth
+        Values of variables in SI units that are marked, by name.
+    """
+    known = truth or {}
+
+    def draw_one(ax: Any, name: str) -> None:
+        draw_marginal(ax, points, name, COLOURS[0])
+        ax.set_title(_range_text(points, posterior, name), fontsize=8, pad=3)
+        if name in known:
+            [at] = points.coordinates(name, [known[name]])
+            ax.axvline(at, color=TRUTH_COLOUR, linewidth=1.2)
+
+    def draw_two(ax: Any, column: str, row: str) -> None:
+        _draw_pair(ax, points, column, row)
+        places = [
+            points.coordinates(each, [known[each]]) for each in (column, row) if each in known
+        ]
+        if len(places) == 2:
+            ax.plot(*places, "+", color=TRUTH_COLOUR, markersize=8, markeredgewidth=1.6)
+
+    axes = draw_corner(figure, points, draw_one, draw_two)
+    if len(points.names) > 1:
+        handles = [
+            contour_handle(style, f"{100 * share:.0f} % of the posterior")
+            for share, style in REGIONS
+        ]
+        if known:
+            handles.append(_truth_handle())
+        corner_legend(figure, handles)
+    _warn(figure, posterior.warning)
+    return axes
+
+
+def _range_text(points: BoxPoints, posterior: "Posterior", name: str) -> str:
+    """Return the median of a variable and the ends of its central 90 %, in its unit."""
+    factor, unit = points.shown_units[points.names.index(name)]
+    low, median, high = (value / factor for value in posterior.quantiles(name, CENTRAL))
+    return in_unit(f"{median:.3g} ({low:.3g} to {high:.3g})", unit)
+
+
+def _draw_pair(ax: Any, points: BoxPoints, column: str, row: str) -> None:
+    """Draw the density of a pair of variables, and the smallest regions with given shares of it."""
+    edges = pair_edges(points, column, row, DENSITY_CELLS)
+    chosen = equal_draws(points.weights, DENSITY_DRAWS)
+    density = pair_density(points.column(column)[chosen], points.column(row)[chosen], edges)
+    ax.pcolormesh(*edges, density.T, cmap="cividis", rasterized=True)
+    for share, style in REGIONS:
+        draw_contour(ax, edges, density, region_level(density, share), style)
+
+
+def equal_draws(weights: Floats, count: int) -> NDArray[np.int64]:
+    """Return which of weighted points are `count` draws of equal weight, as even as can be."""
+    reached = np.cumsum(weights) / np.sum(weights)
+    wanted = (np.arange(count) + 0.5) / count
+    return np.minimum(np.searchsorted(reached, wanted), len(weights) - 1)
+
+
+def pair_density(x: Floats, y: Floats, edges: Sequence[Floats]) -> Floats:
+    """Return the density of n draws of a pair in the cells of a panel, by normal kernels.
+
+    Kernels have the shape of the draws' covariance, so that a narrow ridge stays narrow, and the
+    width of Scott's rule, n^(-1/6), but at least half a cell. Each is normalised within the panel:
+    what is cut off by an edge of the box is missing nowhere.
+    """
+    from scipy.spatial.distance import cdist
+
+    places = [0.5 * (edge[1:] + edge[:-1]) for edge in edges]
+    grid = np.stack(np.meshgrid(*places, indexing="ij"), axis=-1).reshape(-1, 2)
+    cells = np.array([edge[1] - edge[0] for edge in edges])
+    draws = np.column_stack([x, y])
+    covariance = np.cov(draws.T) * len(draws) ** (-1.0 / 3.0) + np.diag((0.5 * cells) ** 2)
+    whitening = np.linalg.inv(np.linalg.cholesky(covariance)).T
+    distances = cdist(grid @ whitening, draws @ whitening, "sqeuclidean")
+    kernels = np.exp(-0.5 * distances)
+    shares = np.sum(kernels, axis=0)
+    inside = shares > 0.0  # others lie beyond the panel
+    density = np.mean(kernels[:, inside] / shares[inside], axis=1)
+    return density.reshape(len(places[0]), len(places[1]))
+
+
+def region_level(density: Floats, share: float) -> float:
+    """Return the density above which the smallest region with a share of it lies; equal cells."""
+    descending = np.sort(density, axis=None)[::-1]
+    reached = np.cumsum(descending)
+    place = int(np.searchsorted(reached, share * reached[-1]))
+    return float(descending[min(place, len(descending) - 1)])
+
+
+def _truth_handle() -> Any:
+    from matplotlib.lines import Line2D
+
+    handle = Line2D([], [], color=TRUTH_COLOUR, label="truth", linestyle="none")
+    handle.set(marker="+", markersize=8, markeredgewidth=1.6)
+    return handle
+
+
+def predicted_data(data: CampaignData, posterior: "DataPosterior") -> list[ComparedDatum]:
+    """Return all data with what the strings of a posterior predict for them."""
+    found = []
+    for each in posterior.predictions:
+        shown = unit_of_datum(data, each.datum)
+        verdict = ", disagrees" if each.disagrees else ""
+        note = f"p = {each.p_value:.2g}{verdict}"
+        found.append(ComparedDatum(each.datum, [DrawnValues("posterior", each.draws)], shown, note))
+    return found
+
+
+def draw_predictive(
+    figure: "matplotlib.figure.Figure", compared: list[ComparedDatum], warning: str = ""
+) -> NDArray[Any]:
+    """Draw data beside the predictions of a posterior, and return the axes, (panels,)."""
+    axes = draw_data_fit(figure, compared)
+    _warn(figure, warning)
+    return axes
+
+
+def _warn(figure: "matplotlib.figure.Figure", warning: str) -> None:
+    """Write above a figure why a posterior is unreliable, if it is."""
+    if warning:
+        text = textwrap.fill(f"unreliable: {warning}", max(40, int(11 * figure.get_figwidth())))
+        figure.suptitle(text, color=WARNING_COLOUR, fontsize=8)

@@ -1,0 +1,107 @@
+"""The unit in which figures and pages show a number: the one that the campaign file writes.
+
+A campaign that gives `hardness: [10 MPa, 200 MPa]` is shown in MPa, and one whose data are in um in
+µm. Where a number has no unit in the file, or several, `drawing.scaled_unit` chooses one by size.
+"""
+
+from collections.abc import Iterator
+from itertools import chain
+from typing import Any, Final
+
+from agglom_mpi.config.yaml_source import CampaignError, parse
+from agglom_mpi.declaration.units import has_offset, to_si, unit_in
+from agglom_mpi.measurements.datum import QUANTITIES
+from agglom_mpi.report.drawing import scaled_unit, typeset_unit
+from agglom_mpi.storage.reader import CampaignData
+
+TIME: Final = "time"
+"""Name of the times of measured data."""
+
+
+def shown_unit(data: CampaignData, name: str, unit: str, largest: float) -> tuple[float, str]:
+    """Return the factor and the label of the unit in which a number of a campaign is shown.
+
+    Parameters
+    ----------
+    data
+    name
+        Of a variable, of a derived or a measured quantity, or `TIME`.
+    unit
+        Its SI unit.
+    largest
+        The largest value that is shown, in this unit; it decides where the file writes no unit.
+
+    Examples
+    --------
+    Shown values are those in SI units over the factor: 2e7 Pa over 1e6 is 20 MPa.
+    """
+    written = data.derived(written_units).get(name, "")
+    factor = _factor(written, unit)
+    return scaled_unit(unit, largest) if factor is None else (factor, typeset_unit(written))
+
+
+def _factor(written: str, unit: str) -> float | None:
+    """Return a written unit in an SI unit; None if there is none, or its zero is another."""
+    if not written:
+        return None
+    try:
+        return None if has_offset(written) else to_si(f"1 {written}", unit)
+    except ValueError:
+        return None
+
+
+def written_units(data: CampaignData) -> dict[str, str]:
+    """Return the units that the text of a campaign writes, by the names of `shown_unit`."""
+    try:
+        content = parse(data.campaign_text, str(data.path)).data
+    except CampaignError:
+        return {}
+    scene, variables = (_mapping(content.get(key)) for key in ("scene", "variables"))
+    found = {name: _one(_units_of(value)) for name, value in {**scene, **variables}.items()}
+    entries = content.get("data")
+    some = entries if isinstance(entries, list) else []
+    measured = [each for each in some if isinstance(each, dict)]
+    for name in QUANTITIES:
+        own = (each for each in measured if each.get("quantity") == name)
+        alike = (each for each in measured if _si_unit(each.get("quantity")) == _si_unit(name))
+        found[name] = _first(_datum_unit(each) for each in chain(own, alike))
+    times = [*(each.get(TIME) for each in measured), scene.get("end_time")]
+    found[TIME] = _first(unit_in(time) for time in times)
+    return found
+
+
+def _si_unit(quantity: Any) -> str:
+    """Return the SI unit in which a measured quantity is given: m of a file of sizes."""
+    if quantity == "sizes":
+        return "m"
+    return QUANTITIES[quantity].unit if isinstance(quantity, str) and quantity in QUANTITIES else ""
+
+
+def _datum_unit(entry: dict[str, Any]) -> str:
+    unit = entry.get("unit")
+    return unit if isinstance(unit, str) else unit_in(entry.get("value"))
+
+
+def _mapping(content: Any) -> dict[str, Any]:
+    return content if isinstance(content, dict) else {}
+
+
+def _units_of(value: Any) -> Iterator[str]:
+    """Yield the units of all texts of an entry, such as the two ends of a range."""
+    if isinstance(value, list):
+        for each in value:
+            yield from _units_of(each)
+    elif isinstance(value, dict):
+        yield from _units_of(list(value.values()))
+    elif unit := unit_in(value):
+        yield unit
+
+
+def _one(units: Iterator[str]) -> str:
+    """Return the unit that all texts agree in; else an empty text."""
+    different = set(units)
+    return different.pop() if len(different) == 1 else ""
+
+
+def _first(units: Iterator[str]) -> str:
+    return next((unit for unit in units if unit), "")
