@@ -111,15 +111,29 @@ class CampaignSections:
         if not (self.scenes.sizes_differ or needs_data):
             return self.objective
         try:
-            section, values = self.at(string)
+            section, _ = self.at(string)
         except ValueError:  # a law refuses the string, none of whose samples completes
             return self.objective
         objective = self.objective.of_grains(section.equivalent_grains / self.volume)
         if not needs_data or self.census is None:
             return objective
+        return objective.of_string(self.measured_at(string))
+
+    def measured_at(self, string: npt.ArrayLike) -> MeasuredString:
+        """Return the data for the samples of a string, and the scales of their censuses.
+
+        Raises
+        ------
+        ValueError
+            If the campaign has no data, or a law refuses the string.
+        """
+        if self.census is None:
+            raise ValueError(f"{self.name} has no section data")
+        section, values = self.at(string)
         diameter = 2.0 * scales.grain_radius(section, values)
-        known = diameter, values["density"], section.particles
-        return objective.of_string(MeasuredString(self.data, self.census, *known))
+        return MeasuredString(
+            self.data, self.census, diameter, values["density"], section.particles
+        )
 
     @cached_property
     def census(self) -> CensusLayout | None:
