@@ -15,7 +15,7 @@ from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.inference.expected_volume import Candidate
 
 
-class EmulatedData(NamedTuple):
+class DataAtPoints(NamedTuple):
     """Measured data beside their emulators at n points.
 
     Attributes

@@ -6,7 +6,7 @@ import pytest
 from agglom_mpi.emulation.emulator import Emulator, merge_samples
 from agglom_mpi.inference.candidate_emulator import (
     CandidateEmulator,
-    EmulatedData,
+    DataAtPoints,
     LinearQuantity,
 )
 
@@ -18,7 +18,7 @@ def test_candidate_given_data_is_the_conditional_normal_distribution():
     matrix, own = random.normal(size=(r, p)), random.normal(size=(q, p))
     rest, rest_deviations = random.normal(size=(n, q)), random.uniform(0.1, 0.5, (n, q))
     root = random.normal(size=(r, r))
-    data = EmulatedData(means, deviations, matrix, random.normal(size=r), root @ root.T)
+    data = DataAtPoints(means, deviations, matrix, random.normal(size=r), root @ root.T)
     found = data.expected(LinearQuantity(own, rest, rest_deviations), np.eye(q))
     for i in range(n):
         both = np.vstack((own, matrix))
@@ -35,7 +35,7 @@ def test_candidate_given_data_is_the_conditional_normal_distribution():
 
 def test_repetition_of_a_sure_datum_by_an_unsure_emulator_is_known_beforehand():
     one = np.ones((1, 1))
-    data = EmulatedData(np.array([[5.0]]), np.array([[2.0]]), one, np.array([4.0]), 0.01 * one)
+    data = DataAtPoints(np.array([[5.0]]), np.array([[2.0]]), one, np.array([4.0]), 0.01 * one)
     found = data.expected(LinearQuantity.of_data(one, 1), one)
     assert found.means[0, 0] == pytest.approx(4.0, abs=0.01)
     assert found.covariances[0, 0, 0] == pytest.approx(0.01, rel=0.01)
