@@ -27,6 +27,7 @@ CONSEQUENCES: Final = 108
 FEASIBLE_SET: Final = 109
 PLACEMENT_FORECAST: Final = 110
 OWN_SEARCH: Final = 111
+DATA_POSTERIOR: Final = 112
 """Purposes of the search's streams; from 100 on, so that none meets one of the samples."""
 
 

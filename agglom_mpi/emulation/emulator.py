@@ -117,9 +117,27 @@ class Emulator:
         """Return the standard deviation of the mean at points, (m, d), shape (m,)."""
         return _blockwise(self._process.deviation, points)
 
+    def mean_and_deviation(self, points: Floats) -> tuple[Floats, Floats]:
+        """Return `mean` and `deviation` at points, (m, d), each of shape (m,)."""
+        starts = range(0, len(points), MAX_POINTS_AT_ONCE)
+        blocks = [
+            self._process.mean_and_deviation(points[i : i + MAX_POINTS_AT_ONCE]) for i in starts
+        ]
+        if not blocks:
+            return np.empty(0), np.empty(0)
+        means, deviations = zip(*blocks, strict=True)
+        return np.concatenate(means), np.concatenate(deviations)
+
     def noise(self, points: Floats) -> Floats:
         """Return the standard deviation of one sample at points, (m, d), shape (m,)."""
         return np.sqrt(self._noise.variance(points, self.mean(points)))
+
+    def means_of(self, values: Floats, points: Floats) -> Floats:
+        """Return the means at points, (m, d), if the data had other values, (R, n): (R, m).
+
+        Covariance, noise and scale stay as they are.
+        """
+        return self._process.means_of(values, points)
 
     def draw(self, number: int, random: np.random.Generator) -> "DrawnFunctions":
         """Draw functions from the posterior of the mean."""

@@ -145,6 +145,25 @@ class GaussianProcess:
         """Return the posterior mean at points, shape (m, d), shape (m,) [RW 2.25]."""
         return self._centre + self._scale * (self._between(points, self._points) @ self._weights)
 
+    def means_of(self, values: Floats, points: Floats) -> Floats:
+        """Return the posterior means for other values at the same points, as noisy as these.
+
+        Parameters
+        ----------
+        values
+            R times the observed mean at each point of the data, shape (R, n).
+        points
+            Where to predict, shape (m, d).
+
+        Returns
+        -------
+        ndarray
+            Shape (R, m).
+        """
+        standard = (values - self._centre) / self._scale
+        weights = cho_solve((self._factor.root, True), standard.T)
+        return self._centre + self._scale * (self._between(points, self._points) @ weights).T
+
     @property
     def noise_at_points(self) -> Floats:
         """Standard deviation of the noise of each observed mean, shape (n,)."""
@@ -172,7 +191,15 @@ class GaussianProcess:
 
     def deviation(self, points: Floats) -> Floats:
         """Return the posterior standard deviation at points, shape (m, d), shape (m,)."""
+        return self._deviation(self._between(self._points, points))
+
+    def mean_and_deviation(self, points: Floats) -> tuple[Floats, Floats]:
+        """Return posterior mean and standard deviation at points, (m, d), each of shape (m,)."""
         across = self._between(self._points, points)
+        return self._centre + self._scale * (self._weights @ across), self._deviation(across)
+
+    def _deviation(self, across: Floats) -> Floats:
+        """Return standard deviations by the covariances with the points of the data, (n, m)."""
         explained = solve_triangular(self._factor.root, across, lower=True)
         variance = self._covariance.variance - (explained**2).sum(axis=0)
         return self._scale * np.sqrt(np.maximum(variance, 0.0))

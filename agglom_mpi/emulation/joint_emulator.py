@@ -36,6 +36,13 @@ class JointEmulator:
         Stream of the subsets that covariances are fitted to.
     groups
         Number of coordinates, the last ones, that are groups of variables.
+
+    Attributes
+    ----------
+    mixing : ndarray
+        Numbers of a sample are this matrix, (k, k), times the mixed ones.
+    processes : list of Emulator
+        Of the mixed numbers; all have the same points.
     """
 
     def __init__(
@@ -48,7 +55,7 @@ class JointEmulator:
     ) -> None:
         self._quantities = quantities
         k = numbers.shape[1]
-        self._mixing = np.eye(k)
+        self.mixing = np.eye(k)
         if k > 1:
             scales = numbers.std(axis=0)
             scales[scales == 0.0] = 1.0
@@ -58,9 +65,9 @@ class JointEmulator:
             ]
             residuals = np.array([e.data.means - e.held_out()[0] for e in first])
             noise = residuals @ residuals.T / residuals.shape[1] + 1e-9 * np.eye(k)
-            self._mixing = scales[:, None] * np.linalg.cholesky(noise)
-        mixed = np.linalg.solve(self._mixing, numbers.T)
-        self._emulators = [Emulator(merge_samples(points, n), random, groups) for n in mixed]
+            self.mixing = scales[:, None] * np.linalg.cholesky(noise)
+        mixed = np.linalg.solve(self.mixing, numbers.T)
+        self.processes = [Emulator(merge_samples(points, n), random, groups) for n in mixed]
         # One number is the quantity itself.
         self._is_single = k == 1
         self._normal = _normal_points(k) if k > 1 else np.empty((0, 1))
@@ -68,33 +75,42 @@ class JointEmulator:
     @property
     def held_out(self) -> list[tuple[Floats, Floats, Floats]]:
         """Data of each process, their held-out predictions, and the deviations of these, (n,)."""
-        return [(e.data.means, *e.held_out()) for e in self._emulators]
+        return [(e.data.means, *e.held_out()) for e in self.processes]
 
     def mean(self, points: Floats) -> Floats:
         """Return the expected quantities at points, (m, p), shape (m, q)."""
         if self._is_single:
-            return self._emulators[0].mean(points)[:, None]
+            return self.processes[0].mean(points)[:, None]
         return self._spread_quantities(points).mean(axis=0)
 
     def deviation(self, points: Floats) -> Floats:
         """Return the standard deviations of the quantities at points, (m, p), shape (m, q)."""
         if self._is_single:
-            return self._emulators[0].deviation(points)[:, None]
+            return self.processes[0].deviation(points)[:, None]
         return self._spread_quantities(points).std(axis=0)
 
     def mean_only(self, points: Floats) -> Floats:
         """Return the quantities of the expected numbers at points, (m, p), shape (m, q)."""
-        means = np.column_stack([e.mean(points) for e in self._emulators])
-        return self._quantities(means @ self._mixing.T)
+        return self._quantities(self.mixed_means(points) @ self.mixing.T)
+
+    def mixed_means(self, points: Floats) -> Floats:
+        """Return the expected mixed numbers at points, (m, p), shape (m, k)."""
+        return np.column_stack([e.mean(points) for e in self.processes])
+
+    def mixed(self, points: Floats) -> tuple[Floats, Floats]:
+        """Return mean and standard deviation of the mixed numbers at points, (m, k) each."""
+        found = [e.mean_and_deviation(points) for e in self.processes]
+        means, deviations = zip(*found, strict=True)
+        return np.column_stack(means), np.column_stack(deviations)
 
     def first_mean(self, points: Floats) -> Floats:
         """Return the expected value of the first process at points, (m, p), shape (m,)."""
-        return self._emulators[0].mean(points)
+        return self.processes[0].mean(points)
 
     def noise(self, points: Floats) -> Floats:
         """Return the standard deviation of each number of one sample at points, shape (m, k)."""
-        own = np.column_stack([e.noise(points) for e in self._emulators])
-        return np.sqrt(own**2 @ (self._mixing**2).T)
+        own = np.column_stack([e.noise(points) for e in self.processes])
+        return np.sqrt(own**2 @ (self.mixing**2).T)
 
     def probability(
         self, points: Floats, condition: Callable[[Floats], NDArray[np.bool_]]
@@ -120,10 +136,9 @@ class JointEmulator:
 
     def _spread_quantities(self, points: Floats) -> Floats:
         """Return normally distributed quantities at points, (`NORMAL_POINTS`, m, q)."""
-        means = np.column_stack([e.mean(points) for e in self._emulators])
-        spread = np.column_stack([e.deviation(points) for e in self._emulators])
-        numbers = means + self._normal[:, None, :] * spread
-        return self._quantities(numbers @ self._mixing.T)
+        means, deviations = self.mixed(points)
+        numbers = means + self._normal[:, None, :] * deviations
+        return self._quantities(numbers @ self.mixing.T)
 
 
 class JointFunctions:
@@ -131,12 +146,12 @@ class JointFunctions:
 
     def __init__(self, emulator: JointEmulator, number: int, random: np.random.Generator) -> None:
         self._emulator = emulator
-        self._functions = [e.draw(number, random) for e in emulator._emulators]
+        self._functions = [e.draw(number, random) for e in emulator.processes]
 
     def __call__(self, points: Floats) -> Floats:
         """Return the n functions at points, (m, p), shape (n, m, q)."""
         numbers = np.stack([drawn(points) for drawn in self._functions], axis=-1)
-        return self._emulator._quantities(numbers @ self._emulator._mixing.T)
+        return self._emulator._quantities(numbers @ self._emulator.mixing.T)
 
 
 def _normal_points(k: int) -> Floats:

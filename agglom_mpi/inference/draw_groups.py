@@ -4,19 +4,20 @@ A group is an xarray Dataset. Its variables have the dimensions `chain` and `dra
 `attrs["units"]`, and equal weight: what ArviZ computes of draws needs no weights.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
 from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.errors import require_library
-from agglom_mpi.inference.membership import EmulatedBox
 from agglom_mpi.inference.searched_box import SearchedBox
 from agglom_mpi.version import __version__
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from agglom_mpi.config.campaign import Campaign
 
 Groups = dict[str, "xr.Dataset"]
 """Datasets by the names of their groups in ArviZ."""
@@ -25,8 +26,6 @@ PRIOR_DRAWS: Final = 1 << 12
 """Number of even points of the box that stand for the prior."""
 DEFAULT_DRAWS: Final = 4000
 """Number of draws of equal weight, unless another is asked for."""
-MEASUREMENT: Final = "measurement"
-"""Dimension of the one measured number."""
 
 
 class EqualDraws(NamedTuple):
@@ -44,12 +43,43 @@ class EqualDraws(NamedTuple):
     stats: dict[str, tuple[Floats, str]]
 
 
-class Measurement(NamedTuple):
-    """A measured mean and its standard error; `name` is that of the quantity."""
+class Observed(NamedTuple):
+    """A measured quantity.
+
+    Attributes
+    ----------
+    name
+        Name of its variable.
+    dimension
+        Name of the dimension of its q values.
+    values, errors
+        Measured values and their standard errors, shape (q,).
+    attributes
+        Attributes of the variable, such as its units.
+    """
 
     name: str
-    value: float
-    error: float
+    dimension: str
+    values: Floats
+    errors: Floats
+    attributes: dict[str, Any]
+
+
+class Predicted(NamedTuple):
+    """Measured quantities, and further measurements of them.
+
+    Attributes
+    ----------
+    observed
+        The quantities.
+    measurements
+        Returns one further measurement of each quantity for strings, (n, k): a list of (n, q). The
+        second argument says whether the measured values are known, which narrows the emulator's
+        error down, too.
+    """
+
+    observed: Sequence[Observed]
+    measurements: Callable[[Floats, bool], list[Floats]]
 
 
 def require_xarray() -> None:
@@ -57,81 +87,90 @@ def require_xarray() -> None:
     require_library("xarray", "arviz", "draws for ArviZ")
 
 
-def set_groups(emulated: EmulatedBox, draws: EqualDraws, attributes: Mapping[str, Any]) -> Groups:
+def set_groups(box: SearchedBox, draws: EqualDraws, attributes: Mapping[str, Any]) -> Groups:
     """Return `posterior`, `sample_stats` and `prior` of draws.
 
     Parameters
     ----------
-    emulated
-        The emulated box of the feasible set.
+    box
+        The search box.
     draws
         The draws.
     attributes
         What is known of the draws as a whole: attributes of the `posterior`.
     """
     require_xarray()
-    prior = prior_strings(emulated)
+    prior = prior_strings(box)
     return {
-        "posterior": _variables(emulated.box, draws.strings, attributes),
+        "posterior": _variables(box, draws.strings, attributes),
         "sample_stats": _numbers(draws.stats),
-        "prior": _variables(emulated.box, prior, {"draws_are": "even points of the search box"}),
+        "prior": _variables(box, prior, {"draws_are": "even points of the search box"}),
     }
 
 
-def prior_strings(emulated: EmulatedBox) -> Floats:
+def prior_strings(box: SearchedBox) -> Floats:
     """Return even points of what is allowed of the box, (1, n, k), which stand for the prior."""
-    return emulated.box.even_strings(PRIOR_DRAWS)[None]
+    return box.even_strings(PRIOR_DRAWS)[None]
 
 
 def posterior_groups(
-    emulated: EmulatedBox,
-    draws: EqualDraws,
-    measured: Measurement,
-    attributes: Mapping[str, Any],
-    seed: int,
+    box: SearchedBox, draws: EqualDraws, attributes: Mapping[str, Any], predicted: Predicted
 ) -> Groups:
-    """Return the groups of `set_groups`, and those of a measurement.
+    """Return the groups of `set_groups`, and those of what was measured.
 
-    `observed_data` has the measured mean, `constant_data` its standard error, and
-    `posterior_predictive` and `prior_predictive` have measurements of equal error, as the
+    `observed_data` has the measured values, `constant_data` their standard errors, and
+    `posterior_predictive` and `prior_predictive` have measurements of equal errors, as the
     emulator predicts them.
 
     Parameters
     ----------
-    emulated, draws, attributes
+    box, draws, attributes
         As for `set_groups`.
-    measured
-        The measurement.
-    seed
-        Seed of the predicted measurements.
+    predicted
+        What was measured, and what predicts it.
     """
-    groups, random = set_groups(emulated, draws, attributes), np.random.default_rng([seed, 1])
-    unit, error = _unit_of(measured.name), measured.error
-    predictions = {
-        "posterior_predictive": _given_measurement(_emulated(emulated, draws.strings), measured),
-        "prior_predictive": _emulated(emulated, prior_strings(emulated)),
+    groups = set_groups(box, draws, attributes)
+    drawn = {
+        "posterior_predictive": (draws.strings, True),
+        "prior_predictive": (prior_strings(box), False),
     }
-    for group, (mean, deviation) in predictions.items():
-        values = random.normal(mean, np.hypot(deviation, error))[..., None]
-        dimensions = ("chain", "draw", MEASUREMENT)
-        groups[group] = _dataset({measured.name: (dimensions, values, unit)})
-    data = {
-        "observed_data": (measured.name, measured.value),
-        "constant_data": (f"{measured.name}_standard_error", error),
+    for group, (strings, given) in drawn.items():
+        values = predicted.measurements(strings.reshape(-1, strings.shape[-1]), given)
+        columns = {
+            each.name: (
+                ("chain", "draw", each.dimension),
+                mine.reshape(*strings.shape[:2], -1),
+                each.attributes,
+            )
+            for each, mine in zip(predicted.observed, values, strict=True)
+        }
+        groups[group] = _dataset(columns)
+    columns = {
+        each.name: ((each.dimension,), each.values, each.attributes) for each in predicted.observed
     }
-    for group, (name, value) in data.items():
-        groups[group] = _dataset({name: ((MEASUREMENT,), np.array([value]), unit)})
+    groups["observed_data"] = _dataset(columns)
+    columns = {
+        f"{each.name}_standard_error": ((each.dimension,), each.errors, each.attributes)
+        for each in predicted.observed
+    }
+    groups["constant_data"] = _dataset(columns)
     return groups
 
 
-def root_attributes(emulated: EmulatedBox) -> dict[str, Any]:
-    """Return the attributes of the whole file: the campaign, its seed and this program."""
-    campaign = emulated.box.campaign
+def root_attributes(campaign: "Campaign", criterion: str) -> dict[str, Any]:
+    """Return the attributes of the whole file: the campaign, its seed and this program.
+
+    Parameters
+    ----------
+    campaign
+    criterion
+        What draws are compatible with.
+    """
     return {
         "title": campaign.title,
         "seed": campaign.seed,
         "campaign": campaign.text,
-        "criterion": emulated.criterion.text,
+        "criterion": criterion,
         "inference_library": "agglom_mpi",
         "inference_library_version": __version__,
     }
@@ -155,31 +194,6 @@ def arviz_data(groups: Groups, attributes: Mapping[str, Any]) -> Any:
     tree = xr.DataTree.from_dict(dict(groups))
     tree.attrs.update(attributes)
     return tree
-
-
-def _unit_of(name: str) -> dict[str, str]:
-    """Return the attributes of a compared quantity, which has no unit."""
-    return {"units": "1", "long_name": "mean b/b0" if name == "mean_radius_ratio" else name}
-
-
-def _emulated(emulated: EmulatedBox, strings: Floats) -> tuple[Floats, Floats]:
-    """Return emulated means and their standard deviations, each of shape (chains, draws)."""
-    known = emulated.known(strings.reshape(-1, strings.shape[-1]))
-    shape = strings.shape[:2]
-    return known.mean.reshape(shape), known.deviation.reshape(shape)
-
-
-def _given_measurement(
-    predicted: tuple[Floats, Floats], measured: Measurement
-) -> tuple[Floats, Floats]:
-    """Return means and standard deviations of the true mean of strings, given the measured one.
-
-    The error of the emulator at a string is the same for every measurement, so that a measured
-    mean narrows it down, too.
-    """
-    mean, deviation = predicted
-    share = deviation**2 / (deviation**2 + measured.error**2)
-    return mean + share * (measured.value - mean), measured.error * np.sqrt(share)
 
 
 def _variables(box: SearchedBox, strings: Floats, attributes: Mapping[str, Any]) -> "xr.Dataset":
@@ -211,7 +225,7 @@ def _numbers(stats: Mapping[str, tuple[Floats, str]]) -> "xr.Dataset":
 
 
 def _dataset(
-    columns: Mapping[str, tuple[tuple[str, ...], Floats, dict[str, Any]]],
+    columns: Mapping[str, tuple[tuple[str, ...], Floats, Mapping[str, Any]]],
     attributes: Mapping[str, Any] | None = None,
 ) -> "xr.Dataset":
     """Return a Dataset of columns, with numbers from 0 as the coordinates of its dimensions."""

@@ -11,9 +11,9 @@ from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.errors import UserError, require_library
 from agglom_mpi.inference.calibration import Calibration, calibrate
+from agglom_mpi.inference.mean_posterior import MeanPosterior, mean_posterior
 from agglom_mpi.inference.membership import VOLUME_STREAM, EmulatedBox
 from agglom_mpi.inference.nearest import NearestString, nearest_string
-from agglom_mpi.inference.posterior import Posterior, posterior
 from agglom_mpi.inference.searched_box import SearchedBox
 from agglom_mpi.inference.set_directions import SetVariable, set_directions, set_variables
 from agglom_mpi.inference.set_points import (
@@ -22,7 +22,12 @@ from agglom_mpi.inference.set_points import (
     SetPoints,
     spread_points,
 )
-from agglom_mpi.inference.stored_samples import favours_low_objectives, stored_samples
+from agglom_mpi.inference.stored_samples import (
+    MIN_STRINGS,
+    favours_low_objectives,
+    stored_samples,
+    why_not_emulated,
+)
 from agglom_mpi.inference.tolerances import recorded_objective, tolerance_of
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
@@ -30,11 +35,8 @@ from agglom_mpi.storage.recorded_campaign import recorded_campaign
 if TYPE_CHECKING:
     import pandas as pd
 
-    from agglom_mpi.config.campaign import Campaign
     from agglom_mpi.storage.reader import CampaignData
 
-MIN_STRINGS: Final = 50
-"""Minimum number of different strings of a campaign that has a set."""
 UNCERTAIN_PROBABILITY: Final = 0.002
 """Probability above which, and below one minus which, a string may or may not be a member."""
 
@@ -75,7 +77,8 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
         campaign = recorded_campaign(data)
         self.tolerance = tolerance_of(data, tolerance)
         criterion = recorded_objective(data).criterion(self.tolerance)
-        _check_possible(campaign, data)
+        if reason := why_not_emulated(campaign):
+            raise NoFeasibleSetError(f"{data.path}: {reason}")
         stored = stored_samples(data)
         self.samples = len(stored.rows)
         self.strings = len(np.unique(np.nan_to_num(stored.strings), axis=0))
@@ -249,13 +252,13 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
         """Each searched variable: its range in the set, and whether it is free or decided."""
         return list(self._variables)
 
-    def posterior(self, measured: float | str, error: float | str) -> Posterior:
+    def posterior(self, measured: float | str, error: float | str) -> MeanPosterior:
         """Return the posterior of the variables, given a measured mean and its standard error.
 
         An error in percent, such as `"2%"`, is relative to the measured mean. The prior is uniform
         over what is allowed of the box, in the coordinates of the search.
         """
-        return posterior(self.emulated, measured, error)
+        return mean_posterior(self.emulated, measured, error)
 
     # Computed once
 
@@ -310,18 +313,6 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
 def _flat(values: Floats) -> Floats:
     """Return values, (n, q), as (n,) where q is 1."""
     return values[:, 0] if values.shape[1] == 1 else values
-
-
-def _check_possible(campaign: "Campaign", data: "CampaignData") -> None:
-    """Raise a NoFeasibleSetError where strings have no set, with the reason."""
-    if campaign.plan is None or not campaign.variables.searched:
-        raise NoFeasibleSetError(f"{data.path}: no variable is searched, so there is no set")
-    if campaign.common_configurations:
-        raise NoFeasibleSetError(
-            f"{data.path}: ensemble.common_configurations is true; the noise of its strings is "
-            "correlated, which the emulator does not model, so its set would look surer than it "
-            "is; run the campaign without them"
-        )
 
 
 @single_threaded

@@ -12,8 +12,11 @@ from agglom_mpi.storage.recorded_campaign import recorded_campaign
 from agglom_mpi.storage.schema import parameters_of
 
 if TYPE_CHECKING:
+    from agglom_mpi.config.campaign import Campaign
     from agglom_mpi.storage.reader import CampaignData
 
+MIN_STRINGS: Final = 50
+"""Minimum number of different strings of a campaign that an emulator is made for."""
 MAX_FAILED_SHARE: Final = 0.1
 """Maximum share of failed samples of a member, as in an ensemble."""
 
@@ -63,6 +66,19 @@ def stored_samples(data: "CampaignData") -> StoredSamples:
     failed = bad + late > MAX_FAILED_SHARE * (count + late)
     good = completed & ~failed[place]
     return StoredSamples(different[place[good]], rows[good], different[tried], failed[tried])
+
+
+def why_not_emulated(campaign: "Campaign") -> str:
+    """Return why the samples of a campaign give no emulator of its strings; empty if they may."""
+    if campaign.plan is None or not campaign.variables.searched:
+        return "no variable is searched, so nothing is to be inferred"
+    if campaign.common_configurations:
+        return (
+            "ensemble.common_configurations is true; the noise of its strings is correlated, which "
+            "the emulator does not model, so results would look surer than they are; run the "
+            "campaign without them"
+        )
+    return ""
 
 
 def favours_low_objectives(data: "CampaignData") -> bool:

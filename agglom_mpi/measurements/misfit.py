@@ -92,7 +92,7 @@ def misfit(census: Census, data: Sequence[Datum]) -> Misfit:
     data
         At least one datum.
     """
-    frame = _frame(tuple(data))
+    frame = residual_frame(tuple(data))
     if census.samples == 0:
         return frame.nothing()
     predicted = predictions(census, data)
@@ -157,11 +157,26 @@ def sampling_noise(left_out: Floats) -> SamplingNoise:
     return SamplingNoise(raw, shrunk, intensity, n - 1, deviations)
 
 
-class _Frame:
+class ResidualFrame:
     """The data in the subspace in which residuals lie and the measurement has errors.
 
-    Its basis has orthonormal columns, (Q, p). Each datum has its own columns, scaled by its
+    Its basis has orthogonal columns, (Q, p). Each datum has its own columns, scaled by its
     largest standard error, so that data in different units are treated alike.
+
+    Attributes
+    ----------
+    data
+        The data, in their order.
+    measured
+        All measured values, one datum after the other, shape (Q,).
+    rows, columns
+        Places of each datum among the values and among the columns of the basis.
+    basis
+        Shape (Q, p). Errors of the measurement along its columns are independent and of variance 1.
+    covariance
+        Of the errors of the measurement, shape (Q, Q).
+    rank
+        Number of directions p.
     """
 
     def __init__(self, data: Sequence[Datum]) -> None:
@@ -244,9 +259,9 @@ def _probability(chi_square: float, rank: int, variance: float, noise: SamplingN
 
 
 @lru_cache(maxsize=16)
-def _frame(data: tuple[Datum, ...]) -> _Frame:
+def residual_frame(data: tuple[Datum, ...]) -> ResidualFrame:
     """Return the frame of data, once for all strings; data are told apart by identity."""
-    return _Frame(data)
+    return ResidualFrame(data)
 
 
 def _basis(datum: Datum) -> Floats:

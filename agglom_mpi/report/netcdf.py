@@ -78,7 +78,9 @@ def draw_groups(data: "CampaignData", request: SetRequest) -> tuple[Groups, dict
         If there are none, with the reason.
     """
     found = feasible_set(data, request.tolerance)
-    return _drawn(found, request), root_attributes(found.emulated)
+    return _drawn(found, request), root_attributes(
+        found.emulated.box.campaign, found.criterion.text
+    )
 
 
 @single_threaded
@@ -95,7 +97,7 @@ def members(found: FeasibleSet) -> Groups:
     strings = found.emulated.box.strings(drawn)[None]
     text = "members of the feasible set, uniform in the box; no measured mean is given"
     attributes = {"draws_are": text, "criterion": found.criterion.text}
-    return set_groups(found.emulated, EqualDraws(strings, stats), attributes)
+    return set_groups(found.emulated.box, EqualDraws(strings, stats), attributes)
 
 
 def write_groups(path: Path, groups: Groups, attributes: Mapping[str, Any]) -> None:

@@ -9,7 +9,7 @@ from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.errors import require_library
 from agglom_mpi.formatting import without_nan
 from agglom_mpi.inference.feasible_set import FeasibleSet
-from agglom_mpi.inference.posterior import measurement_of
+from agglom_mpi.inference.mean_posterior import measurement_of
 from agglom_mpi.inference.tolerances import recorded_objective, tolerance_of
 from agglom_mpi.report.set_summary import grid_table, set_as_dict, set_text
 from agglom_mpi.storage.files import atomic_file, require_absent, require_writable_folder
@@ -18,7 +18,7 @@ from agglom_mpi.storage.recorded_campaign import recorded_campaign
 if TYPE_CHECKING:
     import pandas as pd
 
-    from agglom_mpi.inference.posterior import Posterior
+    from agglom_mpi.inference.mean_posterior import MeanPosterior
     from agglom_mpi.storage.reader import CampaignData
 
 DEFAULT_TOLERANCE: Final = 0.05
@@ -69,7 +69,7 @@ class SetRequest(NamedTuple):
                 if made is None or path.parent.resolve() != made.resolve():
                     require_writable_folder(path)
 
-    def posterior_of(self, found: FeasibleSet) -> "Posterior | None":
+    def posterior_of(self, found: FeasibleSet) -> "MeanPosterior | None":
         """Return the posterior that is asked for, None if none is, or the set is not known."""
         if self.measured is None or self.error is None or not found.calibration.passed:
             return None
@@ -102,7 +102,7 @@ def set_report(data: "CampaignData", request: SetRequest, as_json: bool) -> Any:
     return set_text(found, posterior)
 
 
-def write_files(request: SetRequest, found: FeasibleSet, posterior: "Posterior | None") -> None:
+def write_files(request: SetRequest, found: FeasibleSet, posterior: "MeanPosterior | None") -> None:
     """Write the CSV files that are asked for, where the set is known."""
     if not found.calibration.passed:
         return

@@ -19,7 +19,7 @@ from agglom_mpi.inference.set_points import INNER_PROBABILITY, OUTER_PROBABILITY
 if TYPE_CHECKING:
     import pandas as pd
 
-    from agglom_mpi.inference.posterior import Posterior
+    from agglom_mpi.inference.mean_posterior import MeanPosterior
 
 MIN_SHOWN_SHARE: Final = 0.01
 """Minimum share of a direction that is shown."""
@@ -59,7 +59,7 @@ def samples_to_halve(of: FeasibleSet) -> int:
     return 3 * of.samples
 
 
-def set_text(of: FeasibleSet, posterior: "Posterior | None" = None) -> RenderableType:
+def set_text(of: FeasibleSet, posterior: "MeanPosterior | None" = None) -> RenderableType:
     """Return what `agglom report --feasible-set` prints."""
     heading = f"feasible set: {of.criterion.text}"
     if not of.calibration.passed:
@@ -239,7 +239,7 @@ def set_warnings(of: FeasibleSet) -> Iterator[str]:
             )
 
 
-def posterior_text(posterior: "Posterior") -> RenderableType:
+def posterior_text(posterior: "MeanPosterior") -> RenderableType:
     """Return a posterior as text and tables."""
     measured = f"{posterior.measured:g} ± {posterior.error:g}"
     lines: list[RenderableType] = [
@@ -259,12 +259,12 @@ def posterior_text(posterior: "Posterior") -> RenderableType:
     return Group(*lines)
 
 
-def _quantity(posterior: "Posterior") -> str:
+def _quantity(posterior: "MeanPosterior") -> str:
     """Return the name of the measured quantity."""
     return quantity_name(posterior.of.criterion.quantities[0])
 
 
-def _correlation_table(posterior: "Posterior") -> FittedTable:
+def _correlation_table(posterior: "MeanPosterior") -> FittedTable:
     """Return a table of the pairs with the largest partial correlations."""
     names = posterior.of.box.names
     plain, partial = posterior.correlations, posterior.partial_correlations
@@ -276,7 +276,7 @@ def _correlation_table(posterior: "Posterior") -> FittedTable:
     return table
 
 
-def set_as_dict(of: FeasibleSet, posterior: "Posterior | None" = None) -> dict[str, Any]:
+def set_as_dict(of: FeasibleSet, posterior: "MeanPosterior | None" = None) -> dict[str, Any]:
     """Return a set as plain values for JSON; without a set where it is not calibrated.
 
     Keys at the top are `criterion`, `tolerance`, the numbers of `samples` and `strings` of the

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from agglom_mpi.config.yaml_source import CampaignError
-from agglom_mpi.inference.posterior import PosteriorError, effective_size, measurement_of
+from agglom_mpi.inference.mean_posterior import measurement_of
+from agglom_mpi.inference.posterior import PosteriorError, effective_size
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,249 @@
+"""Emulator of what strings predict for all measured data, and the density of the data given it.
+
+Predictions are scaled by the errors of the measurement, in the directions in which residuals lie
+(`measurements.misfit.ResidualFrame`), and rotated to principal components over the strings. Each
+component is then in standard errors of the measurement, independent of the others. Components that
+differ between strings by less than a tenth of that are not emulated: the data cannot tell the
+strings apart by them, and their variance counts as an error.
+"""
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from agglom_mpi.config.coordinates import coordinates_of
+from agglom_mpi.emulation.gaussian_process import Floats
+from agglom_mpi.emulation.joint_emulator import JointEmulator
+from agglom_mpi.inference.membership import FailingShare
+from agglom_mpi.inference.searched_box import SearchedBox
+from agglom_mpi.inference.stored_samples import StoredSamples
+from agglom_mpi.inference.string_values import StringValues
+from agglom_mpi.measurements.datum import Datum
+from agglom_mpi.measurements.misfit import ResidualFrame, residual_frame
+from agglom_mpi.random_streams import DATA_POSTERIOR, search_stream
+
+MIN_COMPONENT_VARIANCE: Final = 0.01
+"""Minimum variance between strings of an emulated component; that of the measurement is 1."""
+MAX_DENSITIES_AT_ONCE: Final = 4096
+"""Maximum number of strings whose covariances are factored together."""
+
+EMULATOR_STREAM, FAILURE_STREAM, SAMPLING_STREAM, CALIBRATION_STREAM, PREDICTIVE_STREAM = range(5)
+"""Random streams of a posterior of data."""
+
+
+class EmulatedStrings(NamedTuple):
+    """Emulated components of strings.
+
+    Attributes
+    ----------
+    means, deviations
+        Of the mixed components, shape (n, k) each.
+    failing
+        Probability that samples fail, shape (n,).
+    """
+
+    means: Floats
+    deviations: Floats
+    failing: Floats
+
+
+class EmulatedData:
+    """Measured data, and what any string of the search box predicts for them.
+
+    Parameters
+    ----------
+    box
+        The search box.
+    data
+        The measured data.
+    values
+        Predictions of the samples for these data.
+    stored
+        The samples, for the strings that failed.
+
+    Attributes
+    ----------
+    box : SearchedBox
+    coordinates : Coordinates
+        Coordinates of the emulator.
+    data : tuple of Datum
+    frame : ResidualFrame
+        Directions in which data and predictions are compared, scaled by the errors.
+    emulator : JointEmulator
+        Emulator of the k components.
+    components : ndarray
+        Directions of the kept components in the frame, orthonormal, shape (p, k).
+    left_out : ndarray
+        Directions that are not emulated, orthonormal, shape (p, p − k).
+    left_out_variance : ndarray
+        Variance between strings along these, shape (p − k,).
+    centre : ndarray
+        Mean prediction of all strings in the frame, shape (p,).
+    samples : ndarray
+        Kept components of each sample, shape (n, k).
+    points : ndarray
+        Coordinates of each sample, shape (n, c).
+    measured : ndarray
+        Kept components of the data, shape (k,).
+    left_out_measured : ndarray
+        The other components of the data, shape (p − k,).
+    failing : FailingShare
+    """
+
+    def __init__(
+        self, box: SearchedBox, data: Sequence[Datum], values: StringValues, stored: StoredSamples
+    ) -> None:
+        self.box, self.data = box, tuple(data)
+        self.coordinates = coordinates_of(box.campaign)
+        self.frame: ResidualFrame = residual_frame(self.data)
+        self.points = self.coordinates.of_strings(values.strings)
+        framed = values.values @ self.frame.basis
+        self._typical = values.values.mean(axis=0)
+        self._set_components(framed)
+        self.samples = (framed - self.centre) @ self.components
+        groups = len(self.coordinates.groups)
+        self.emulator = JointEmulator(
+            lambda numbers: numbers,
+            self.points,
+            self.samples,
+            self.stream(EMULATOR_STREAM),
+            groups,
+        )
+        tried = self.coordinates.of_strings(stored.tried)
+        self.failing = FailingShare(tried, stored.failed, self.stream(FAILURE_STREAM), groups)
+        self.measured = self.numbers_of(self.frame.measured)
+        away = self.frame.measured @ self.frame.basis - self.centre
+        self.left_out_measured = np.asarray(away @ self.left_out)
+
+    def _set_components(self, framed: Floats) -> None:
+        """Find the principal components of the strings' means, (n, p) samples in the frame."""
+        _, which, count = np.unique(self.points, axis=0, return_inverse=True, return_counts=True)
+        which = which.ravel()
+        means = np.zeros((len(count), framed.shape[1]))
+        np.add.at(means, which, framed)
+        means /= count[:, None]
+        self.centre = means.mean(axis=0)
+        noise = framed - means[which]
+        scatter = np.divide(1.0, count * (count - 1.0), out=np.zeros(len(count)), where=count > 1)
+        of_means = (noise * scatter[which, None]).T @ noise / len(count)
+        between = np.atleast_2d(np.cov(means.T, bias=True)) - of_means
+        variances, directions = np.linalg.eigh(between)
+        kept = variances > MIN_COMPONENT_VARIANCE
+        kept[-1] = True
+        self.components = directions[:, kept][:, ::-1]
+        self.left_out = directions[:, ~kept]
+        self.left_out_variance = np.maximum(variances[~kept], 0.0)
+
+    def stream(self, purpose: int) -> np.random.Generator:
+        """Return a random stream of the campaign for one of the purposes above."""
+        return search_stream(self.box.campaign.seed, DATA_POSTERIOR, purpose)
+
+    # Data, components and values
+
+    def numbers_of(self, values: Floats) -> Floats:
+        """Return the kept components of values of all data, (…, Q), shape (…, k)."""
+        return np.asarray((values @ self.frame.basis - self.centre) @ self.components)
+
+    def values_of(self, components: Floats, left_out: Floats) -> Floats:
+        """Return values of all data, (…, Q), of kept components, (…, k), and others, (…, p − k)."""
+        framed = components @ self.components.T + left_out @ self.left_out.T
+        back = np.linalg.pinv(self.frame.basis)
+        rest = self._typical - (self._typical @ self.frame.basis) @ back
+        return np.asarray(rest + (framed + self.centre) @ back)
+
+    # Strings
+
+    def at(self, strings: Floats) -> EmulatedStrings:
+        """Return what is known of strings, (n, k) in SI units."""
+        points = self.coordinates.of_strings(strings)
+        means, deviations = self.emulator.mixed(points)
+        return EmulatedStrings(means, deviations, self.failing.at(points))
+
+    def factors(self, deviations: Floats) -> Floats:
+        """Return Cholesky factors of the covariances of data given strings, (n, k, k).
+
+        The covariance is that of the measurement, the identity, and that of the emulator.
+        """
+        mixing = self.emulator.mixing
+        own = np.einsum("ki,ni,li->nkl", mixing, deviations**2, mixing, optimize=True)
+        return np.asarray(np.linalg.cholesky(own + np.eye(len(mixing))))
+
+    def log_density(self, strings: Floats) -> Floats:
+        """Return the logarithm of the density of the data given strings, but for a constant, (n,).
+
+        It has the probability that samples of a string do not fail as a factor.
+        """
+        found = [
+            self.log_density_at(self.at(strings[i : i + MAX_DENSITIES_AT_ONCE]))
+            for i in range(0, len(strings), MAX_DENSITIES_AT_ONCE)
+        ]
+        return np.concatenate(found) if found else np.empty(0)
+
+    def log_density_at(self, known: EmulatedStrings) -> Floats:
+        """Return the same of emulated strings, (n,)."""
+        away = self.measured - known.means @ self.emulator.mixing.T
+        return log_densities(away[None], self.factors(known.deviations), known.failing)[0]
+
+    def framed_residuals(self, strings: Floats) -> tuple[Floats, Floats]:
+        """Return data less predictions of strings in the frame, and the covariances of these.
+
+        Shapes (n, p) and (n, p, p); components that are not emulated are included.
+        """
+        known, mixing = self.at(strings), self.emulator.mixing
+        own = np.einsum("ki,ni,li->nkl", mixing, known.deviations**2, mixing, optimize=True)
+        away = (self.measured - known.means @ mixing.T) @ self.components.T
+        rest = (self.left_out * self.left_out_variance) @ self.left_out.T + np.eye(len(self.centre))
+        covariances = np.einsum(
+            "ak,nkl,bl->nab", self.components, own, self.components, optimize=True
+        )
+        return away + self.left_out @ self.left_out_measured, covariances + rest
+
+    def near(self, strings: Floats, best: float, reach: float, deviation: Floats) -> Floats:
+        """Return those strings that no component alone rules out.
+
+        Parameters
+        ----------
+        strings
+            Shape (n, k).
+        best
+            χ² of the best string that is known.
+        reach
+            By how much χ² may be larger.
+        deviation
+            Largest standard deviation of each mixed component, shape (k,).
+        """
+        mixing = self.emulator.mixing
+        largest = 1.0 + (mixing**2) @ deviation**2
+        points, means = self.coordinates.of_strings(strings), np.empty((len(strings), 0))
+        for i, process in enumerate(self.emulator.processes):
+            # The mixing is lower triangular: component i needs the first i + 1 processes alone.
+            means = np.column_stack((means, process.mean(points)))
+            away = self.measured[i] - means @ mixing[i, : i + 1]
+            kept = away**2 <= (best + reach) * largest[i]
+            strings, points, means = strings[kept], points[kept], means[kept]
+        return strings
+
+
+def log_densities(away: Floats, factors: Floats, failing: Floats) -> Floats:
+    """Return logarithms of normal densities of R data given n strings, but for a constant, (R, n).
+
+    Parameters
+    ----------
+    away
+        Data less predictions, shape (R, n, k).
+    factors
+        Cholesky factors of their covariances, shape (n, k, k).
+    failing
+        Probability that samples of each string fail, shape (n,).
+    """
+    chi = chi_squares(away, factors)
+    logarithms = np.log(np.diagonal(factors, axis1=1, axis2=2)).sum(axis=1)
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.log(1.0 - failing) - logarithms - 0.5 * chi)
+
+
+def chi_squares(away: Floats, factors: Floats) -> Floats:
+    """Return χ² of residuals, (R, n, k), by the factors of their covariances, (n, k, k): (R, n)."""
+    inverse = np.linalg.inv(factors)
+    return np.asarray((np.einsum("nkl,rnl->rnk", inverse, away, optimize=True) ** 2).sum(axis=2))
