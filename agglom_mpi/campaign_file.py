@@ -17,6 +17,7 @@ from agglom_mpi.storage.reader import CampaignData, Status, read_campaign
 if TYPE_CHECKING:
     import pandas as pd
 
+    from agglom_mpi.inference.data_posterior import DataPosterior
     from agglom_mpi.inference.feasible_set import FeasibleSet
     from agglom_mpi.simulation.frames import Frames
 
@@ -231,6 +232,34 @@ class CampaignFile(metaclass=PublicFace):
         from agglom_mpi.inference.feasible_set import feasible_set
 
         return feasible_set(self._snapshot(), tolerance)
+
+    def posterior(self) -> "DataPosterior":
+        """Return the posterior of the variables, given all measured data; takes some ten seconds.
+
+        Returns
+        -------
+        DataPosterior
+            Its `quantiles(name)`, `correlations`, `contraction` and `volume` say what is known of
+            the variables; `predictions` compares it with each datum. `calibration` says whether it
+            can be trusted on this question: see `warning`, which is empty if nothing is wrong.
+
+        Raises
+        ------
+        PosteriorError
+            If the campaign has no section `data`, or too few strings, or their noise is correlated.
+            For one measured mean there is `feasible_set(…).posterior(measured, error)`.
+
+        Examples
+        --------
+        >>> import agglom_mpi
+        >>> agglom_mpi.open_campaign("quickstart.h5").posterior()  # has no data
+        Traceback (most recent call last):
+            ...
+        agglom_mpi.inference.posterior.PosteriorError: quickstart.h5: ...
+        """
+        from agglom_mpi.inference.data_posterior import data_posterior
+
+        return data_posterior(self._snapshot())
 
     def framed(self) -> list[tuple[int, int]]:
         """Return the samples with stored frames as (string, sample), those of the best first."""

@@ -13,7 +13,14 @@ from leftovers import VARIABLE, Leftovers
 from once import made_once, shared_folder
 from perturbed_streams import perturb, perturbation, skip_exact_bits
 from plain_python import mark_slow_if_compiled
-from set_fixtures import doubling, filled, half, three, unreachable  # noqa: F401  (fixtures)
+from set_fixtures import (  # noqa: F401  (fixtures)
+    doubling,
+    filled,
+    half,
+    measured_file,
+    three,
+    unreachable,
+)
 
 # The same examples every time, and none that fails because the machine is busy.
 settings.register_profile(

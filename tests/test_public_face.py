@@ -31,7 +31,7 @@ PLOTS = ("best", "busy", "cloud", "convergence", "cost", "ensembles", "finalists
 FILE = {
     *("path", "title", "seed", "campaign_text", "status", "damaged"),
     *("strings", "samples", "estimates", "generations", "variables", "volumes", "limits"),
-    *("best", "feasible_set", "final_particles", "framed", "frames"),
+    *("best", "feasible_set", "final_particles", "framed", "frames", "posterior"),
     *(f"plot_{name}" for name in (*PLOTS, "data_fit", "finite_size", "samples", "search_paths")),
 }
 BOX = {"advance", "particles", "reset", "set", "state", "time", "volume"}  # see test_box_inputs

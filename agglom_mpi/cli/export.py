@@ -1,4 +1,4 @@
-"""`agglom export`: a campaign file as a compact copy, CSV tables, netCDF and for ParaView."""
+"""`agglom export`: a campaign file as a compact copy, CSV, netCDF, JSON and for ParaView."""
 
 from pathlib import Path
 from typing import Final
@@ -10,7 +10,7 @@ from agglom_mpi.cli.set_options import read_set_request, set_options
 
 FORMS: Final = (
     *("--compact OUT.h5", "--csv DIR", "--xarray OUT.nc", "--arviz OUT.nc"),
-    "--paraview OUT.vtkhdf",
+    *("--json OUT.json", "--paraview OUT.vtkhdf"),
 )
 """Options that write something, as messages show them."""
 
@@ -41,10 +41,17 @@ FORMS: Final = (
     "--arviz",
     type=PATH,
     metavar="OUT.nc",
-    help="Write 4000 draws of equal weight for ArviZ: of the posterior with --measured, or else "
-    "members of the feasible set.",
+    help="Write 4000 draws of equal weight for ArviZ: of the posterior if the campaign has data or "
+    "with --measured, or else members of the feasible set.",
 )
-@set_options("--arviz")
+@click.option(
+    "--json",
+    "as_json",
+    type=PATH,
+    metavar="OUT.json",
+    help="Write the posterior of all data with its calibration; without data, the feasible set.",
+)
+@set_options("--arviz or --json")
 @click.option(
     "--paraview",
     type=PATH,
@@ -73,6 +80,7 @@ def export(
     csv: Path | None,
     xarray: Path | None,
     arviz: Path | None,
+    as_json: Path | None,
     tolerance: str | None,
     measured: str | None,
     error: str | None,
@@ -87,7 +95,7 @@ def export(
     All complete rows are exported, also while a run is writing. No existing file is overwritten. A
     sample without stored frames is simulated again, with identical results.
     """
-    paths = [path for path in (compact, csv, xarray, arviz, paraview) if path is not None]
+    paths = [path for path in (compact, csv, xarray, arviz, as_json, paraview) if path is not None]
     if not paths:
         *forms, last = FORMS
         raise click.UsageError(f"nothing to write: give {', '.join(forms)} or {last}")
@@ -96,7 +104,8 @@ def export(
     if paraview is None and (string is not None or samples or frames is not None):
         raise click.UsageError("--string, --sample and --frames are for --paraview OUT.vtkhdf")
     numbers = tolerance, measured, error
-    request = read_set_request("--arviz OUT.nc", arviz is not None, *numbers)
+    wanted = arviz is not None or as_json is not None
+    request = read_set_request("--arviz OUT.nc or --json OUT.json", wanted, *numbers)
     from agglom_mpi.analysis.damage import blame_damage
     from agglom_mpi.report.export import Exports, export
 
@@ -105,7 +114,7 @@ def export(
         from agglom_mpi.report.paraview import FrameSelection
 
         selection = FrameSelection(paraview, string, samples, frames)
-    exports = Exports(compact, csv, xarray, arviz, request, selection)
+    exports = Exports(compact, csv, xarray, arviz, request, selection, as_json)
     with blame_damage(file):
         for line in export(Path(file), exports, allow_code):
             say(line)

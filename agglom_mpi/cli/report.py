@@ -28,6 +28,7 @@ if TYPE_CHECKING:
         "agglom report accretion_2003.h5",
         "agglom report accretion_2003.h5 --out report",
         "agglom report accretion_2003.h5 --feasible-set --tolerance 5%",
+        "agglom report measured.h5 --posterior",
         "agglom report seed1.h5 seed2.h5",
     )
 )
@@ -47,6 +48,11 @@ if TYPE_CHECKING:
     "--sensitivity",
     is_flag=True,
     help="Add the Sobol index of each variable, from a regression of all strings.",
+)
+@click.option(
+    "--posterior",
+    is_flag=True,
+    help="Add the posterior of the variables, given all measured data; takes some ten seconds.",
 )
 @click.option(
     "--feasible-set",
@@ -75,6 +81,7 @@ def report(
     out: Path | None,
     stored_only: bool,
     sensitivity: bool,
+    posterior: bool,
     feasible_set: bool,
     tolerance: str | None,
     measured: str | None,
@@ -96,6 +103,7 @@ def report(
     """
     options = {
         "--sensitivity": sensitivity,
+        "--posterior": posterior,
         "--out": out is not None,
         "--follow": follow,
         "--feasible-set": feasible_set,
@@ -105,6 +113,8 @@ def report(
             raise click.UsageError(f"{option} takes one file")
     if out is None and stored_only:
         raise click.UsageError("--stored-only is for --out DIR")
+    if posterior and feasible_set and out is None:
+        raise click.UsageError("give --posterior or --feasible-set, or both with --out DIR")
     if out is not None and as_json:
         raise click.UsageError("give --out or --json, not both")
     numbers = tolerance, measured, error
@@ -122,7 +132,7 @@ def report(
 
     with blame_damage(*files):
         if out is not None:
-            _write_page(opened[0], out, not stored_only, sensitivity, request)
+            _write_page(opened[0], out, not stored_only, sensitivity, request, posterior)
         elif request is not None:
             _show(_feasible_set(opened[0], request, as_json), as_json)
         else:
@@ -130,7 +140,7 @@ def report(
             if several:
                 text = _comparison(opened, as_json)
             else:
-                text = _summary(opened[0], sensitivity, as_json)
+                text = _summary(opened[0], sensitivity, posterior, as_json)
             _show(text, as_json)
             if not several:
                 _warn(opened[0])
@@ -183,11 +193,12 @@ def _write_page(
     resimulate: bool,
     sensitivity: bool,
     request: "SetRequest | None",
+    posterior: bool,
 ) -> None:
     """Write the web page of a file, and print its path."""
     from agglom_mpi.report.page import write_report
 
-    for line in write_report(file, out, resimulate, sensitivity, request):
+    for line in write_report(file, out, resimulate, sensitivity, request, posterior):
         say(line)
 
 
@@ -209,21 +220,30 @@ def _feasible_set(file: "CampaignData", request: "SetRequest", as_json: bool) ->
     return set_report(file, request, as_json)
 
 
-def _summary(opened: "CampaignData", sensitivity: bool, as_json: bool) -> Any:
+def _summary(opened: "CampaignData", sensitivity: bool, posterior: bool, as_json: bool) -> Any:
     """Return the summary of one file as a renderable, or as JSON."""
     from agglom_mpi.analysis.summary import collect_summary, summary_table, to_json
 
-    indices = None
+    indices = found = None
     if sensitivity:
         from agglom_mpi.analysis import sensitivity as sensitivities
 
         indices = sensitivities.sensitivity_of(opened)
+    if posterior:
+        from agglom_mpi.inference.data_posterior import data_posterior
+
+        found = opened.derived(data_posterior)
     if as_json:
         extra = {} if indices is None else {"sensitivity": sensitivities.as_dict(*indices)}
+        extra |= {} if found is None else {"posterior": found.as_dict()}
         return to_json(collect_summary(opened), extra)
     from rich.console import Group
 
     more = [] if indices is None else [sensitivities.sensitivity_table(*indices)]
+    if found is not None:
+        from agglom_mpi.report.posterior_summary import data_posterior_text
+
+        more += ["", data_posterior_text(found)]
     return Group(summary_table(opened), *more)
 
 

@@ -43,6 +43,8 @@ DATA_SETS_AT_ONCE: Final = 16
 """Number of data sets whose densities are computed together."""
 NEAR_STRINGS: Final = 50
 """Number of held-out strings that are compared: those with the smallest χ² of the data."""
+MIN_RANGE_COVERAGE: Final = 0.82
+"""Minimum coverage of the 90 % ranges of a variable: four standard errors less than expected."""
 MIN_UNIFORMITY: Final = 1e-3
 """Minimum p-value of the ranks of a variable, times the number of variables."""
 
@@ -97,17 +99,20 @@ class DataCalibration(NamedTuple):
     def reasons(self) -> list[str]:
         """What is wrong with the posterior; empty if it is calibrated."""
         found, (name, covered) = [], self.worst
-        needed = f"at least {100 * MIN_COVERAGE:.0f} % is needed"
-        if covered < MIN_COVERAGE:
-            found.append(f"90 % ranges of {name} hold {_percent(covered)} of the truths, {needed}")
+        if covered < MIN_RANGE_COVERAGE:
+            found.append(
+                f"90 % ranges of {name} hold {_percent(covered)} of the truths of made-up data, at "
+                f"least {100 * MIN_RANGE_COVERAGE:.0f} % is needed"
+            )
         if self.held_out < MIN_COVERAGE:
             found.append(
                 f"90 % intervals of the emulator hold {_percent(self.held_out)} of the "
-                f"{self.strings} held-out strings nearest to the data, {needed}"
+                f"{self.strings} held-out strings nearest to the data, at least "
+                f"{100 * MIN_COVERAGE:.0f} % is needed"
             )
         for each, probability in self.uniformity.items():
             uneven = probability * len(self.names) < MIN_UNIFORMITY
-            if uneven and MIN_COVERAGE <= self.coverage[each] <= MAX_COVERAGE:
+            if uneven and MIN_RANGE_COVERAGE <= self.coverage[each] <= MAX_COVERAGE:
                 found.append(f"ranks of {each} are not uniform, p = {probability:.2g}")
         return found
 

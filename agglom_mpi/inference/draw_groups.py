@@ -134,27 +134,30 @@ def posterior_groups(
         "posterior_predictive": (draws.strings, True),
         "prior_predictive": (prior_strings(box), False),
     }
+    observed = predicted.observed
     for group, (strings, given) in drawn.items():
         values = predicted.measurements(strings.reshape(-1, strings.shape[-1]), given)
-        columns = {
-            each.name: (
-                ("chain", "draw", each.dimension),
-                mine.reshape(*strings.shape[:2], -1),
-                each.attributes,
-            )
-            for each, mine in zip(predicted.observed, values, strict=True)
-        }
-        groups[group] = _dataset(columns)
-    columns = {
-        each.name: ((each.dimension,), each.values, each.attributes) for each in predicted.observed
-    }
-    groups["observed_data"] = _dataset(columns)
-    columns = {
-        f"{each.name}_standard_error": ((each.dimension,), each.errors, each.attributes)
-        for each in predicted.observed
-    }
-    groups["constant_data"] = _dataset(columns)
+        shape = (*strings.shape[:2], -1)
+        groups[group] = _measured(
+            observed, [each.reshape(shape) for each in values], ("chain", "draw")
+        )
+    groups["observed_data"] = _measured(observed, [each.values for each in observed])
+    errors = [each.errors for each in observed]
+    groups["constant_data"] = _measured(observed, errors, suffix="_standard_error")
     return groups
+
+
+def _measured(
+    observed: Sequence[Observed],
+    values: Sequence[Floats],
+    first: tuple[str, ...] = (),
+    suffix: str = "",
+) -> "xr.Dataset":
+    """Return values of measured quantities, whose dimension follows the `first` ones."""
+    columns = {}
+    for each, mine in zip(observed, values, strict=True):
+        columns[each.name + suffix] = ((*first, each.dimension), mine, each.attributes)
+    return _dataset(columns)
 
 
 def root_attributes(campaign: "Campaign", criterion: str) -> dict[str, Any]:

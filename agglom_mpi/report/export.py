@@ -1,4 +1,4 @@
-"""A campaign file in other forms, as `agglom export` writes it: a compact copy, tables, netCDF."""
+"""A campaign file in other forms, as `agglom export` writes it: a compact copy, tables, netCDF, JSON."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -45,9 +45,12 @@ class Exports(NamedTuple):
     arviz
         Path of the netCDF file with draws.
     draws
-        Which draws `arviz` holds: of the posterior of a measured mean, or of the feasible set.
+        What `arviz` and `json` hold of a campaign without data: of the posterior of a measured mean,
+        or of the feasible set.
     selection
         Samples for ParaView.
+    json
+        Path of the JSON file with the posterior of all data, or with the feasible set.
     """
 
     compact: Path | None = None
@@ -56,6 +59,7 @@ class Exports(NamedTuple):
     arviz: Path | None = None
     draws: "SetRequest | None" = None
     selection: "FrameSelection | None" = None
+    json: Path | None = None
 
 
 def export(source: Path, exports: Exports, allow_code: bool = False) -> Iterator[str]:
@@ -82,13 +86,14 @@ def export(source: Path, exports: Exports, allow_code: bool = False) -> Iterator
         As from `write_compact`; before anything is written, if any of the files is there already.
     """
     compact, directory, selection = exports.compact, exports.tables, exports.selection
-    of_search = selection is not None or exports.arviz is not None
+    inferred = exports.arviz is not None or exports.json is not None
+    of_search = selection is not None or inferred
     file = (read_inversion if of_search else read_campaign)(source, allow_code)
     if directory is not None:
         require_library("pandas", "report", "tables")
         require_directory(directory)
     targets = [directory / f"{n}.csv" for n in names_of(file)] if directory is not None else []
-    targets += [path for path in (exports.xarray, exports.arviz) if path is not None]
+    targets += [path for path in (exports.xarray, exports.arviz, exports.json) if path is not None]
     if compact is not None:
         targets.insert(0, compact)
     samples: list[SelectedSample] = []
@@ -110,6 +115,11 @@ def export(source: Path, exports: Exports, allow_code: bool = False) -> Iterator
     if directory is not None:
         yield from write_tables(file, directory)
     yield from netcdf
+    if exports.json is not None:
+        from agglom_mpi.report.set_files import write_json
+
+        write_json(exports.json, file, exports.draws)
+        yield f"{exports.json}: {pluralise(exports.json.stat().st_size, 'byte')}"
     if selection is not None:
         yield from write_samples(file, samples, selection.frames)
     yield from file.left_out_lines()

@@ -8,6 +8,7 @@ from agglom_mpi.analysis.sample_arrays import sample_arrays
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.errors import require_library
 from agglom_mpi.formatting import pluralise
+from agglom_mpi.inference.data_posterior import data_posterior
 from agglom_mpi.inference.draw_groups import (
     DEFAULT_DRAWS,
     EqualDraws,
@@ -16,7 +17,7 @@ from agglom_mpi.inference.draw_groups import (
     set_groups,
 )
 from agglom_mpi.inference.feasible_set import FeasibleSet, feasible_set
-from agglom_mpi.report.set_files import SetRequest
+from agglom_mpi.report.set_files import SetRequest, is_of_data
 from agglom_mpi.storage.files import atomic_file
 
 if TYPE_CHECKING:
@@ -69,14 +70,17 @@ def write_netcdf(
 def draw_groups(data: "CampaignData", request: SetRequest) -> tuple[Groups, dict[str, Any]]:
     """Return the groups of draws, and the attributes of the file.
 
-    They are draws of the posterior if a measured mean is given, and else members of the feasible
-    set, drawn uniformly in the box and kept with their probability.
+    They are draws of the posterior if the campaign has data or a measured mean is given, and else
+    members of the feasible set, drawn uniformly in the box and kept with their probability.
 
     Raises
     ------
     NoFeasibleSetError, PosteriorError
         If there are none, with the reason.
     """
+    if is_of_data(data, request):
+        posterior = data.derived(data_posterior)
+        return single_threaded(posterior.groups)(), posterior.attributes()
     found = feasible_set(data, request.tolerance)
     return _drawn(found, request), root_attributes(
         found.emulated.box.campaign, found.criterion.text

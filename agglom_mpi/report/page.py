@@ -23,6 +23,7 @@ from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.errors import require_library
 from agglom_mpi.formatting import pluralise
+from agglom_mpi.inference.data_posterior import DataPosterior, data_posterior
 from agglom_mpi.inference.feasible_set import FeasibleSet
 from agglom_mpi.outcome import COMPLETED, FAILED
 from agglom_mpi.report import page_tables, published_results
@@ -32,6 +33,7 @@ from agglom_mpi.report.export import require_directory
 from agglom_mpi.report.figures import FIGURES
 from agglom_mpi.report.figures.figure import FigureOptions
 from agglom_mpi.report.figures.set_figures import set_drawings
+from agglom_mpi.report.posterior_summary import data_posterior_text
 from agglom_mpi.report.sample_particles import (
     RESIMULATION_SECONDS,
     FramesUnavailableError,
@@ -68,6 +70,7 @@ def write_report(
     simulate: bool = True,
     sensitivity: bool = False,
     feasible_set: SetRequest | None = None,
+    posterior: bool = False,
 ) -> Iterator[str]:
     """Write the page and its figures into a directory, and yield lines on progress.
 
@@ -85,6 +88,8 @@ def write_report(
         Whether to show the sensitivities of the objective, which take seconds.
     feasible_set
         What to show of the feasible set, which takes seconds; None: nothing.
+    posterior
+        Whether to show the posterior of all data, which takes some ten seconds.
 
     Raises
     ------
@@ -99,11 +104,14 @@ def write_report(
     require_directory(directory)
     if feasible_set is not None:
         feasible_set.check(file, made=directory)
+    found = file.derived(data_posterior) if posterior else None
     directory.mkdir(parents=True, exist_ok=True)
     options = FigureOptions(seconds=RESIMULATION_SECONDS if simulate else 0.0)
     page = PageBuilder(file, directory, options, sensitivity)
     if feasible_set is not None:
         page.draw_set(feasible_set)
+    if found is not None:
+        page.add_posterior(found)
     for section in dict.fromkeys(figure.section for figure in FIGURES.values()):
         resimulates = section == "particles" and simulate and not all_stored(file)
         if resimulates and file.may_simulate and rank_strings(file).order:
@@ -135,6 +143,7 @@ class PageBuilder:
         self._figures: dict[str, list[EmbeddedFigure]] = {}
         self._frames_unavailable = ""
         self._set_texts: tuple[str, ...] = ()
+        self._posterior_texts: tuple[str, ...] = ()
 
     def draw(self, section: str) -> None:
         """Write the figures of a section of the page that have something to show."""
@@ -166,6 +175,12 @@ class PageBuilder:
             write_drawing(self._directory, drawing)
             shown.append(embedded(self._directory, drawing))
             self.figure_count += 1
+
+    def add_posterior(self, posterior: DataPosterior) -> None:
+        """Keep the text of the posterior of all data for the page."""
+        widths = (TEXT_WIDTH, NARROW_TEXT_WIDTH)
+        text = data_posterior_text(posterior)
+        self._posterior_texts = tuple(plain_text(text, width) for width in widths)
 
     def render(self) -> str:
         """Return the page with the figures drawn so far, as HTML."""
@@ -199,6 +214,7 @@ class PageBuilder:
             "frames_unavailable": self._frames_unavailable,
             "sensitivity": self._sensitivity,
             "set_texts": self._set_texts,
+            "posterior_texts": self._posterior_texts,
             "ranges": page_tables.ranges(data),
             "strings": page_tables.all_strings(data) if rank_strings(data).order else None,
             "best": page_tables.best_strings(data) if rank_strings(data).order else None,

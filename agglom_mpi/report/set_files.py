@@ -8,6 +8,7 @@ from agglom_mpi.analysis.tables import with_units
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.errors import require_library
 from agglom_mpi.formatting import without_nan
+from agglom_mpi.inference.data_posterior import data_posterior
 from agglom_mpi.inference.feasible_set import FeasibleSet
 from agglom_mpi.inference.mean_posterior import measurement_of
 from agglom_mpi.inference.tolerances import recorded_objective, tolerance_of
@@ -100,6 +101,28 @@ def set_report(data: "CampaignData", request: SetRequest, as_json: bool) -> Any:
             allow_nan=False,
         )
     return set_text(found, posterior)
+
+
+def write_json(path: Path, data: "CampaignData", request: SetRequest | None) -> None:
+    """Write the posterior of all data of a campaign as JSON; without data, the feasible set.
+
+    Raises
+    ------
+    NoFeasibleSetError, PosteriorError, MissingLibraryError
+        If there is none, with the reason.
+    """
+    if is_of_data(data, request):
+        found = {"posterior": data.derived(data_posterior).as_dict()}
+        text = json.dumps(without_nan(found), indent=2, ensure_ascii=False, allow_nan=False)
+    else:
+        text = set_report(data, request or SetRequest(), as_json=True)
+    with atomic_file(path) as temporary:
+        temporary.write_text(f"{text}\n", encoding="utf-8")
+
+
+def is_of_data(data: "CampaignData", request: SetRequest | None) -> bool:
+    """Return whether the posterior of a campaign's data is meant: no measured mean is given."""
+    return data.census is not None and (request is None or request.measured is None)
 
 
 def write_files(request: SetRequest, found: FeasibleSet, posterior: "MeanPosterior | None") -> None:

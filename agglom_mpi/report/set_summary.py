@@ -8,13 +8,12 @@ from rich.console import Group, RenderableType
 
 from agglom_mpi.config.allowed_share import allowed_share
 from agglom_mpi.display.fitted_table import FittedTable, LabelledTexts
-from agglom_mpi.formatting import format_digits, in_unit, value_with_error
+from agglom_mpi.formatting import in_unit, value_with_error
 from agglom_mpi.inference.feasible_set import FeasibleSet
 from agglom_mpi.inference.membership import BOX_POINTS
-from agglom_mpi.inference.nearest import quantity_name
-from agglom_mpi.inference.searched_box import SearchedBox
 from agglom_mpi.inference.set_directions import rounded
 from agglom_mpi.inference.set_points import INNER_PROBABILITY, OUTER_PROBABILITY
+from agglom_mpi.report.posterior_summary import measure_text, percent, posterior_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,25 +32,6 @@ BIASED_CHOICE: Final = (
     "near the edges of the set"
 )
 """Note on samples that a search for the best has chosen."""
-
-
-def percent(share: float, digits: int = 3) -> str:
-    """Return a share as a text in percent."""
-    return f"{format_digits(100.0 * share, digits)} %"
-
-
-def measure_text(box: SearchedBox) -> str:
-    """Return the measure of shares and volumes: uniform in the coordinates of the search."""
-    kinds = {
-        "log({})": [each.name for each in box.own if each.logarithmic],
-        "the cube of {}": [each.name for each in box.own if each.cubic],
-    }
-    other = [name for name in box.names if not any(name in some for some in kinds.values())]
-    parts = [kind.format(name) for kind, some in kinds.items() for name in some]
-    if not parts:
-        return "uniform in every variable"
-    rest = ", linear in the other variables" if other else ""
-    return f"uniform in {', '.join(parts)}{rest}"
 
 
 def samples_to_halve(of: FeasibleSet) -> int:
@@ -237,43 +217,6 @@ def set_warnings(of: FeasibleSet) -> Iterator[str]:
                 f"warning: the set touches {ends} of {each.name} and may continue outside of the "
                 "box"
             )
-
-
-def posterior_text(posterior: "MeanPosterior") -> RenderableType:
-    """Return a posterior as text and tables."""
-    measured = f"{posterior.measured:g} ± {posterior.error:g}"
-    lines: list[RenderableType] = [
-        f"posterior, given a measured {_quantity(posterior)} of {measured}",
-        f"prior {measure_text(posterior.of.box)}; effective size "
-        f"{posterior.effective_size:,.0f} of {len(posterior.weights):,} ({posterior.method})",
-    ]
-    table = FittedTable("variable", "2.5 %", "25 %", "50 %", "75 %", "97.5 %")
-    for each in posterior.of.box.own:
-        quantiles = (f"{value:.4g}" for value in posterior.quantiles(each.name))
-        table.add_row(in_unit(each.name, each.unit), *quantiles)
-    lines.append(table)
-    if len(posterior.of.box.names) > 1:
-        lines.append(_correlation_table(posterior))
-    if posterior.warning:
-        lines.append(f"warning: {posterior.warning}")
-    return Group(*lines)
-
-
-def _quantity(posterior: "MeanPosterior") -> str:
-    """Return the name of the measured quantity."""
-    return quantity_name(posterior.of.criterion.quantities[0])
-
-
-def _correlation_table(posterior: "MeanPosterior") -> FittedTable:
-    """Return a table of the pairs with the largest partial correlations."""
-    names = posterior.of.box.names
-    plain, partial = posterior.correlations, posterior.partial_correlations
-    pairs = [(i, j) for i in range(len(names)) for j in range(i)]
-    pairs.sort(key=lambda pair: -abs(partial[pair]))
-    table = FittedTable("correlation", "all free", "others kept")
-    for i, j in pairs[:6]:
-        table.add_row(f"{names[j]}, {names[i]}", f"{plain[i, j]:+.2f}", f"{partial[i, j]:+.2f}")
-    return table
 
 
 def set_as_dict(of: FeasibleSet, posterior: "MeanPosterior | None" = None) -> dict[str, Any]:

@@ -14,6 +14,18 @@ def three(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
+def measured_file(tmp_path_factory):
+    """Return the path of the file of a finished small campaign with measured data."""
+    from campaign_runs import finish
+    from measured_runs import write_measured
+
+    folder = tmp_path_factory.mktemp("measured")
+    write_measured(folder)
+    finish(folder, "measured.yaml")
+    return folder / "measured.h5"
+
+
+@pytest.fixture(scope="session")
 def filled(tmp_path_factory):
     """Return the file of a campaign that searches the volume fraction, too slow to double them."""
     from set_runs import three_variable_file

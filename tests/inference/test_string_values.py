@@ -2,8 +2,6 @@ import math
 
 import numpy as np
 import pytest
-from campaign_runs import finish
-from measured_runs import write_measured
 from measured_samples import drawn_census
 
 from agglom_mpi.inference.stored_samples import stored_samples
@@ -23,11 +21,8 @@ DATA = (
 
 
 @pytest.fixture(scope="module")
-def measured(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("measured")
-    write_measured(folder)
-    finish(folder, "measured.yaml")
-    return read_campaign(folder / "measured.h5")
+def measured(measured_file):
+    return read_campaign(measured_file)
 
 
 def test_the_variance_of_mean_pseudo_values_is_that_of_the_jackknife():
