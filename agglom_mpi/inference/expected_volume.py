@@ -15,7 +15,7 @@ from agglom_mpi.emulation.gaussian_process import Floats
 
 REGION_WEIGHT: Final = 0.9
 """Weight in the region whose volume is measured."""
-SIMULATED_MEASUREMENTS: Final = 400
+SIMULATED_MEASUREMENTS: Final = 200
 """Number of simulated measurements of a quantity."""
 MEASUREMENTS_AT_ONCE: Final = 50
 """Number of simulated measurements whose weights are in memory together."""
