@@ -31,7 +31,8 @@ from agglom_mpi.inference.data_emulator import (
     chi_squares,
     log_densities,
 )
-from agglom_mpi.inference.posterior import CENTRAL, WeightedStrings, effective_size
+from agglom_mpi.inference.posterior import CENTRAL
+from agglom_mpi.inference.posterior_sampling import WeightedStrings, effective_size
 
 DATA_SETS: Final = 200
 """Number of data sets that are made up."""

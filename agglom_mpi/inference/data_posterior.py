@@ -16,12 +16,10 @@ from agglom_mpi.inference.data_emulator import (
     chi_squares,
 )
 from agglom_mpi.inference.draw_groups import Observed, Predicted
-from agglom_mpi.inference.posterior import (
+from agglom_mpi.inference.posterior import REPORTED_QUANTILES, Posterior, PosteriorError
+from agglom_mpi.inference.posterior_sampling import (
     MAX_LOGARITHM_AWAY,
     PRIOR_POINTS,
-    REPORTED_QUANTILES,
-    Posterior,
-    PosteriorError,
     sample_posterior,
 )
 from agglom_mpi.inference.searched_box import SearchedBox
@@ -42,6 +40,8 @@ if TYPE_CHECKING:
 
 COARSE_POINTS: Final = 1 << 11
 """Number of even points of the box that show how near to the data strings come."""
+MIN_POINTS: Final = 50
+"""Minimum number of points with weight of a posterior."""
 PREDICTIVE_DRAWS: Final = 2000
 """Number of strings whose predictions are drawn."""
 DISAGREEING: Final = 0.05
@@ -353,4 +353,10 @@ def posterior_of(emulated: EmulatedData) -> DataPosterior:
     strings = likelihood.near(prior)
     first = likelihood.log_density(strings)
     drawn = sample_posterior(likelihood, box, strings, first, len(prior))
+    if len(drawn.weights) < MIN_POINTS:
+        raise PosteriorError(
+            f"{box.campaign.name}: the data leave so little of the box that {len(drawn.weights)} "
+            "points of it have any weight; pip install emcee for a Markov chain, or search a "
+            "narrower box"
+        )
     return DataPosterior(emulated, drawn, calibrate_posterior(emulated, drawn))

@@ -11,12 +11,8 @@ from agglom_mpi.config.yaml_source import ArgumentError
 from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.inference.draw_groups import Observed, Predicted
 from agglom_mpi.inference.membership import EmulatedBox, KnownStrings
-from agglom_mpi.inference.posterior import (
-    PRIOR_POINTS,
-    Posterior,
-    PosteriorError,
-    sample_posterior,
-)
+from agglom_mpi.inference.posterior import Posterior, PosteriorError
+from agglom_mpi.inference.posterior_sampling import PRIOR_POINTS, sample_posterior
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign

@@ -1,4 +1,4 @@
-"""A campaign file in other forms, as `agglom export` writes it: a compact copy, tables, netCDF, JSON."""
+"""A campaign file in other forms, as `agglom export` writes it: a copy, tables, netCDF, JSON."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -45,7 +45,7 @@ class Exports(NamedTuple):
     arviz
         Path of the netCDF file with draws.
     draws
-        What `arviz` and `json` hold of a campaign without data: of the posterior of a measured mean,
+        What `arviz` and `json` hold without data: of the posterior of a measured mean,
         or of the feasible set.
     selection
         Samples for ParaView.

@@ -13,7 +13,8 @@ from agglom_mpi.inference.data_posterior import (
 )
 from agglom_mpi.inference.mean_posterior import MeasuredMean
 from agglom_mpi.inference.membership import KnownStrings
-from agglom_mpi.inference.posterior import BoxPart, PosteriorError
+from agglom_mpi.inference.posterior import PosteriorError
+from agglom_mpi.inference.posterior_sampling import BoxPart
 from agglom_mpi.measurements.datum import Datum
 from agglom_mpi.storage.reader import read_campaign
 
@@ -201,7 +202,7 @@ def test_points_of_a_part_of_the_box_are_even(emulated):
 
 def test_a_chain_finds_the_same_posterior(emulated, posterior, monkeypatch):
     pytest.importorskip("emcee")
-    monkeypatch.setattr("agglom_mpi.inference.posterior.MIN_SIZE", 1e9)
+    monkeypatch.setattr("agglom_mpi.inference.posterior_sampling.MIN_SIZE", 1e9)
     chain = single_threaded(posterior_of)(emulated)
     assert chain.method == "chain"
     mean, covariance = moments(posterior)

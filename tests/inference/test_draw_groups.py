@@ -57,7 +57,7 @@ def test_predicted_measurements_scatter_about_the_measured_mean(data):
 def test_walkers_of_a_chain_are_its_chains(doubling, monkeypatch):
     pytest.importorskip("xarray")
     pytest.importorskip("emcee")
-    monkeypatch.setattr("agglom_mpi.inference.posterior.MIN_SIZE", 1e9)
+    monkeypatch.setattr("agglom_mpi.inference.posterior_sampling.MIN_SIZE", 1e9)
     chain = doubling.posterior(2.0, 0.05)
     found = chain.groups()["posterior"]["hardness"]
     assert found.shape == (32, 400)

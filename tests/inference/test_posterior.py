@@ -3,7 +3,8 @@ import pytest
 
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.inference.mean_posterior import measurement_of
-from agglom_mpi.inference.posterior import PosteriorError, effective_size
+from agglom_mpi.inference.posterior import PosteriorError
+from agglom_mpi.inference.posterior_sampling import effective_size
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +95,7 @@ def test_quantiles_are_of_searched_variables(doubling):
 
 def test_a_chain_takes_over_where_weights_are_too_few(doubling, posterior, monkeypatch):
     pytest.importorskip("emcee")
-    monkeypatch.setattr("agglom_mpi.inference.posterior.MIN_SIZE", 1e9)
+    monkeypatch.setattr("agglom_mpi.inference.posterior_sampling.MIN_SIZE", 1e9)
     chain = doubling.posterior(2.0, 0.05)
     assert chain.method == "chain"
     for name in doubling.emulated.box.names:

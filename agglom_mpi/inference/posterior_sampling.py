@@ -1,0 +1,229 @@
+"""Strings that stand for a posterior, whatever was measured.
+
+The density of the data, a `Likelihood`, weighs even points of the prior, which is uniform over
+what is allowed of the box. Where too few of them count there are more, in a smaller part of the
+box along the principal axes of what has weight. If they still do not suffice, Markov chains are
+run.
+"""
+
+from typing import Final, NamedTuple, Protocol, Self
+
+import numpy as np
+
+from agglom_mpi.emulation.gaussian_process import Floats
+from agglom_mpi.inference.searched_box import SearchedBox
+
+PRIOR_POINTS: Final = 1 << 14
+"""Number of points of the prior to begin with."""
+MAX_PRIOR_POINTS: Final = 1 << 17
+"""Number of points of the prior at which no more are added."""
+SUFFICIENT_SIZE: Final = 1000.0
+"""Stop adding points of the prior at this effective size."""
+MIN_SIZE: Final = 200.0
+"""Effective size below which a chain is run; without the library for it there is a warning."""
+MAX_LOGARITHM_AWAY: Final = 18.0
+"""Logarithm of the density, below the largest one, at which a point has no weight."""
+PART_MARGIN: Final = 0.1
+"""Relative margin added to the part of the box that has all the weight."""
+MIN_PART_POINTS: Final = 100
+"""Minimum number of points with weight before the box is narrowed down to where they are."""
+MIN_WALKERS, WALKERS_PER_VARIABLE = 32, 4
+"""Minimum number of walkers of a chain, and their number per searched variable."""
+CHAIN_STEPS: Final = 600
+"""Number of steps of each walker; the first third is discarded."""
+REGION_SHARE: Final = 0.9
+"""Share of the posterior in the region whose volume is reported."""
+REGION_POINTS: Final = 1 << 13
+"""Number of even points that measure the volume of the region of a chain."""
+
+
+class Likelihood(Protocol):
+    """What was measured, as a function of the string."""
+
+    def log_density(self, strings: Floats) -> Floats:
+        """Return the logarithm of the density of the data given strings, (n, k): (n,).
+
+        A constant may be left out; -inf excludes a string.
+        """
+        ...
+
+    def near(self, strings: Floats) -> Floats:
+        """Return those of strings, (n, k), that may have any weight, found at little cost."""
+        ...
+
+
+class WeightedStrings(NamedTuple):
+    """Strings that stand for a posterior.
+
+    Attributes
+    ----------
+    strings
+        In SI units, shape (n, k).
+    weights
+        Their weights, whose sum is 1, shape (n,).
+    effective_size
+        Number of independent strings that would be as informative.
+    method
+        `importance weights` or `chain`.
+    walkers
+        Number of walkers of the chain, which alternate in the strings; 0 without a chain.
+    region
+        Share of the allowed part of the box that the smallest region with 90 % of the weight has.
+    """
+
+    strings: Floats
+    weights: Floats
+    effective_size: float
+    method: str
+    walkers: int
+    region: float
+
+
+class BoxPart(NamedTuple):
+    """A part of the search box: a box along other axes, as far as it is inside.
+
+    Attributes
+    ----------
+    axes
+        Orthonormal axes in units of the search box, as columns, shape (d, d).
+    lower, upper
+        Bounds along these, shape (d,).
+    """
+
+    axes: Floats
+    lower: Floats
+    upper: Floats
+
+    @classmethod
+    def around(cls, points: Floats) -> Self:
+        """Return the part along the principal axes of points, (n, d), that has all of them."""
+        _, axes = np.linalg.eigh(np.atleast_2d(np.cov(points.T)))
+        along = points @ axes
+        low, high = along.min(axis=0), along.max(axis=0)
+        margin = PART_MARGIN * (high - low)
+        return cls(axes, low - margin, high + margin)
+
+    @property
+    def volume(self) -> float:
+        """Volume, also of what is outside of the search box, relative to the search box."""
+        return float(np.prod(self.upper - self.lower))
+
+    def even_strings(self, box: SearchedBox, count: int) -> Floats:
+        """Return those of `count` even points of the part that the box allows, (n, k) in SI."""
+        from scipy.stats import qmc
+
+        even = qmc.Sobol(len(self.axes), seed=box.campaign.seed).random(count)
+        points = (self.lower + even * (self.upper - self.lower)) @ self.axes.T
+        inside = ((points >= 0.0) & (points <= 1.0)).all(axis=1)
+        strings = box.space.from_unit(points[inside])
+        return strings[box.allowed(strings)]
+
+
+def sample_posterior(
+    likelihood: Likelihood, box: SearchedBox, strings: Floats, logarithms: Floats, prior: int
+) -> WeightedStrings:
+    """Return strings that stand for the posterior.
+
+    Parameters
+    ----------
+    likelihood
+        What was measured.
+    box
+        The search box, over which the prior is uniform.
+    strings, logarithms
+        Those of the first points of the prior that may have weight, shape (n, k), with their
+        log-densities, (n,).
+    prior
+        Number of all first points: the allowed ones of `PRIOR_POINTS` even points of the box.
+    """
+    count, total = PRIOR_POINTS, float(prior)
+    part: BoxPart | None = None
+    while True:
+        weights = np.exp(logarithms - logarithms.max(initial=-np.inf))
+        size = effective_size(weights)
+        if size >= SUFFICIENT_SIZE or count >= MAX_PRIOR_POINTS:
+            break
+        smaller = None if box.campaign.relations.constraints else _part(box, strings, logarithms)
+        if smaller is not None and smaller.volume < (1.0 if part is None else part.volume):
+            # As many points as before are denser in it.
+            part = smaller
+        else:
+            count *= 2 if size > 0.5 * SUFFICIENT_SIZE else 4
+        some = box.even_strings(count) if part is None else part.even_strings(box, count)
+        total = len(some) if part is None else count / part.volume
+        strings = likelihood.near(some)
+        logarithms = likelihood.log_density(strings)
+    if size < MIN_SIZE:
+        chain = _chain(likelihood, box, strings, weights)
+        if chain is not None:
+            return chain
+    region = _points_in_region(weights) / total
+    some = weights > 1e-12 * weights.max()
+    weights = weights[some] / weights[some].sum()
+    return WeightedStrings(strings[some], weights, size, "importance weights", 0, region)
+
+
+def _part(box: SearchedBox, strings: Floats, logarithms: Floats) -> BoxPart | None:
+    """Return the part of the box around all points with weight; None where these are few.
+
+    Others may then lie outside of what is around them.
+    """
+    some = logarithms > logarithms.max(initial=-np.inf) - MAX_LOGARITHM_AWAY
+    if some.sum() < MIN_PART_POINTS:
+        return None
+    return BoxPart.around(box.space.to_unit(strings[some]))
+
+
+def effective_size(weights: Floats) -> float:
+    """Return the effective number of weighted strings (Kish 1965); 0 if there are none."""
+    squares = float(weights @ weights)
+    return float(weights.sum()) ** 2 / squares if squares > 0.0 else 0.0
+
+
+def _points_in_region(weights: Floats) -> float:
+    """Return the least number of points, weights (n,), that have 90 % of the weight together."""
+    descending = np.sort(weights)[::-1]
+    reached = np.cumsum(descending)
+    return float(np.interp(REGION_SHARE * reached[-1], reached, np.arange(1, len(reached) + 1)))
+
+
+def _chain(
+    likelihood: Likelihood, box: SearchedBox, strings: Floats, weights: Floats
+) -> WeightedStrings | None:
+    """Return a posterior by an ensemble of Markov chains; None without the library emcee."""
+    try:
+        import emcee
+    except ImportError:
+        return None
+    space, d = box.space, len(box.names)
+    walkers = max(MIN_WALKERS, WALKERS_PER_VARIABLE * d)
+
+    def log_density(points: Floats) -> Floats:
+        inside = ((points >= 0.0) & (points <= 1.0)).all(axis=1)
+        found = np.full(len(points), -np.inf)
+        chosen = space.from_unit(np.clip(points[inside], 0.0, 1.0))
+        values = likelihood.log_density(chosen)
+        found[inside] = np.where(box.allowed(chosen), values, -np.inf)
+        return found
+
+    random = np.random.default_rng(box.campaign.seed)
+    chosen = random.choice(len(weights), walkers, p=weights / weights.sum())
+    starts = space.to_unit(strings[chosen]) + 1e-4 * random.normal(size=(walkers, d))
+    sampler = emcee.EnsembleSampler(walkers, d, log_density, vectorize=True)
+    sampler.run_mcmc(np.clip(starts, 1e-6, 1.0 - 1e-6), CHAIN_STEPS)
+    drawn = sampler.get_chain(discard=CHAIN_STEPS // 3, flat=True)
+    densities = sampler.get_log_prob(discard=CHAIN_STEPS // 3, flat=True)
+    time = float(np.max(sampler.get_autocorr_time(quiet=True, tol=0)))
+    size, equal = len(drawn) / time, np.full(len(drawn), 1.0 / len(drawn))
+    least = float(np.quantile(densities, 1.0 - REGION_SHARE))
+    region = _chain_region(likelihood, box, drawn, least)
+    return WeightedStrings(space.from_unit(drawn), equal, size, "chain", walkers, region)
+
+
+def _chain_region(likelihood: Likelihood, box: SearchedBox, drawn: Floats, least: float) -> float:
+    """Return the share of what is allowed of the box with a log-density of `least` or more."""
+    part = BoxPart.around(drawn)
+    near = likelihood.near(part.even_strings(box, REGION_POINTS))
+    count = float(np.sum(likelihood.log_density(near) >= least))
+    allowed = len(box.allowed_even_strings(REGION_POINTS)) / REGION_POINTS or 1.0
+    return count / REGION_POINTS * part.volume / allowed
