@@ -274,8 +274,8 @@ def _summary(
         further = posterior.found(found)
     if as_json:
         extra = {} if indices is None else {"sensitivity": sensitivities.as_dict(*indices)}
-        extra |= {} if found is None else {"posterior": found.as_dict()}
-        extra |= {} if further is None else {"next_measurements": next_as_list(further)}
+        more_of = {} if further is None else {"next_measurements": next_as_list(further)}
+        extra |= {} if found is None else {"posterior": found.as_dict() | more_of}
         return to_json(collect_summary(opened), extra)
     from rich.console import Group
 

@@ -41,7 +41,7 @@ from agglom_mpi.statistics import weighted_quantiles
 if TYPE_CHECKING:
     import pandas as pd
 
-    from agglom_mpi.inference.posterior import WeightedStrings
+    from agglom_mpi.inference.posterior_sampling import WeightedStrings
     from agglom_mpi.storage.reader import CampaignData
 
 REGION_POINTS: Final = 2000
