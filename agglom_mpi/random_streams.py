@@ -28,6 +28,7 @@ FEASIBLE_SET: Final = 109
 PLACEMENT_FORECAST: Final = 110
 OWN_SEARCH: Final = 111
 DATA_POSTERIOR: Final = 112
+NEXT_MEASUREMENT: Final = 113
 """Purposes of the search's streams; from 100 on, so that none meets one of the samples."""
 
 

@@ -19,6 +19,7 @@ from agglom_mpi.errors import FAILURE, FINISHED, INTERRUPTED
 from agglom_mpi.formatting import pluralise
 
 if TYPE_CHECKING:
+    from agglom_mpi.report.next_summary import PosteriorRequest
     from agglom_mpi.report.set_files import SetRequest
     from agglom_mpi.storage.reader import CampaignData
 
@@ -55,6 +56,18 @@ if TYPE_CHECKING:
     help="Add the posterior of the variables, given all measured data; takes some ten seconds.",
 )
 @click.option(
+    "--what-next",
+    is_flag=True,
+    help="With --posterior: add what each further measurement would leave of the box, the most "
+    "informative one first; takes a minute.",
+)
+@click.option(
+    "--what-next-table",
+    type=PATH,
+    metavar="OUT.csv",
+    help="With --what-next: write all measurements that could be made.",
+)
+@click.option(
     "--feasible-set",
     is_flag=True,
     help="Print which parameters are compatible with the target, with probabilities.",
@@ -82,6 +95,8 @@ def report(
     stored_only: bool,
     sensitivity: bool,
     posterior: bool,
+    what_next: bool,
+    what_next_table: Path | None,
     feasible_set: bool,
     tolerance: str | None,
     measured: str | None,
@@ -115,6 +130,7 @@ def report(
         raise click.UsageError("--stored-only is for --out DIR")
     if posterior and feasible_set and out is None:
         raise click.UsageError("give --posterior or --feasible-set, or both with --out DIR")
+    asked = _posterior_request(posterior, what_next, what_next_table)
     if out is not None and as_json:
         raise click.UsageError("give --out or --json, not both")
     numbers = tolerance, measured, error
@@ -132,7 +148,7 @@ def report(
 
     with blame_damage(*files):
         if out is not None:
-            _write_page(opened[0], out, not stored_only, sensitivity, request, posterior)
+            _write_page(opened[0], out, not stored_only, sensitivity, request, asked)
         elif request is not None:
             _show(_feasible_set(opened[0], request, as_json), as_json)
         else:
@@ -140,7 +156,7 @@ def report(
             if several:
                 text = _comparison(opened, as_json)
             else:
-                text = _summary(opened[0], sensitivity, posterior, as_json)
+                text = _summary(opened[0], sensitivity, asked, as_json)
             _show(text, as_json)
             if not several:
                 _warn(opened[0])
@@ -193,13 +209,28 @@ def _write_page(
     resimulate: bool,
     sensitivity: bool,
     request: "SetRequest | None",
-    posterior: bool,
+    posterior: "PosteriorRequest | None",
 ) -> None:
     """Write the web page of a file, and print its path."""
     from agglom_mpi.report.page import write_report
 
     for line in write_report(file, out, resimulate, sensitivity, request, posterior):
         say(line)
+
+
+def _posterior_request(
+    wanted: bool, what_next: bool, table: Path | None
+) -> "PosteriorRequest | None":
+    """Return what is asked of the posterior; raise a UsageError for an option without its own."""
+    if what_next and not wanted:
+        raise click.UsageError("--what-next is for --posterior")
+    if table is not None and not what_next:
+        raise click.UsageError("--what-next-table is for --what-next")
+    if not wanted:
+        return None
+    from agglom_mpi.report.next_summary import PosteriorRequest
+
+    return PosteriorRequest(what_next, table)
 
 
 def _check_names(draws: Path | None, grid: Path | None, out: Path | None) -> None:
@@ -220,22 +251,31 @@ def _feasible_set(file: "CampaignData", request: "SetRequest", as_json: bool) ->
     return set_report(file, request, as_json)
 
 
-def _summary(opened: "CampaignData", sensitivity: bool, posterior: bool, as_json: bool) -> Any:
+def _summary(
+    opened: "CampaignData",
+    sensitivity: bool,
+    posterior: "PosteriorRequest | None",
+    as_json: bool,
+) -> Any:
     """Return the summary of one file as a renderable, or as JSON."""
     from agglom_mpi.analysis.summary import collect_summary, summary_table, to_json
 
-    indices = found = None
+    indices = found = further = None
     if sensitivity:
         from agglom_mpi.analysis import sensitivity as sensitivities
 
         indices = sensitivities.sensitivity_of(opened)
-    if posterior:
+    if posterior is not None:
         from agglom_mpi.inference.data_posterior import data_posterior
+        from agglom_mpi.report.next_summary import next_as_list, next_text
 
+        posterior.check()
         found = opened.derived(data_posterior)
+        further = posterior.found(found)
     if as_json:
         extra = {} if indices is None else {"sensitivity": sensitivities.as_dict(*indices)}
-        extra |= {} if found is None else {"posterior": found.as_dict()}
+        more_of = {} if further is None else {"next_measurements": next_as_list(further)}
+        extra |= {} if found is None else {"posterior": found.as_dict() | more_of}
         return to_json(collect_summary(opened), extra)
     from rich.console import Group
 
@@ -244,6 +284,8 @@ def _summary(opened: "CampaignData", sensitivity: bool, posterior: bool, as_json
         from agglom_mpi.report.posterior_summary import data_posterior_text
 
         more += ["", data_posterior_text(found)]
+    if further is not None:
+        more += ["", next_text(further)]
     return Group(summary_table(opened), *more)
 
 

@@ -18,7 +18,7 @@ from agglom_mpi.declaration.field_types import Line
 from agglom_mpi.declaration.sections import Section
 from agglom_mpi.declaration.units import has_offset, quoted, to_si, unit_in
 from agglom_mpi.formatting import in_unit, value_with_prefix
-from agglom_mpi.measurements.datum import QUANTITIES, Datum
+from agglom_mpi.measurements.datum import QUANTITIES, Datum, datum_name
 
 SIZES_QUANTITY: Final = "sizes"
 """The quantity whose numbers are in a file."""
@@ -167,9 +167,7 @@ class DatumEntry(Section):
     @property
     def label(self) -> str:
         """Name of the datum for people, as `sizes by mass at 2 ms`."""
-        weight = f" by {self.used_weight}" if QUANTITIES[self.quantity].has_weight else ""
-        time = "the end" if self.time is None else value_with_prefix(self.time, "s")
-        return f"{self.quantity}{weight} at {time}"
+        return datum_name(self.quantity, self.used_weight, self.time)
 
     @property
     def summary(self) -> str:

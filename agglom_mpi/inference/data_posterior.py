@@ -1,7 +1,7 @@
 """Posterior of the variables of a campaign, given all of its measured data."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -33,6 +33,9 @@ from agglom_mpi.measurements.datum import QUANTITIES, Datum
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
 if TYPE_CHECKING:
+    import pandas as pd
+
+    from agglom_mpi.inference.next_measurement import NextMeasurements
     from agglom_mpi.storage.reader import CampaignData
 
 COARSE_POINTS: Final = 1 << 11
@@ -108,9 +111,12 @@ class DataPosterior(Posterior[EmulatedData]):
     ----------
     calibration
         Whether such posteriors contain the truth as often as they claim, by made-up data.
+    file
+        The campaign file with the samples; None of a posterior that was put together without one.
     """
 
     calibration: DataCalibration
+    file: "CampaignData | None" = None
 
     def __repr__(self) -> str:
         ranges = []
@@ -147,6 +153,43 @@ class DataPosterior(Posterior[EmulatedData]):
     def predictions(self) -> list[PredictedDatum]:
         """What strings of the posterior predict for each datum, in the order of the data."""
         return list(self._predictions[0])
+
+    def what_to_measure_next(self, errors: Mapping[str, Any] | None = None) -> "pd.DataFrame":
+        """Return what each further measurement would leave of the box; takes some ten seconds.
+
+        Further measurements are all quantities of one number at all times of the data that are not
+        measured yet, and each datum once more with half of its error. Their values are simulated
+        by the emulator: no new samples are needed.
+
+        Parameters
+        ----------
+        errors
+            Standard errors by quantity: relative to the value as `"3%"`, or absolute in SI units or
+            with a unit, as `{"d90": "3%", "temperature": "2 K"}`. By default a quantity has the
+            relative error of the data of its kind, or else 5 %; a temperature has the absolute
+            error of the measured one, or else 1 K.
+
+        Returns
+        -------
+        pandas.DataFrame
+            One row for each measurement, the most informative one first. `volume` is the share of
+            the box in the smallest region with 90 % of the posterior as it is, `expected_volume`
+            that after the measurement, and `standard_error` the Monte-Carlo error of the latter.
+
+        Raises
+        ------
+        ArgumentError
+            If there is no such quantity, or an error is impossible.
+        """
+        return self.next_measurements(errors).table
+
+    def next_measurements(self, errors: Mapping[str, Any] | None = None) -> "NextMeasurements":
+        """Return the same as `what_to_measure_next` for a report."""
+        from agglom_mpi.inference.next_measurement import next_measurements
+
+        if self.file is None:
+            raise PosteriorError("further measurements need the samples of a campaign file")
+        return next_measurements(self.file, self.of, self.drawn, errors)
 
     def predicted(self, random: np.random.Generator) -> Predicted:
         """Return the measured quantities, and what predicts measurements of them."""
@@ -298,7 +341,8 @@ def data_posterior(file: "CampaignData") -> DataPosterior:
             f"{file.path}: predictions of {count} different strings; at least {MIN_STRINGS} are "
             "needed for a posterior"
         )
-    return posterior_of(EmulatedData(SearchedBox(campaign), campaign.data, values, stored))
+    emulated = EmulatedData(SearchedBox(campaign), campaign.data, values, stored)
+    return replace(posterior_of(emulated), file=file)
 
 
 def posterior_of(emulated: EmulatedData) -> DataPosterior:

@@ -11,6 +11,7 @@ from typing import Final, NamedTuple, Protocol, Self
 import numpy as np
 
 from agglom_mpi.emulation.gaussian_process import Floats
+from agglom_mpi.inference.expected_volume import REGION_WEIGHT, region_volumes
 from agglom_mpi.inference.searched_box import SearchedBox
 
 PRIOR_POINTS: Final = 1 << 14
@@ -31,8 +32,6 @@ MIN_WALKERS, WALKERS_PER_VARIABLE = 32, 4
 """Minimum number of walkers of a chain, and their number per searched variable."""
 CHAIN_STEPS: Final = 600
 """Number of steps of each walker; the first third is discarded."""
-REGION_SHARE: Final = 0.9
-"""Share of the posterior in the region whose volume is reported."""
 REGION_POINTS: Final = 1 << 13
 """Number of even points that measure the volume of the region of a chain."""
 
@@ -157,7 +156,7 @@ def sample_posterior(
         chain = _chain(likelihood, box, strings, weights)
         if chain is not None:
             return chain
-    region = _points_in_region(weights) / total
+    region = float(region_volumes(weights[None], 1.0 / total)[0])
     some = weights > 1e-12 * weights.max()
     weights = weights[some] / weights[some].sum()
     return WeightedStrings(strings[some], weights, size, "importance weights", 0, region)
@@ -178,13 +177,6 @@ def effective_size(weights: Floats) -> float:
     """Return the effective number of weighted strings (Kish 1965); 0 if there are none."""
     squares = float(weights @ weights)
     return float(weights.sum()) ** 2 / squares if squares > 0.0 else 0.0
-
-
-def _points_in_region(weights: Floats) -> float:
-    """Return the least number of points, weights (n,), that have 90 % of the weight together."""
-    descending = np.sort(weights)[::-1]
-    reached = np.cumsum(descending)
-    return float(np.interp(REGION_SHARE * reached[-1], reached, np.arange(1, len(reached) + 1)))
 
 
 def _chain(
@@ -215,7 +207,7 @@ def _chain(
     densities = sampler.get_log_prob(discard=CHAIN_STEPS // 3, flat=True)
     time = float(np.max(sampler.get_autocorr_time(quiet=True, tol=0)))
     size, equal = len(drawn) / time, np.full(len(drawn), 1.0 / len(drawn))
-    least = float(np.quantile(densities, 1.0 - REGION_SHARE))
+    least = float(np.quantile(densities, 1.0 - REGION_WEIGHT))
     region = _chain_region(likelihood, box, drawn, least)
     return WeightedStrings(space.from_unit(drawn), equal, size, "chain", walkers, region)
 

@@ -11,6 +11,8 @@ from typing import Final, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.formatting import value_with_prefix
+
 Floats = NDArray[np.float64]
 
 PARTICLE_WEIGHTS: Final = ("number", "area", "mass")
@@ -138,6 +140,13 @@ class Datum:
             raise ValueError("edges of classes must ascend from at least 0")
         if abs(float(np.sum(self.values)) - 1.0) > MAX_SUM_ERROR:
             raise ValueError(f"shares sum to {np.sum(self.values):.6g}; must sum to 1")
+
+
+def datum_name(quantity: str, weight: str, time: float | None) -> str:
+    """Return the name of a datum for people, as `d90 by mass at 2 ms`."""
+    by = f" by {weight}" if QUANTITIES[quantity].has_weight else ""
+    when = "the end" if time is None else value_with_prefix(time, "s")
+    return f"{quantity}{by} at {when}"
 
 
 def data_times(data: Sequence[Datum]) -> tuple[float | None, ...]:

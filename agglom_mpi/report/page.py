@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from rich.console import Console, RenderableType
+from rich.console import Console, Group, RenderableType
 
 from agglom_mpi.analysis.comparison import PairedSamples
 from agglom_mpi.analysis.data_fit import describe_fit
@@ -25,6 +25,7 @@ from agglom_mpi.errors import require_library
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.inference.data_posterior import DataPosterior, data_posterior
 from agglom_mpi.inference.feasible_set import FeasibleSet
+from agglom_mpi.inference.next_measurement import NextMeasurements
 from agglom_mpi.outcome import COMPLETED, FAILED
 from agglom_mpi.report import page_tables, published_results
 from agglom_mpi.report.drawing import Drawing, write_drawing
@@ -32,8 +33,10 @@ from agglom_mpi.report.embedding import EmbeddedFigure, embedded
 from agglom_mpi.report.export import require_directory
 from agglom_mpi.report.figures import FIGURES
 from agglom_mpi.report.figures.figure import FigureOptions
+from agglom_mpi.report.figures.next_measurement import next_drawing
 from agglom_mpi.report.figures.posterior_figures import pairs_drawing, posterior_drawings
 from agglom_mpi.report.figures.set_figures import set_drawings
+from agglom_mpi.report.next_summary import PosteriorRequest, next_text
 from agglom_mpi.report.posterior_summary import data_posterior_text
 from agglom_mpi.report.sample_particles import (
     RESIMULATION_SECONDS,
@@ -71,7 +74,7 @@ def write_report(
     simulate: bool = True,
     sensitivity: bool = False,
     feasible_set: SetRequest | None = None,
-    posterior: bool = False,
+    posterior: PosteriorRequest | None = None,
 ) -> Iterator[str]:
     """Write the page and its figures into a directory, and yield lines on progress.
 
@@ -90,7 +93,7 @@ def write_report(
     feasible_set
         What to show of the feasible set, which takes seconds; None: nothing.
     posterior
-        Whether to show the posterior of all data, which takes some ten seconds.
+        What to show of the posterior of all data, which takes some ten seconds; None: nothing.
 
     Raises
     ------
@@ -105,14 +108,16 @@ def write_report(
     require_directory(directory)
     if feasible_set is not None:
         feasible_set.check(file, made=directory)
-    found = file.derived(data_posterior) if posterior else None
+    if posterior is not None:
+        posterior.check(made=directory)
+    found = None if posterior is None else file.derived(data_posterior)
     directory.mkdir(parents=True, exist_ok=True)
     options = FigureOptions(seconds=RESIMULATION_SECONDS if simulate else 0.0)
     page = PageBuilder(file, directory, options, sensitivity)
     if feasible_set is not None:
         page.draw_set(feasible_set)
-    if found is not None:
-        page.add_posterior(found)
+    if found is not None and posterior is not None:
+        page.add_posterior(found, posterior.found(found))
     for section in dict.fromkeys(figure.section for figure in FIGURES.values()):
         resimulates = section == "particles" and simulate and not all_stored(file)
         if resimulates and file.may_simulate and rank_strings(file).order:
@@ -175,12 +180,19 @@ class PageBuilder:
             self._write("set", pairs_drawing(self._data, posterior, "set_posterior"))
 
     @single_threaded
-    def add_posterior(self, posterior: DataPosterior) -> None:
-        """Write the figures of the posterior of all data, and keep its text for the page."""
+    def add_posterior(self, posterior: DataPosterior, further: NextMeasurements | None) -> None:
+        """Write the figures of the posterior of all data and of what to measure next.
+
+        Their texts are kept for the page.
+        """
         widths = (TEXT_WIDTH, NARROW_TEXT_WIDTH)
-        text = data_posterior_text(posterior)
+        text: RenderableType = data_posterior_text(posterior)
+        drawings = posterior_drawings(self._data, posterior)
+        if further is not None:
+            text = Group(text, "", next_text(further))
+            drawings.append(next_drawing(further))
         self._posterior_texts = tuple(plain_text(text, width) for width in widths)
-        for drawing in posterior_drawings(self._data, posterior):
+        for drawing in drawings:
             self._write("posterior", drawing)
 
     def _write(self, section: str, drawing: Drawing) -> None:

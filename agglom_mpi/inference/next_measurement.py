@@ -1,0 +1,307 @@
+"""What to measure next: how much of the box is left after each measurement that could be made.
+
+It needs no new samples. Those of the file predict every quantity of one number at every time at
+which the campaign takes censuses, and the measured data as they would be with half of their error.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import numpy as np
+from scipy.stats import qmc
+
+from agglom_mpi.config.allowed_share import allowed_share
+from agglom_mpi.emulation.blas_threads import single_threaded
+from agglom_mpi.emulation.gaussian_process import Floats
+from agglom_mpi.errors import require_library
+from agglom_mpi.formatting import ROUNDING, value_with_error
+from agglom_mpi.inference.candidate_data import (
+    REPEATED_ERROR,
+    AssumedError,
+    assumed_error,
+    quantities_to_measure,
+    read_errors,
+    repeated,
+)
+from agglom_mpi.inference.candidate_emulator import CandidateEmulator, DataAtPoints, LinearQuantity
+from agglom_mpi.inference.data_emulator import EmulatedData
+from agglom_mpi.inference.expected_volume import (
+    Candidate,
+    ExpectedVolume,
+    WeightedPoints,
+    expected_volume,
+)
+from agglom_mpi.inference.searched_box import SearchedBox
+from agglom_mpi.inference.string_values import string_values
+from agglom_mpi.measurements.datum import QUANTITIES, Datum
+from agglom_mpi.random_streams import NEXT_MEASUREMENT, search_stream
+from agglom_mpi.statistics import weighted_quantiles
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from agglom_mpi.inference.posterior_sampling import WeightedStrings
+    from agglom_mpi.storage.reader import CampaignData
+
+REGION_POINTS: Final = 2000
+"""Number of points that are wanted in the region with 90 % of the posterior."""
+MIN_POINTS, MAX_POINTS = 1 << 12, 1 << 15
+"""Minimum and maximum number of even points in the part of the box that has the posterior."""
+PART_MARGIN: Final = 0.05
+"""Margin added to the part of the box that has the posterior, relative to its edges."""
+MIN_MARGIN: Final = 1e-3
+"""Minimum margin in units of the box."""
+MIN_RELATIVE_WEIGHT: Final = 1e-6
+"""Weight relative to the largest one below which a point is left out."""
+MIN_RESOLVED_POINTS: Final = 30.0
+"""Mean number of points in the region below which a volume is an upper bound."""
+
+EMULATOR_STREAM, MEASUREMENT_STREAM = range(2)
+"""Random streams, each the same for all candidates: what is drawn does not depend on their order.
+"""
+
+
+class NextMeasurement(NamedTuple):
+    """A measurement that could be made, and what it would leave of the box.
+
+    Attributes
+    ----------
+    datum
+        The quantity, its weight and its time.
+    repeats
+        Whether it is a repetition of one of the data with half of its error.
+    error
+        Its error as it is assumed; None of a repetition.
+    predicted
+        Median by the posterior in SI units; nan of shares of sizes.
+    standard_error
+        Standard error of the measurement in SI units; nan of shares of sizes.
+    after
+        Expected volume of the posterior after it, as a share of the box.
+    resolved
+        Whether the points are dense enough for this volume; otherwise it is an upper bound.
+    """
+
+    datum: Datum
+    repeats: bool
+    error: AssumedError | None
+    predicted: float
+    standard_error: float
+    after: ExpectedVolume
+    resolved: bool
+
+    @property
+    def name(self) -> str:
+        """Name of the measurement for people."""
+        return self.datum.name
+
+    @property
+    def error_text(self) -> str:
+        """Its error for people: `5 %`, or `half of its error`."""
+        if self.error is None:
+            return "half of its error"
+        return self.error.text(QUANTITIES[self.datum.quantity].unit)
+
+    @property
+    def volume_text(self) -> str:
+        """Expected volume in percent with its Monte-Carlo error."""
+        shown = value_with_error(100.0 * self.after.mean, 100.0 * self.after.standard_error)
+        return f"{'' if self.resolved else 'at most '}{shown} %"
+
+
+class NextMeasurements(NamedTuple):
+    """Measurements that could be made, the one that leaves the smallest volume first.
+
+    Attributes
+    ----------
+    volume
+        Of the posterior as it is: share of the box in the smallest region with 90 % of it.
+    ranked
+        The measurements.
+    """
+
+    volume: float
+    ranked: tuple[NextMeasurement, ...]
+
+    @property
+    def table(self) -> "pd.DataFrame":
+        """One row for each measurement, ranked; `unit` is that of `predicted` and `error`.
+
+        `time` is in s, inf at the end; `volume` and `expected_volume` are shares of the box, and
+        `standard_error` is the Monte-Carlo error of the latter.
+        """
+        require_library("pandas", "report", "tables")
+        import pandas as pd
+
+        frame = pd.DataFrame(self.records())
+        shares = ("volume", "expected_volume", "standard_error")
+        frame.attrs["units"] = {"time": "s", **dict.fromkeys(shares, "1")}
+        return frame
+
+    def records(self) -> list[dict[str, Any]]:
+        """Return the rows of the table as plain values."""
+        return [
+            {
+                "measurement": each.name,
+                "quantity": each.datum.quantity,
+                "weight": each.datum.weight if QUANTITIES[each.datum.quantity].has_weight else "",
+                "time": math.inf if each.datum.time is None else each.datum.time,
+                "repeats": each.repeats,
+                "predicted": each.predicted,
+                "error": each.standard_error,
+                "unit": QUANTITIES[each.datum.quantity].unit,
+                "volume": self.volume,
+                "expected_volume": each.after.mean,
+                "standard_error": each.after.standard_error,
+                "resolved": each.resolved,
+            }
+            for each in self.ranked
+        ]
+
+
+@single_threaded
+def next_measurements(
+    file: "CampaignData",
+    of: EmulatedData,
+    drawn: "WeightedStrings",
+    errors: Mapping[str, Any] | None = None,
+) -> NextMeasurements:
+    """Return the measurements that could be made next, ranked by the expected volume after them.
+
+    Parameters
+    ----------
+    file
+        The campaign file with the samples.
+    of
+        Emulator of the data that there are.
+    drawn
+        The posterior of these data.
+    errors
+        Errors of some quantities; see `read_errors`.
+
+    Raises
+    ------
+    ArgumentError
+        If an error is impossible.
+    """
+    try:
+        stated = read_errors(errors)
+    except ValueError as problem:
+        raise of.box.mistaken("errors", problem) from None
+    strings, points = dense_points(of, drawn)
+    known = of.at(strings)
+    identity = np.eye(len(of.measured))
+    data = DataAtPoints(known.means, known.deviations, of.emulator.mixing, of.measured, identity)
+    found = [
+        *_repetitions(of, data, points),
+        *_new_quantities(file, of, data, strings, points, stated),
+    ]
+    ranked = sorted(found, key=lambda each: (each.after.mean, each.name))
+    return NextMeasurements(points.volume, tuple(ranked))
+
+
+def dense_points(of: EmulatedData, drawn: "WeightedStrings") -> tuple[Floats, WeightedPoints]:
+    """Return even points of the part of the box that has the posterior: strings and weights.
+
+    The part is a box along the principal axes of the posterior: data determine groups of variables,
+    and leave a region that is long and thin, and oblique.
+    """
+    box = of.box
+    counted = drawn.weights > MIN_RELATIVE_WEIGHT * drawn.weights.max()
+    places = box.space.to_unit(drawn.strings[counted])
+    axes = np.linalg.eigh(np.atleast_2d(np.cov(places.T, aweights=drawn.weights[counted])))[1]
+    along = places @ axes
+    low, high = along.min(axis=0), along.max(axis=0)
+    margin = PART_MARGIN * (high - low) + MIN_MARGIN
+    low, high = low - margin, high + margin
+    allowed = allowed_share(box.campaign).value if box.campaign.relations.constraints else 1.0
+    part = float(np.prod(high - low)) / allowed
+    wanted = REGION_POINTS * part / drawn.region if drawn.region > 0.0 else MAX_POINTS
+    count = 1 << math.ceil(math.log2(min(max(wanted, MIN_POINTS), MAX_POINTS)))
+    even = qmc.Sobol(len(low), seed=box.campaign.seed).random(count)
+    units = (low + even * (high - low)) @ axes.T
+    strings = box.space.from_unit(units[np.all((units >= 0.0) & (units <= 1.0), axis=1)])
+    strings = strings[box.allowed(strings)]
+    logarithms = of.log_density(strings)
+    weights = np.exp(logarithms - logarithms.max())
+    some = weights > MIN_RELATIVE_WEIGHT
+    kept = weights[some] / weights[some].sum()
+    return strings[some], WeightedPoints(kept, part / count)
+
+
+def _repetitions(
+    of: EmulatedData, data: DataAtPoints, points: WeightedPoints
+) -> Iterator[NextMeasurement]:
+    """Yield a repetition of each datum with half of its error."""
+    for datum, columns in zip(of.data, of.frame.columns, strict=True):
+        matrix = of.components[columns] @ of.emulator.mixing
+        linear = LinearQuantity.of_data(matrix, len(points.weights))
+        # Along the directions of the frame the errors of the datum are independent and 1.
+        candidate = data.expected(linear, REPEATED_ERROR**2 * np.eye(len(matrix)))
+        after, resolved = _expected(of.box, points, candidate)
+        value = error = math.nan
+        if len(datum.values) == 1:
+            value = float(datum.values[0])
+            error = REPEATED_ERROR * math.sqrt(float(datum.covariance[0, 0]))
+        yield NextMeasurement(repeated(datum), True, None, value, error, after, resolved)
+
+
+def _new_quantities(
+    file: "CampaignData",
+    of: EmulatedData,
+    data: DataAtPoints,
+    strings: Floats,
+    points: WeightedPoints,
+    stated: Mapping[str, AssumedError],
+) -> Iterator[NextMeasurement]:
+    """Yield each quantity of one number that is not measured and differs between strings."""
+    campaign, layout = of.box.campaign, file.census
+    assert layout is not None
+    times = [None if time == math.inf else time for time in layout.times]
+    new = quantities_to_measure(times, of.data, not campaign.scene.heating.is_absent)
+    values = string_values(file, [*of.data, *new])
+    size = len(of.frame.measured)
+    samples, numbers = (
+        _samples_of(of, values.strings, values.values[:, :size]),
+        values.values[:, size:],
+    )
+    at, groups = of.coordinates.of_strings(strings), len(of.coordinates.groups)
+    for datum, number in zip(new, numbers.T, strict=True):
+        if np.ptp(number) <= ROUNDING * np.abs(number).max():
+            continue
+        random = _stream(of.box, EMULATOR_STREAM)
+        emulator = CandidateEmulator(*samples, number, random, groups)
+        candidate = data.expected(emulator.at(at), np.zeros((1, 1)))
+        [value] = weighted_quantiles(candidate.means[:, 0], points.weights, (0.5,))
+        assumed = assumed_error(datum.quantity, of.data, stated)
+        error = assumed.at(value)
+        candidate = candidate._replace(error=np.array([[error**2]]))
+        after, resolved = _expected(of.box, points, candidate)
+        yield NextMeasurement(datum, False, assumed, value, error, after, resolved)
+
+
+def _samples_of(of: EmulatedData, strings: Floats, values: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return coordinates, mixed components and held-out residuals as `CandidateEmulator` needs.
+
+    Samples of strings that predict the data alone, and not all that may be measured, are left out.
+    """
+    coordinates = of.coordinates.of_strings(strings)
+    numbers = of.numbers_of(values)
+    mixed = np.asarray(np.linalg.solve(of.emulator.mixing, numbers.T).T, np.float64)
+    residuals = np.column_stack([means - held for means, held, _ in of.emulator.held_out])
+    all_points = np.unique(of.points, axis=0)
+    place = {point.tobytes(): i for i, point in enumerate(all_points)}
+    kept = [place[point.tobytes()] for point in np.unique(coordinates, axis=0)]
+    return coordinates, mixed, residuals[kept]
+
+
+def _expected(
+    box: SearchedBox, points: WeightedPoints, candidate: Candidate
+) -> tuple[ExpectedVolume, bool]:
+    after = expected_volume(points, candidate, _stream(box, MEASUREMENT_STREAM))
+    return after, after.mean >= MIN_RESOLVED_POINTS * points.share
+
+
+def _stream(box: SearchedBox, purpose: int) -> np.random.Generator:
+    return search_stream(box.campaign.seed, NEXT_MEASUREMENT, purpose)

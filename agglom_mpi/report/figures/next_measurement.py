@@ -1,0 +1,54 @@
+"""What each further measurement would leave of the box, as bars."""
+
+from typing import Any, Final
+
+import numpy as np
+
+from agglom_mpi.inference.next_measurement import NextMeasurements
+from agglom_mpi.report.drawing import COLOURS, Drawing, legend_below, style_axes
+
+MAX_BARS: Final = 20
+"""Maximum number of measurements that are drawn."""
+BAR_HEIGHT: Final = 0.24
+"""Height of the figure per bar, inches."""
+TWO_SIDED: Final = 1.96
+"""Standard errors in half a 95 % interval of a normal distribution."""
+
+
+def draw_next(ax: Any, found: NextMeasurements) -> Any:
+    """Draw the expected volume after each measurement beside that of today; return the axes."""
+    style_axes(ax)
+    shown = found.ranked[:MAX_BARS]
+    place = np.arange(len(shown))
+    volumes = 100.0 * np.array([each.after.mean for each in shown])
+    errors = 100.0 * TWO_SIDED * np.array([each.after.standard_error for each in shown])
+    for repeats, colour, label in (
+        (False, COLOURS[0], "new quantity"),
+        (True, COLOURS[4], "repetition with half of the error"),
+    ):
+        some = np.array([each.repeats is repeats for each in shown], bool)
+        if some.any():
+            ax.barh(place[some], volumes[some], color=colour, height=0.7, label=label)
+    ax.errorbar(volumes, place, xerr=errors, fmt="none", ecolor="0.15", capsize=2)
+    ax.axvline(100.0 * found.volume, color="0.3", linestyle="--", label="posterior as it is")
+    names = [each.name if each.repeats else f"{each.name}, ± {each.error_text}" for each in shown]
+    ax.set_yticks(place, names, fontsize=8)
+    ax.set_ylim(len(shown) - 0.4, -0.6)
+    ax.set_xlabel("expected share of the box (%)")
+    legend_below(ax)
+    return ax
+
+
+def next_drawing(found: NextMeasurements) -> Drawing:
+    """Return the figure, ready to be written."""
+    left = len(found.ranked) - MAX_BARS
+    more = f" The {left} that would leave more are left out." if left > 0 else ""
+    caption = (
+        "What to measure next: expected share of the box in the smallest region with 90 % of the "
+        "posterior after one more measurement, with 95 % intervals of the simulated measurements."
+        f"{more}"
+    )
+    height = 1.5 + BAR_HEIGHT * min(len(found.ranked), MAX_BARS)
+    return Drawing(
+        "next_measurement", caption, lambda f: draw_next(f.subplots(), found), (7.0, height)
+    )

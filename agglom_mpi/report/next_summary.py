@@ -1,0 +1,91 @@
+"""What to measure next, as text, as plain values for JSON, and as a CSV table."""
+
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from rich.console import Group, RenderableType
+
+from agglom_mpi.display.fitted_table import FittedTable
+from agglom_mpi.formatting import format_digits, in_unit, pluralise, value_with_prefix, without_nan
+from agglom_mpi.inference.data_posterior import DataPosterior
+from agglom_mpi.inference.next_measurement import NextMeasurement, NextMeasurements
+from agglom_mpi.measurements.datum import QUANTITIES
+from agglom_mpi.report.set_files import write_table
+from agglom_mpi.storage.files import require_absent, require_writable_folder
+
+
+class PosteriorRequest(NamedTuple):
+    """Options of a report on the posterior of all data.
+
+    Attributes
+    ----------
+    what_next
+        Whether to show what to measure next.
+    table
+        CSV file to write with all measurements that could be made; None: do not.
+    """
+
+    what_next: bool = False
+    table: Path | None = None
+
+    def check(self, made: Path | None = None) -> None:
+        """Refuse a file that cannot be written, before anything is computed.
+
+        Parameters
+        ----------
+        made
+            A folder that will be made for files to be written into.
+
+        Raises
+        ------
+        OSError
+            If the file exists already, or its folder cannot be written.
+        """
+        if self.table is None:
+            return
+        require_absent(self.table)
+        if made is None or self.table.parent.resolve() != made.resolve():
+            require_writable_folder(self.table)
+
+    def found(self, posterior: DataPosterior) -> NextMeasurements | None:
+        """Return what to measure next, if that is asked for, and write the table."""
+        if not self.what_next:
+            return None
+        found = posterior.next_measurements()
+        if self.table is not None:
+            write_table(self.table, found.table)
+        return found
+
+
+MAX_SHOWN: Final = 12
+"""Maximum number of measurements in the table of the terminal."""
+
+
+def next_text(found: NextMeasurements) -> RenderableType:
+    """Return the measurements that leave least of the box as a table."""
+    volume = format_digits(100.0 * found.volume, 3)
+    heading = (
+        f"what to measure next: 90 % of the posterior fill {volume} % of the box; expected share "
+        "after one more measurement"
+    )
+    table = FittedTable("measurement", "expected value", "error", "share of the box", left=(0,))
+    for each in found.ranked[:MAX_SHOWN]:
+        table.add_row(each.name, _value(each), f"± {each.error_text}", each.volume_text)
+    left = len(found.ranked) - MAX_SHOWN
+    more = [f"and {pluralise(left, 'measurement')} that would leave more"] if left > 0 else []
+    return Group(heading, table, *more)
+
+
+def _value(each: NextMeasurement) -> str:
+    """Return the value that is expected; nothing for shares of sizes."""
+    if len(each.datum.values) > 1:
+        return ""
+    unit = QUANTITIES[each.datum.quantity].unit
+    if unit == "m":
+        return value_with_prefix(each.predicted, unit)
+    return in_unit(f"{each.predicted:.4g}", unit)
+
+
+def next_as_list(found: NextMeasurements) -> list[dict[str, Any]]:
+    """Return all measurements as plain values for JSON; `time` is null at the end."""
+    return list(without_nan(found.records()))

@@ -1,0 +1,105 @@
+"""Whether measurements leave the share of the box that was expected of them.
+
+`python tests/benchmarks/bench_next_measurement.py FILE.h5 [MEASUREMENTS]`, a campaign with data.
+The measurements that are ranked first and last are made that many times: strings are drawn from the
+posterior, and a measurement of each from an emulator of all data together with the new one, given
+the old ones. The new posterior has this emulator, too: nothing is shared with the prediction but
+the samples of the file and the posterior that the strings are drawn from.
+"""
+
+import copy
+import math
+import sys
+from dataclasses import replace
+
+import numpy as np
+
+from agglom_mpi.emulation.blas_threads import single_threaded
+from agglom_mpi.inference import data_posterior
+from agglom_mpi.inference.data_emulator import EmulatedData
+from agglom_mpi.inference.stored_samples import stored_samples
+from agglom_mpi.inference.string_values import string_values
+from agglom_mpi.storage.reader import read_campaign
+
+MEASUREMENTS = 20
+
+
+def with_error(each):
+    """Return the datum of a measurement with its expected value and its error."""
+    if each.repeats:
+        return each.datum
+    datum = each.datum
+    return replace(
+        datum,
+        values=np.array([each.predicted]),
+        covariance=np.array([[each.standard_error**2]]),
+    )
+
+
+def simulated(emulated, strings, random):
+    """Return simulated values of the last datum at strings, given the others, (n, q)."""
+    away, covariances = emulated.framed_residuals(strings)
+    new, rows = emulated.frame.columns[-1], emulated.frame.rows[-1]
+    old = slice(0, new.start)
+    basis = emulated.frame.basis[rows, new]
+    found = []
+    for residual, covariance in zip(away, covariances, strict=True):
+        gain = np.linalg.solve(covariance[old, old], covariance[old, new]).T
+        rest = covariance[new, new] - gain @ covariance[old, new]
+        expected = gain @ residual[old]
+        drawn = random.multivariate_normal(expected, rest)
+        # A residual is the datum less the prediction: that of the placeholder is known.
+        found.append(emulated.data[-1].values + (drawn - residual[new]) @ np.linalg.pinv(basis))
+    return np.array(found)
+
+
+def with_value(emulated, value):
+    """Return the emulator of all data with another value of the last one."""
+    other = copy.copy(emulated)
+    other.frame = copy.copy(emulated.frame)
+    other.frame.measured = emulated.frame.measured.copy()
+    other.frame.measured[emulated.frame.rows[-1]] = value
+    other.measured = other.numbers_of(other.frame.measured)
+    away = other.frame.measured @ other.frame.basis - other.centre
+    other.left_out_measured = away @ other.left_out
+    return other
+
+
+@single_threaded
+def volumes_after(posterior, each, count, random):
+    """Return the volumes of the posteriors after simulated measurements, (count,)."""
+    file, of = posterior.file, posterior.of
+    stored = stored_samples(file)
+    data = [*of.data, with_error(each)]
+    emulated = EmulatedData(of.box, data, string_values(file, data, stored), stored)
+    chosen = random.choice(len(posterior.weights), count, p=posterior.weights)
+    values = simulated(emulated, posterior.strings[chosen], random)
+    found = []
+    for value in values:
+        after = data_posterior.posterior_of(with_value(emulated, value))
+        found.append(after.volume)
+        print(".", end="", flush=True)
+    print()
+    return np.array(found)
+
+
+def main(path, count=MEASUREMENTS):
+    """Print the expected volumes and those after simulated measurements."""
+    posterior = data_posterior.data_posterior(read_campaign(path))
+    found = posterior.next_measurements()
+    print(f"posterior as it is: {found.volume:.4g} of the box")
+    # The calibration takes most of the time, and has no part in the volume.
+    data_posterior.calibrate_posterior = lambda *_: None
+    random = np.random.default_rng(20)
+    for each in (found.ranked[0], found.ranked[-1]):
+        volumes = volumes_after(posterior, each, count, random)
+        mean, error = volumes.mean(), volumes.std(ddof=1) / math.sqrt(count)
+        print(
+            f"{each.name}, ± {each.error_text}: expected {each.after.mean:.4g} ± "
+            f"{each.after.standard_error:.1g}, found {mean:.4g} ± {error:.1g}, "
+            f"ratio {mean / each.after.mean:.3f}"
+        )
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], *map(int, sys.argv[2:]))

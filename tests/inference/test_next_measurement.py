@@ -1,0 +1,110 @@
+"""What to measure next, of a linear problem and of a small campaign's data."""
+
+import math
+
+import numpy as np
+import pytest
+from toy_posteriors import linear_emulator, measurements
+
+from agglom_mpi.config.yaml_source import ArgumentError
+from agglom_mpi.emulation.blas_threads import single_threaded
+from agglom_mpi.inference import data_posterior as data_posteriors
+from agglom_mpi.inference import next_measurement
+from agglom_mpi.inference.data_posterior import data_posterior, posterior_of
+from agglom_mpi.inference.next_measurement import dense_points, next_measurements
+from agglom_mpi.measurements.datum import Datum
+from agglom_mpi.storage.reader import read_campaign
+
+SLOPES = np.array([[1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+ERRORS = np.array([0.05, 0.06, 0.08])
+TRUTH = np.array([0.45, 0.55])
+
+
+@pytest.fixture(scope="module")
+def toy(tmp_path_factory):
+    """Return the posterior of three data that are linear in the place in the unit square."""
+    data = measurements(1.0 + SLOPES @ TRUTH, ERRORS)
+    folder = tmp_path_factory.mktemp("toy")
+    return single_threaded(posterior_of)(linear_emulator(folder, SLOPES, data, noise=1e-3))
+
+
+def ellipse(precision):
+    """Return the area of the region with 90 % of a normal distribution in the plane."""
+    return math.pi * 4.605 / math.sqrt(np.linalg.det(precision))
+
+
+def test_points_along_the_axes_of_the_posterior_fill_its_region(toy):
+    strings, points = dense_points(toy.of, toy.drawn)
+    assert points.volume == pytest.approx(toy.volume, rel=0.1)
+    assert points.volume / points.share > 0.5 * next_measurement.REGION_POINTS
+    assert len(strings) == len(points.weights)
+    expected = ellipse(SLOPES.T @ np.diag(ERRORS**-2.0) @ SLOPES)
+    assert points.volume == pytest.approx(expected, rel=0.05)
+
+
+def test_repetitions_with_half_of_the_error_leave_what_least_squares_leave(toy, monkeypatch):
+    monkeypatch.setattr(next_measurement, "_new_quantities", lambda *_: ())
+    found = next_measurements(None, toy.of, toy.drawn)
+    left = {each.name: each.after for each in found.ranked}
+    for i in range(len(ERRORS)):
+        weights = ERRORS**-2.0
+        weights[i] *= 1.0 + next_measurement.REPEATED_ERROR**-2
+        expected = ellipse(SLOPES.T @ np.diag(weights) @ SLOPES)
+        assert left[f"number {i}, again"].mean == pytest.approx(expected, rel=0.05)
+    means = [each.after.mean for each in found.ranked]
+    assert means == sorted(means)
+    assert max(means) < found.volume
+
+
+@pytest.fixture
+def measured(measured_file, monkeypatch):
+    """Return the posterior of a small campaign, whose few strings are taken for enough."""
+    monkeypatch.setattr(data_posteriors, "MIN_STRINGS", 5)
+    return data_posterior(read_campaign(measured_file))
+
+
+def test_a_campaign_ranks_all_it_can_measure_and_repetitions(measured):
+    table = measured.what_to_measure_next({"d90": "3%", "d43": "2 um"})
+    assert table["expected_volume"].is_monotonic_increasing
+    assert table["measurement"].is_unique
+    again = table[table["repeats"]]
+    assert len(again) == 3
+    assert set(table["time"]) == {2e-3, math.inf}
+    assert "temperature" not in set(table["quantity"])  # the scene has no heat
+    # What is measured already is not new.
+    new = table[~table["repeats"]]
+    assert not ((new["quantity"] == "particles_left") & (new["time"] == math.inf)).any()
+    d90 = new[new["quantity"] == "d90"]
+    assert d90["error"].to_numpy() == pytest.approx(0.03 * d90["predicted"].to_numpy())
+    assert set(new[new["quantity"] == "d43"]["error"]) == {2e-6}
+    # The mean diameter of 130 µm has an error of 3 µm.
+    d50 = new[new["quantity"] == "d50"]
+    assert d50["error"].to_numpy() == pytest.approx(3.0 / 130.0 * d50["predicted"].to_numpy())
+    volume = table["volume"].iloc[0]
+    assert (table["expected_volume"] > 0.0).all()
+    slack = 5.0 * table["standard_error"] + 0.01 * volume
+    assert (table["expected_volume"] < volume + slack).all()
+    assert table.attrs["units"]["time"] == "s"
+
+
+def test_the_order_of_candidates_does_not_matter(measured, monkeypatch):
+    two = [
+        Datum.of_value("d43", 1.0, 1.0, "number", None, "d43"),
+        Datum.of_value("spread", 1.0, 1.0, "number", None, "spread"),
+    ]
+    found = []
+    for order in (two, two[::-1]):
+        monkeypatch.setattr(next_measurement, "quantities_to_measure", lambda *_, o=order: o)
+        found.append({each.name: each.after for each in measured.next_measurements().ranked})
+    for name in ("d43", "spread"):
+        assert found[0][name].mean == pytest.approx(found[1][name].mean, rel=1e-6)
+
+
+def test_an_impossible_error_is_refused_with_its_quantity(measured):
+    with pytest.raises(ArgumentError, match=r"errors.*d95"):
+        measured.what_to_measure_next({"d95": "3%"})
+
+
+def test_a_posterior_without_a_file_has_no_further_measurements(toy):
+    with pytest.raises(data_posteriors.PosteriorError):
+        toy.what_to_measure_next()

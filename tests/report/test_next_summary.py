@@ -1,0 +1,91 @@
+"""What to measure next, in the forms of the report."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from agglom_mpi.inference.candidate_data import AssumedError
+from agglom_mpi.inference.expected_volume import ExpectedVolume
+from agglom_mpi.inference.next_measurement import NextMeasurement, NextMeasurements
+from agglom_mpi.measurements.datum import Datum, datum_name
+from agglom_mpi.report.figures.next_measurement import MAX_BARS, draw_next, next_drawing
+from agglom_mpi.report.next_summary import MAX_SHOWN, PosteriorRequest, next_as_list, next_text
+from agglom_mpi.report.page import plain_text
+
+FIVE = AssumedError(0.05, is_relative=True)
+
+
+def measurement(quantity, time, volume, error=FIVE, resolved=True, unit_value=4e-3):
+    name = datum_name(quantity, "mass", time)
+    datum = Datum.of_value(quantity, 1.0, 1.0, "mass", time, name)
+    after = ExpectedVolume(volume, 0.01 * volume)
+    assumed = None if error is None else error.at(unit_value)
+    return NextMeasurement(datum, error is None, error, unit_value, assumed, after, resolved)
+
+
+@pytest.fixture
+def found():
+    again = measurement("temperature", None, 0.03, error=None, unit_value=300.0)
+    again = again._replace(standard_error=0.5)
+    first = measurement("d90", 2e-3, 0.031)
+    others = [measurement("d50", 1e-3 * i, 0.05 + 0.001 * i) for i in range(1, MAX_BARS + 5)]
+    unresolved = measurement("d10", None, 1e-6, resolved=False)
+    return NextMeasurements(0.14, (unresolved, again, first, *others))
+
+
+def test_table_has_the_quantity_its_error_and_the_share_of_the_box(found):
+    text = plain_text(next_text(found), 120)
+    [line] = [line for line in text.splitlines() if "d90 by mass at 2 ms" in line]
+    for part in ("4 mm", "± 5 %", "3.100 ± 0.031 %"):
+        assert part in line
+    assert "14.0 %" in text
+    [line] = [line for line in text.splitlines() if line.startswith("temperature at the end")]
+    assert "300 K" in line
+    assert "half of its error" in line
+
+
+def test_a_volume_that_is_not_resolved_is_an_upper_bound(found):
+    text = plain_text(next_text(found), 120)
+    assert [line for line in text.splitlines() if "at most" in line and line.startswith("d10")]
+
+
+def test_what_has_no_room_in_the_table_is_counted(found):
+    text = plain_text(next_text(found), 120)
+    assert sum("by mass at" in line for line in text.splitlines()) == MAX_SHOWN - 1
+    assert str(len(found.ranked) - MAX_SHOWN) in text.splitlines()[-1]
+
+
+def test_json_and_csv_have_every_measurement(found, tmp_path):
+    rows = json.loads(json.dumps(next_as_list(found), allow_nan=False))
+    assert [row["measurement"] for row in rows] == [each.name for each in found.ranked]
+    assert rows[2]["expected_volume"] == 0.031
+    assert rows[2]["error"] == pytest.approx(2e-4)
+    assert [row["time"] for row in rows[:3]] == [None, None, 2e-3]
+
+    class Posterior:
+        def next_measurements(self):
+            return found
+
+    assert PosteriorRequest(True, tmp_path / "next.csv").found(Posterior()) is found
+    with (tmp_path / "next.csv").open() as file:
+        table = list(csv.DictReader(file))
+    assert len(table) == len(rows)
+    assert float(table[2]["expected_volume"]) == 0.031
+
+
+def test_figure_has_a_bar_for_each_of_the_best_measurements(found):
+    ax = draw_next(Figure().subplots(), found)
+    widths = [bar.get_width() for bar in ax.patches]
+    assert len(widths) == MAX_BARS
+    assert sorted(widths) == pytest.approx([100.0 * e.after.mean for e in found.ranked[:MAX_BARS]])
+    assert ax.get_xlim()[1] >= 14.0
+    assert str(len(found.ranked) - MAX_BARS) in next_drawing(found).caption
+
+
+def test_figure_of_repetitions_alone_can_be_drawn():
+    again = measurement("temperature", None, 0.03, error=None)
+    ax = draw_next(Figure().subplots(), NextMeasurements(0.1, (again,)))
+    assert np.isclose(ax.patches[0].get_width(), 3.0)
