@@ -21,7 +21,7 @@ from agglom_mpi.analysis.extrapolation import Extrapolation, Value, extrapolated
 from agglom_mpi.analysis.finite_size import enough_grains
 from agglom_mpi.analysis.tables import time_on_free_core
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.formatting import format_mean, value_with_error
+from agglom_mpi.formatting import value_with_error
 from agglom_mpi.report.drawing import Drawing
 from agglom_mpi.statistics import MeanEstimate, mean_of
 
@@ -103,11 +103,8 @@ def control_volume_section(
             row for frame in (sizes, times) for _, row in frame[frame["failed"] > 0].iterrows()
         ],
     )
-    return ReportSection(
+    return sentences.section(
         title="Control volume and end time",
-        problem=sentences.paragraph("problem"),
-        reference=sentences.paragraph("reference"),
-        setups=sentences.paragraph("setups"),
         figures=(
             Drawing(
                 "box_particles",
@@ -132,8 +129,6 @@ def control_volume_section(
             ReportTable("box_particles", "One row is one number of particles.", sizes, COLUMNS),
             ReportTable("box_end_time", "One row is one end time.", times, COLUMNS),
         ),
-        failures=sentences.items("failures"),
-        conclusions=sentences.items("conclusions"),
     )
 
 
@@ -254,22 +249,12 @@ def _draw_finite_size(
 
 
 COLUMNS: Final = (
-    TableColumn("N", lambda row: f"{row['particles']:.0f}"),
+    TableColumn.number("particles", ".0f", "N"),
     TableColumn("T", lambda row: f"{row['end time (s)']:.3g} s"),
-    TableColumn("samples", lambda row: f"{row['samples']:.0f}"),
-    TableColumn(
-        "mean b/b⁰",
-        lambda row: format_mean(
-            MeanEstimate(row["mean b/b0"], row["standard error"], row["samples"])
-        ),
-    ),
-    TableColumn("spread of one sample", lambda row: f"{row['spread of samples']:.2g}"),
-    TableColumn(
-        "objective",
-        lambda row: format_mean(
-            MeanEstimate(row["objective"], row["standard error of the objective"], row["samples"])
-        ),
-    ),
+    TableColumn.number("samples", ".0f"),
+    TableColumn.mean("mean b/b⁰", "mean b/b0", "standard error", "samples"),
+    TableColumn.number("spread of samples", ".2g", "spread of one sample"),
+    TableColumn.mean("objective", "objective", "standard error of the objective", "samples"),
     shown_time("sample"),
 )
 

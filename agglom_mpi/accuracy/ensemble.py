@@ -101,22 +101,19 @@ def ensemble_section(campaign: "Campaign", rows: np.ndarray, quick: bool = False
         rules.append(campaigns_own(plan.ensemble, most))
     frame = study(pool, objective, rules, draws)
     goal = round_goal(truth)
-    return ReportSection(
-        title=TITLE,
-        problem=sentences.paragraph("problem"),
-        reference=reference,
-        setups=sentences.paragraph(
-            "setups",
-            orders=orders,
-            most=most,
-            failed=len(rows) - len(pool),
-            own=plan and plan.ensemble,
-            other_objective=other,
-        ),
-        figures=_figures(frame, truth, most, sentences),
-        tables=_tables(frame, goal, sentences),
-        failures=sentences.items("failures", share=_share, flaws=list(_flaws(frame))),
-        conclusions=sentences.items("conclusions", share=_share, **_findings(frame, truth, goal)),
+    return sentences.section(
+        TITLE,
+        _figures(frame, truth, most, sentences),
+        _tables(frame, goal, sentences),
+        truth=truth,
+        orders=orders,
+        most=most,
+        failed=len(rows) - len(pool),
+        own=plan and plan.ensemble,
+        other_objective=other,
+        share=_share,
+        flaws=list(_flaws(frame)),
+        **_findings(frame, truth, goal),
     )
 
 
@@ -260,8 +257,8 @@ def _curves(frame: "pd.DataFrame", cost: str, error: str, band: tuple[str, str])
 
 COLUMNS: Final = (
     TableColumn("rule", lambda row: row["rule"]),
-    TableColumn("TOL", lambda row: f"{row['tolerance']:.3g}"),
-    TableColumn("believed", lambda row: f"{row['error believed']:.1e}"),
+    TableColumn.number("tolerance", ".3g", "TOL"),
+    TableColumn.number("error believed", ".1e", "believed"),
     TableColumn(
         "samples, mean (10 %, 90 %)",
         lambda row: (

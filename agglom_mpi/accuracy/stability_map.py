@@ -292,11 +292,8 @@ def map_section(
     placed = points(plane, scenes)
     sentences = Sentences("maps", plane=plane, size=size, rows=[row for _, row in frame.iterrows()])
     panels = plane_map.panels()
-    return ReportSection(
+    return sentences.section(
         title=plane.title,
-        problem=sentences.paragraph("problem"),
-        reference=sentences.paragraph("reference"),
-        setups=sentences.paragraph("setups"),
         figures=(
             Drawing(
                 f"map_{plane.name}",
@@ -317,8 +314,6 @@ def map_section(
                 ),
             ),
         ),
-        failures=sentences.items("failures"),
-        conclusions=sentences.items("conclusions"),
     )
 
 
