@@ -1,6 +1,6 @@
 """How growth and the published objective change with the control volume and the end time."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -94,10 +94,6 @@ def control_volume_section(
         "control_volume",
         particles=own,
         end_time=end_time,
-        changes=[
-            *_changes(sizes, own, "particles", unit="particles", what="the number of particles"),
-            *_changes(times, end_time, "end time (s)", unit="s", what="the end time"),
-        ],
         size=_finite_size(sizes, own, limit),
         failed=[
             row for frame in (sizes, times) for _, row in frame[frame["failed"] > 0].iterrows()
@@ -267,30 +263,6 @@ def _draw(
     axes = draw_curves(figure, [curve], label, "mean b/b⁰", scales=("log", "linear"))
     axes.set_xticks(list(frame[column]), [_plain(value) for value in frame[column]])
     axes.minorticks_off()
-
-
-def _changes(
-    frame: "pd.DataFrame", own: float, column: str, **words: str
-) -> Iterator[dict[str, Any]]:
-    """Yield what the smallest and the largest value of a column change, against the scene's own."""
-    home = frame[frame[column] == own].iloc[0]
-    for row in (frame.iloc[0], frame.iloc[-1]):
-        change = MeanEstimate(
-            row["mean b/b0"] - home["mean b/b0"],
-            float(np.hypot(row["standard error"], home["standard error"])),
-            int(row["samples"]),
-        )
-        yield {
-            **words,
-            "factor": row[column] / own,
-            "value": _plain(row[column]),
-            "change": change,
-            "percentage": 100 * change.value / home["mean b/b0"],
-            "beyond": abs(change.value) > change.half_width,
-            "own_objective": home["objective"],
-            "objective": row["objective"],
-            "cost": row[time_name("sample")] / home[time_name("sample")],
-        }
 
 
 def _plain(value: float) -> str:

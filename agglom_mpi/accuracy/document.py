@@ -184,6 +184,7 @@ def _templates() -> "jinja2.Environment":
     )
     templates.filters |= {
         "fmt": format,
+        "initial_capital": lambda text: f"{text[:1].upper()}{text[1:]}",
         "digits": format_digits,
         "duration": format_duration,
         "mean": format_mean,

@@ -260,10 +260,7 @@ def _method_rows(
 def _columns(timed: str) -> tuple[TableColumn, ...]:
     return (
         *first_columns("fails by"),
-        TableColumn(
-            "largest error of a sound cell",
-            lambda row: f"{row['largest error of a sound cell']:.1e}",
-        ),
+        TableColumn.number("largest error of a sound cell", ".1e"),
         TableColumn(
             f"processor time per {timed}", lambda row: format_seconds(row[time_name(timed)])
         ),
