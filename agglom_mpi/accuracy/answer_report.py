@@ -18,6 +18,7 @@ from agglom_mpi.accuracy.answer_tables import (
     sentence,
     times_of,
 )
+from agglom_mpi.accuracy.document import MARKERS, NAME
 from agglom_mpi.accuracy.times_to_targets import Band, TimesToTargets
 from agglom_mpi.config.answer_study import AnswerStudy, file_stem
 from agglom_mpi.formatting import format_digits, format_duration
@@ -30,10 +31,8 @@ if TYPE_CHECKING:
     import matplotlib.figure
     import pandas as pd
 
-NAME: Final = "report.md"
 FIGURE_SIZE: Final = (9.0, 7.4)
 """Width and height of the figure of a factor, inches."""
-MARKERS: Final = "os^DvPX"
 LABELS: Final = {SAMPLES: "samples", SECONDS: "processor time (s)"}
 """Labels of the axes of costs."""
 

@@ -1,6 +1,6 @@
 """How growth and the published objective change with the control volume and the end time."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -21,7 +21,7 @@ from agglom_mpi.analysis.extrapolation import Extrapolation, Value, extrapolated
 from agglom_mpi.analysis.finite_size import enough_grains
 from agglom_mpi.analysis.tables import time_on_free_core
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.formatting import format_mean, value_with_error
+from agglom_mpi.formatting import value_with_error
 from agglom_mpi.report.drawing import Drawing
 from agglom_mpi.statistics import MeanEstimate, mean_of
 
@@ -94,20 +94,13 @@ def control_volume_section(
         "control_volume",
         particles=own,
         end_time=end_time,
-        changes=[
-            *_changes(sizes, own, "particles", unit="particles", what="the number of particles"),
-            *_changes(times, end_time, "end time (s)", unit="s", what="the end time"),
-        ],
         size=_finite_size(sizes, own, limit),
         failed=[
             row for frame in (sizes, times) for _, row in frame[frame["failed"] > 0].iterrows()
         ],
     )
-    return ReportSection(
+    return sentences.section(
         title="Control volume and end time",
-        problem=sentences.paragraph("problem"),
-        reference=sentences.paragraph("reference"),
-        setups=sentences.paragraph("setups"),
         figures=(
             Drawing(
                 "box_particles",
@@ -132,8 +125,6 @@ def control_volume_section(
             ReportTable("box_particles", "One row is one number of particles.", sizes, COLUMNS),
             ReportTable("box_end_time", "One row is one end time.", times, COLUMNS),
         ),
-        failures=sentences.items("failures"),
-        conclusions=sentences.items("conclusions"),
     )
 
 
@@ -254,22 +245,12 @@ def _draw_finite_size(
 
 
 COLUMNS: Final = (
-    TableColumn("N", lambda row: f"{row['particles']:.0f}"),
+    TableColumn.number("particles", ".0f", "N"),
     TableColumn("T", lambda row: f"{row['end time (s)']:.3g} s"),
-    TableColumn("samples", lambda row: f"{row['samples']:.0f}"),
-    TableColumn(
-        "mean b/b⁰",
-        lambda row: format_mean(
-            MeanEstimate(row["mean b/b0"], row["standard error"], row["samples"])
-        ),
-    ),
-    TableColumn("spread of one sample", lambda row: f"{row['spread of samples']:.2g}"),
-    TableColumn(
-        "objective",
-        lambda row: format_mean(
-            MeanEstimate(row["objective"], row["standard error of the objective"], row["samples"])
-        ),
-    ),
+    TableColumn.number("samples", ".0f"),
+    TableColumn.mean("mean b/b⁰", "mean b/b0", "standard error", "samples"),
+    TableColumn.number("spread of samples", ".2g", "spread of one sample"),
+    TableColumn.mean("objective", "objective", "standard error of the objective", "samples"),
     shown_time("sample"),
 )
 
@@ -282,30 +263,6 @@ def _draw(
     axes = draw_curves(figure, [curve], label, "mean b/b⁰", scales=("log", "linear"))
     axes.set_xticks(list(frame[column]), [_plain(value) for value in frame[column]])
     axes.minorticks_off()
-
-
-def _changes(
-    frame: "pd.DataFrame", own: float, column: str, **words: str
-) -> Iterator[dict[str, Any]]:
-    """Yield what the smallest and the largest value of a column change, against the scene's own."""
-    home = frame[frame[column] == own].iloc[0]
-    for row in (frame.iloc[0], frame.iloc[-1]):
-        change = MeanEstimate(
-            row["mean b/b0"] - home["mean b/b0"],
-            float(np.hypot(row["standard error"], home["standard error"])),
-            int(row["samples"]),
-        )
-        yield {
-            **words,
-            "factor": row[column] / own,
-            "value": _plain(row[column]),
-            "change": change,
-            "percentage": 100 * change.value / home["mean b/b0"],
-            "beyond": abs(change.value) > change.half_width,
-            "own_objective": home["objective"],
-            "objective": row["objective"],
-            "cost": row[time_name("sample")] / home[time_name("sample")],
-        }
 
 
 def _plain(value: float) -> str:

@@ -24,6 +24,8 @@ from agglom_mpi.formatting import (
     format_seconds,
 )
 from agglom_mpi.report.drawing import COLOURS, Drawing, log_ticks, write_drawing
+from agglom_mpi.runtime.provenance import processor
+from agglom_mpi.statistics import MeanEstimate
 from agglom_mpi.storage.files import replace_file
 from agglom_mpi.version import __version__
 
@@ -41,6 +43,18 @@ class TableColumn(NamedTuple):
 
     heading: str
     text: Callable[[Any], str]
+
+    @classmethod
+    def number(cls, name: str, spec: str, heading: str = "") -> "TableColumn":
+        """Return a column of a frame in a format; its heading is its name, if none is given."""
+        return cls(heading or name, lambda row: format(row[name], spec))
+
+    @classmethod
+    def mean(cls, heading: str, value: str, error: str, samples: str) -> "TableColumn":
+        """Return means with their standard errors, from three columns of a frame."""
+        return cls(
+            heading, lambda row: format_mean(MeanEstimate(row[value], row[error], row[samples]))
+        )
 
 
 class ReportTable(NamedTuple):
@@ -134,6 +148,24 @@ class Sentences:
                 items[-1] += line.split()
         return tuple(" ".join(words) for words in items)
 
+    def section(
+        self,
+        title: str,
+        figures: tuple[Drawing, ...] = (),
+        tables: tuple[ReportTable, ...] = (),
+        **values: Any,
+    ) -> ReportSection:
+        """Return a section whose texts are the blocks of their names, with further values."""
+        problem, reference, setups = (
+            self.paragraph(block, **values) for block in ("problem", "reference", "setups")
+        )
+        failures, conclusions = (
+            self.items(block, **values) for block in ("failures", "conclusions")
+        )
+        return ReportSection(
+            title, problem, reference, setups, figures, tables, failures, conclusions
+        )
+
     def _render(self, block: str, values: dict[str, Any]) -> str:
         context = self._template.new_context({**self._values, **values})
         return "".join(self._template.blocks[block](context))
@@ -152,6 +184,7 @@ def _templates() -> "jinja2.Environment":
     )
     templates.filters |= {
         "fmt": format,
+        "initial_capital": lambda text: f"{text[:1].upper()}{text[1:]}",
         "digits": format_digits,
         "duration": format_duration,
         "mean": format_mean,
@@ -188,19 +221,9 @@ def _machine() -> Iterator[str]:
     from importlib.metadata import version
 
     libraries = ", ".join(f"{name} {version(name)}" for name in ("numpy", "numba", "h5py"))
-    yield f"{_processor()}, {os.cpu_count()} processors, {platform.system()} {platform.machine()}"
+    yield f"{processor()}, {os.cpu_count()} processors, {platform.system()} {platform.machine()}"
     yield f"agglom_mpi {__version__}, Python {platform.python_version()}, {libraries}"
     yield f"made {datetime.now(UTC).date().isoformat()}"
-
-
-def _processor() -> str:
-    try:
-        for line in Path("/proc/cpuinfo").read_text().splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    except OSError:
-        pass
-    return platform.processor() or platform.machine()
 
 
 class Curve(NamedTuple):

@@ -15,7 +15,6 @@ from agglom_mpi.accuracy.document import (
     draw_curves,
 )
 from agglom_mpi.accuracy.stopping_study import (
-    FIRST_MOMENT,
     OWN,
     WITH_ERROR,
     Truth,
@@ -62,9 +61,6 @@ ROUNDING: Final = 1e-12
 RANDOM_ORDER: Final = 201
 """Purpose of the random stream; see `random_streams`."""
 
-DIFFERENCES: Final = (1e-3, 1e-5)
-"""Tolerances of successive differences that the conclusions speak of."""
-
 
 def ensemble_section(campaign: "Campaign", rows: np.ndarray, quick: bool = False) -> ReportSection:
     """Return the section on the stopping rules, on a pool of samples of one parameter string.
@@ -101,22 +97,19 @@ def ensemble_section(campaign: "Campaign", rows: np.ndarray, quick: bool = False
         rules.append(campaigns_own(plan.ensemble, most))
     frame = study(pool, objective, rules, draws)
     goal = round_goal(truth)
-    return ReportSection(
-        title=TITLE,
-        problem=sentences.paragraph("problem"),
-        reference=reference,
-        setups=sentences.paragraph(
-            "setups",
-            orders=orders,
-            most=most,
-            failed=len(rows) - len(pool),
-            own=plan and plan.ensemble,
-            other_objective=other,
-        ),
-        figures=_figures(frame, truth, most, sentences),
-        tables=_tables(frame, goal, sentences),
-        failures=sentences.items("failures", share=_share, flaws=list(_flaws(frame))),
-        conclusions=sentences.items("conclusions", share=_share, **_findings(frame, truth, goal)),
+    return sentences.section(
+        TITLE,
+        _figures(frame, truth, most, sentences),
+        _tables(frame, goal, sentences),
+        truth=truth,
+        orders=orders,
+        most=most,
+        failed=len(rows) - len(pool),
+        own=plan and plan.ensemble,
+        other_objective=other,
+        share=_share,
+        flaws=list(_flaws(frame)),
+        **_findings(frame, truth, goal),
     )
 
 
@@ -141,23 +134,12 @@ def _share(row: Any, name: str) -> str:
 def _findings(frame: "pd.DataFrame", truth: Truth, goal: float) -> dict[str, Any]:
     """Return what the conclusions refer to."""
     rules = of_rules(frame)
-    first = frame[frame["rule"] == FIRST_MOMENT]
-    typical = at_goal(rules[rules["rule"] == FIRST_MOMENT], goal).iloc[0]
-    excess = (typical["rms error"] / typical["rms error, fixed number"]) ** 2
     with_error = rules[rules["rule"] == WITH_ERROR]
     return {
         "goal": goal,
         "samples_at_goal": (truth.spread / truth.mean / goal) ** 2,
         "costs": list(_costs(rules, goal)),
-        "differences": [
-            row
-            for tolerance in DIFFERENCES
-            for _, row in first[first["tolerance"] == tolerance].iterrows()
-        ],
-        "typical": typical,
-        "worth": typical["samples, mean"] / excess,
         "with_error": None if with_error.empty else at_goal(with_error, goal).iloc[0],
-        "early": _stopped_early(with_error),
         "own_rows": [row for _, row in frame[frame["rule"] == OWN].iterrows()],
     }
 
@@ -174,16 +156,6 @@ def _costs(rules: "pd.DataFrame", goal: float) -> Iterator[dict[str, Any]]:
         }
 
 
-def _stopped_early(rows: "pd.DataFrame") -> dict[str, float] | None:
-    """Return how many samples the tolerances take whose intervals cover too little, if any."""
-    short = rows[covers_too_little(rows)]
-    if short.empty:
-        return None
-    samples = short["samples, mean"]
-    worst = short.sort_values("coverage").iloc[0]
-    return {"fewest": samples.min(), "most": samples.max(), "coverage": worst["coverage"]}
-
-
 def _flaws(frame: "pd.DataFrame") -> Iterator[dict[str, Any]]:
     """Yield for each rule where it stops by luck, covers too little, or does not stop."""
     for rule, rows in frame.groupby("rule", sort=False):
@@ -191,7 +163,7 @@ def _flaws(frame: "pd.DataFrame") -> Iterator[dict[str, Any]]:
         bound = 0.05 + 4.0 * known["stopped by luck, standard error"]
         short = rows[covers_too_little(rows)]
         yield {
-            "name": f"{str(rule)[0].upper()}{str(rule)[1:]}",
+            "name": rule,
             "lucky": known[known["stopped by luck"] > bound],
             "short": short,
             "worst": None if short.empty else short.sort_values("coverage").iloc[0],
@@ -260,8 +232,8 @@ def _curves(frame: "pd.DataFrame", cost: str, error: str, band: tuple[str, str])
 
 COLUMNS: Final = (
     TableColumn("rule", lambda row: row["rule"]),
-    TableColumn("TOL", lambda row: f"{row['tolerance']:.3g}"),
-    TableColumn("believed", lambda row: f"{row['error believed']:.1e}"),
+    TableColumn.number("tolerance", ".3g", "TOL"),
+    TableColumn.number("error believed", ".1e", "believed"),
     TableColumn(
         "samples, mean (10 %, 90 %)",
         lambda row: (

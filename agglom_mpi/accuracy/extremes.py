@@ -54,15 +54,9 @@ def extremes_section(scenes: Mapping[str, Campaign], samples: Mapping[str, Rows]
         rows.append(row)
     frame = pd.DataFrame(rows)
     sentences = Sentences("extremes", closed=CLOSED, scenes=len(frame), **_findings(frame))
-    return ReportSection(
+    return sentences.section(
         title="Stiff and extreme scenes",
-        problem=sentences.paragraph("problem"),
-        reference=sentences.paragraph("reference"),
-        setups=sentences.paragraph("setups"),
-        figures=(),
         tables=(ReportTable("extremes", "One row is one scene.", frame, COLUMNS),),
-        failures=sentences.items("failures"),
-        conclusions=sentences.items("conclusions"),
     )
 
 
@@ -92,8 +86,8 @@ COLUMNS: Final = (
     TableColumn("scene", lambda row: f"`{row['scene']}`: {row['what']}"),
     TableColumn("ours: b/b⁰", lambda row: _growth(row, "ours")),
     TableColumn("ours", lambda row: "; ".join(_troubles(row, "ours")) or "sound"),
-    TableColumn("energy error", lambda row: f"{row['ours: energy error']:.1g}"),
-    TableColumn("collisions", lambda row: f"{row['ours: collisions per sample']:.3g}"),
+    TableColumn.number("ours: energy error", ".1g", "energy error"),
+    TableColumn.number("ours: collisions per sample", ".3g", "collisions"),
     TableColumn("processor time", lambda row: _time(row, "ours")),
     TableColumn("published: b/b⁰", lambda row: _growth(row, "published")),
     TableColumn("published", lambda row: "; ".join(_troubles(row, "published")) or "sound"),

@@ -205,7 +205,12 @@ def _section(
 
     frame = pd.DataFrame(list(_method_rows(found, times)))
     sentences = Sentences(
-        "law_maps", title=title, rows=[row for _, row in frame.iterrows()], error=error, **values
+        "law_maps",
+        law=name,
+        title=title,
+        rows=[row for _, row in frame.iterrows()],
+        error=error,
+        **values,
     )
     panels = [
         MapPanel(
@@ -215,11 +220,8 @@ def _section(
         )
         for method, own in found.results.items()
     ]
-    return ReportSection(
+    return sentences.section(
         title=title,
-        problem=sentences.paragraph("problem"),
-        reference=sentences.paragraph(f"{name}_reference"),
-        setups=sentences.paragraph(f"{name}_setups"),
         figures=(
             Drawing(
                 f"map_{name}",
@@ -234,8 +236,6 @@ def _section(
             ReportTable(f"map_{name}", "One row is one method.", frame, _columns(timed)),
             ReportTable(f"map_{name}_cells", "One row is one cell.", _cells(found, error)),
         ),
-        failures=sentences.items("failures"),
-        conclusions=sentences.items("conclusions"),
     )
 
 
@@ -260,10 +260,7 @@ def _method_rows(
 def _columns(timed: str) -> tuple[TableColumn, ...]:
     return (
         *first_columns("fails by"),
-        TableColumn(
-            "largest error of a sound cell",
-            lambda row: f"{row['largest error of a sound cell']:.1e}",
-        ),
+        TableColumn.number("largest error of a sound cell", ".1e"),
         TableColumn(
             f"processor time per {timed}", lambda row: format_seconds(row[time_name(timed)])
         ),

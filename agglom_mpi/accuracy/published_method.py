@@ -13,10 +13,10 @@ from agglom_mpi.accuracy.time_integration import EVENT, event_engine
 from agglom_mpi.analysis.tables import time_on_free_core
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.scene import SceneSection
-from agglom_mpi.formatting import format_mean, format_percent
+from agglom_mpi.formatting import format_percent
 from agglom_mpi.physics.impact_solvers import FixedPointIteration
 from agglom_mpi.simulation.engines import AdaptiveSteps, Engine, FixedSteps
-from agglom_mpi.statistics import MeanEstimate, mean_of
+from agglom_mpi.statistics import mean_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -89,15 +89,9 @@ def end_to_end(campaign: Campaign, samples: Mapping[str, Rows]) -> ReportSection
         engine=as_published(campaign.scene).engine,
         rows=[row for _, row in frame.iterrows()],
     )
-    return ReportSection(
+    return sentences.section(
         title="The published method as a whole",
-        problem=sentences.paragraph("problem"),
-        reference=sentences.paragraph("reference"),
-        setups=sentences.paragraph("setups"),
-        figures=(),
         tables=(ReportTable("whole_method", "One row is one method.", frame, COLUMNS),),
-        failures=sentences.items("failures"),
-        conclusions=sentences.items("conclusions"),
     )
 
 
@@ -131,13 +125,8 @@ def measure(samples: Mapping[str, Rows]) -> "pd.DataFrame":
 
 COLUMNS: Final = (
     TableColumn("method", lambda row: row["method"]),
-    TableColumn("samples", lambda row: f"{row['samples']:.0f}"),
-    TableColumn(
-        "bias of b/b⁰",
-        lambda row: format_mean(
-            MeanEstimate(row["bias of b/b0"], row["standard error"], row["pairs"])
-        ),
-    ),
+    TableColumn.number("samples", ".0f"),
+    TableColumn.mean("bias of b/b⁰", "bias of b/b0", "standard error", "pairs"),
     TableColumn("unsolved impacts", lambda row: format_percent(row["unsolved impacts"])),
     shown_time("sample"),
 )

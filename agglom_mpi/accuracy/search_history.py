@@ -19,7 +19,7 @@ from agglom_mpi.analysis.selection_bias import CLAIMED_ERRORS
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.user_function import UserFunction
 from agglom_mpi.config.yaml_source import CampaignError, Problem
-from agglom_mpi.formatting import format_digits, format_mean
+from agglom_mpi.formatting import format_digits
 from agglom_mpi.report.drawing import Drawing
 from agglom_mpi.search.objectives.objective import Objective
 from agglom_mpi.statistics import MeanEstimate, t_95
@@ -97,11 +97,8 @@ def search_history_section(history: CampaignData, samples: Mapping[str, Rows]) -
         is_bias=abs(optimism.value) > max(CLAIMED_ERRORS * optimism.error, rounding),
         estimate=_again,
     )
-    return ReportSection(
+    return sentences.section(
         title="Inversion",
-        problem=sentences.paragraph("problem"),
-        reference=sentences.paragraph("reference"),
-        setups=sentences.paragraph("setups"),
         figures=(
             Drawing(
                 "inversion",
@@ -115,8 +112,6 @@ def search_history_section(history: CampaignData, samples: Mapping[str, Rows]) -
             ),
             ReportTable("inversion_history", "One row is one generation.", frame),
         ),
-        failures=(),
-        conclusions=sentences.items("conclusions"),
     )
 
 
@@ -174,15 +169,11 @@ def _again(row: Any) -> MeanEstimate:
 COLUMNS: Final = (
     TableColumn("generation", lambda row: f"{row['generation'] + 1:.0f}"),
     TableColumn("wall-clock s", lambda row: format_digits(row["seconds (s)"])),
-    TableColumn("string", lambda row: f"{row['string']:.0f}"),
-    TableColumn("its samples", lambda row: f"{row['its samples']:.0f}"),
-    TableColumn(
-        "objective, as searched",
-        lambda row: format_mean(MeanEstimate(row["objective"], row["standard error"], 2)),
-    ),
-    TableColumn(
-        "estimated again",
-        lambda row: format_mean(_again(row)),
+    TableColumn.number("string", ".0f"),
+    TableColumn.number("its samples", ".0f"),
+    TableColumn.mean("objective, as searched", "objective", "standard error", "its samples"),
+    TableColumn.mean(
+        "estimated again", "estimated again", "standard error of that", "samples of that"
     ),
 )
 

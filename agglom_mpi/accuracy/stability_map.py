@@ -213,11 +213,19 @@ class PlaneMap:
         ]
 
     def failing_cell(self, method: str) -> Cell | None:
-        """Return a cell of the finest level in which a method fails, and that is not refused."""
+        """Return the cell that shows best how a method fails, of those that are not refused.
+
+        One without an excuse comes first, then the most serious trouble, then the finest level.
+        """
         results = self.results[method]
         failing = [cell for cell in leaves(results) if results[cell].troubles]
         failing = [cell for cell in failing if REFUSED not in results[cell].troubles]
-        return max(failing, key=lambda cell: cell.level, default=None)
+
+        def telling(cell: Cell) -> tuple[bool, int, int]:
+            found = results[cell]
+            return not found.excuse, -KINDS.index(next(iter(found.troubles))), cell.level
+
+        return max(failing, key=telling, default=None)
 
     def _overlaps_part(self, cell: Cell) -> bool:
         """Return whether the default method leaves overlaps in a cell that the model allows."""
@@ -292,11 +300,8 @@ def map_section(
     placed = points(plane, scenes)
     sentences = Sentences("maps", plane=plane, size=size, rows=[row for _, row in frame.iterrows()])
     panels = plane_map.panels()
-    return ReportSection(
+    return sentences.section(
         title=plane.title,
-        problem=sentences.paragraph("problem"),
-        reference=sentences.paragraph("reference"),
-        setups=sentences.paragraph("setups"),
         figures=(
             Drawing(
                 f"map_{plane.name}",
@@ -317,8 +322,6 @@ def map_section(
                 ),
             ),
         ),
-        failures=sentences.items("failures"),
-        conclusions=sentences.items("conclusions"),
     )
 
 

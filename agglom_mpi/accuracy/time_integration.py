@@ -25,7 +25,6 @@ from agglom_mpi.accuracy.study import Rows, Setup, completed, paired_difference
 from agglom_mpi.accuracy.work_precision import lasting
 from agglom_mpi.analysis.tables import time_on_free_core
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.formatting import format_mean
 from agglom_mpi.report.drawing import Drawing
 from agglom_mpi.simulation.engines import AdaptiveSteps, Engine, EventDriven, FixedSteps
 from agglom_mpi.statistics import MeanEstimate, mean_of
@@ -129,11 +128,8 @@ def time_integration_section(
         failed=[row for _, row in frame[frame["failed"] > 0].iterrows()],
         overlaps=list(_overlaps(frame)),
     )
-    return ReportSection(
+    return sentences.section(
         title="Time integration",
-        problem=sentences.paragraph("problem"),
-        reference=sentences.paragraph("reference"),
-        setups=sentences.paragraph("setups"),
         figures=(
             Drawing(
                 "time_integration",
@@ -147,8 +143,6 @@ def time_integration_section(
             ),
         ),
         tables=(ReportTable("time_integration", "One row is one set-up.", frame, COLUMNS),),
-        failures=sentences.items("failures"),
-        conclusions=sentences.items("conclusions"),
     )
 
 
@@ -204,23 +198,15 @@ def objective_bias(campaign: Campaign, own: Rows, reference: Rows) -> MeanEstima
 COLUMNS: Final = (
     TableColumn("method", lambda row: row["method"]),
     TableColumn("shortest step", lambda row: f"{row['shortest step (s)']:.2g} s"),
-    TableColumn("samples", lambda row: f"{row['samples']:.0f}"),
-    TableColumn("failed", lambda row: f"{row['failed']:.0f}"),
+    TableColumn.number("samples", ".0f"),
+    TableColumn.number("failed", ".0f"),
     shown_time("sample"),
-    TableColumn(
-        "bias of b/b⁰",
-        lambda row: format_mean(
-            MeanEstimate(row["bias of b/b0"], row["standard error"], row["pairs"])
-        ),
-    ),
+    TableColumn.mean("bias of b/b⁰", "bias of b/b0", "standard error", "pairs"),
     TableColumn("relative", lambda row: f"{100 * row['relative bias']:+.2f} %"),
-    TableColumn(
-        "bias of the objective",
-        lambda row: format_mean(
-            MeanEstimate(row["bias of objective"], row["standard error of that"], row["pairs"])
-        ),
+    TableColumn.mean(
+        "bias of the objective", "bias of objective", "standard error of that", "pairs"
     ),
-    TableColumn("overlaps left", lambda row: f"{row['overlaps per sample']:.2g}"),
+    TableColumn.number("overlaps per sample", ".2g", "overlaps left"),
 )
 
 

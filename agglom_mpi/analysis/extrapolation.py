@@ -1,13 +1,16 @@
-"""Extrapolation of means to infinitely many grains: y(N) = limit + slope/N.
+"""Extrapolation of means to infinitely many grains: y(N) = limit + slope/N + quadratic/N².
 
 A box without walls has no surface, so that the leading correction of a mean per particle is one of
 1/N: the mean of a ratio of sums over N grains, each correlated with few others. The fit is by
 weighted least squares, the weights being the inverse squares of the standard errors, and all that
-it gives is a linear combination of the means. So its statistical errors follow from theirs without
-further assumptions. The error of the model is another one. With three numbers of grains or more,
-`curvature` estimates what a term 1/N² would change. Where the means are not linear in 1/N within
-their errors, that term is fitted, too; where they are, what it would change is added to the error
-of the limit, as a line that cannot be refuted is not therefore right.
+it gives is a linear combination of the means. So its errors follow from theirs without further
+assumptions.
+
+With three numbers of grains or more the term 1/N² is always fitted. A line would have a third of
+the error, but to take it wherever χ² does not reject it makes the interval of the limit miss in up
+to 18 % of cases instead of 5 %, and adding to it what the term would change does not mend that: an
+interval that holds for every curvature cannot be much shorter than that of the full model (Leeb and
+Pötscher, Econometric Theory 21, 2005, 21). With two numbers of grains the curvature is unknown.
 """
 
 import math
@@ -42,45 +45,30 @@ class Extrapolation(NamedTuple):
 
     Attributes
     ----------
-    order
-        Highest power of 1/N in it, 1 or 2.
     limit
-        Mean for infinitely many grains, with its statistical error.
+        Mean for infinitely many grains.
     slope
         Coefficient of 1/N.
+    quadratic
+        Coefficient of 1/N²; 0 for a line.
     shift
         Mean at the first number of grains, as measured, less the limit. Its error allows for the
         mean being among those that are fitted.
     curvature
-        Change of the limit by a term 1/N², whether it is fitted or not: the error of the linear
-        model. It is nan below three numbers of grains.
+        Change of the limit of a line by a term 1/N². It is nan below three numbers of grains.
     chi_square, p_value
-        Sum of the squared misfits of the linear model over their standard errors, and the
-        probability of at least that if it holds, of χ² with n - 2 degrees of freedom; nan below
-        three numbers of grains.
+        Sum of the squared misfits of a line over their standard errors, and the probability of at
+        least that if the line holds, of χ² with n - 2 degrees of freedom; nan below three numbers
+        of grains.
     """
 
-    order: int
     limit: Value
     slope: Value
+    quadratic: Value
     shift: Value
     curvature: Value
     chi_square: float
     p_value: float
-
-    @property
-    def model_error(self) -> float:
-        """Error of the limit by the model: the size of the 1/N² term that is left out.
-
-        It is 0 where that term is fitted, and below three numbers of grains, where it is unknown.
-        """
-        known = self.order == 1 and math.isfinite(self.curvature.value)
-        return abs(self.curvature.value) if known else 0.0
-
-    @property
-    def quoted(self) -> Value:
-        """The limit with its error by the means and by the model, in quadrature."""
-        return Value(self.limit.value, math.hypot(self.limit.error, self.model_error))
 
     @property
     def is_linear(self) -> bool:
@@ -88,8 +76,10 @@ class Extrapolation(NamedTuple):
         return not self.p_value < POOR_FIT
 
 
-def extrapolated(grains: Sequence[float], means: Sequence[MeanEstimate]) -> Extrapolation:
-    """Fit limit + slope/N to means with known standard errors, and 1/N² where that does not fit.
+def extrapolated(
+    grains: Sequence[float], means: Sequence[MeanEstimate], order: int = 2
+) -> Extrapolation:
+    """Fit a polynomial in 1/N to means with known standard errors.
 
     Parameters
     ----------
@@ -98,32 +88,28 @@ def extrapolated(grains: Sequence[float], means: Sequence[MeanEstimate]) -> Extr
     means
         Means at these, independent of each other, (n,). If one of their errors is 0, as where
         nothing happens, all have the same weight.
+    order
+        Highest power of 1/N, 1 or 2; it is 1 for two numbers of grains.
     """
-    fit = fitted(grains, means)
-    return fit if fit.is_linear else fitted(grains, means, order=2)
-
-
-def fitted(grains: Sequence[float], means: Sequence[MeanEstimate], order: int = 1) -> Extrapolation:
-    """Return the fit up to a power of 1/N, 1 or 2; other arguments as for `extrapolated`."""
     inverse = 1.0 / np.asarray(grains, np.float64)
     values = np.array([mean.value for mean in means], np.float64)
     errors = np.array([mean.error for mean in means], np.float64)
     known = bool((errors > 0.0).all())
     weights = errors if known else np.ones_like(errors)
-    linear = _coefficients(inverse, weights, 1)
-    misfit = (values - linear[0] @ values - (linear[1] @ values) * inverse) / weights
+    line = np.vstack([_coefficients(inverse, weights, 1), np.zeros_like(values)])
+    misfit = (values - line[0] @ values - (line[1] @ values) * inverse) / weights
     freedom = len(values) - 2
-    quadratic = _coefficients(inverse, weights, 2) if freedom else np.full_like(linear, np.nan)
-    limit, slope = (linear if order == 1 else quadratic)[:2]
+    parabola = _coefficients(inverse, weights, 2) if freedom else np.full_like(line, np.nan)
+    limit, slope, quadratic = parabola if order == 2 and freedom else line
     first = np.zeros_like(values)
     first[0] = 1.0
     chi_square = float(misfit @ misfit) if freedom and known else math.nan
     return Extrapolation(
-        order,
         _combined(limit, values, errors),
         _combined(slope, values, errors),
+        _combined(quadratic, values, errors),
         _combined(first - limit, values, errors),
-        _combined(quadratic[0] - linear[0], values, errors),
+        _combined(parabola[0] - line[0], values, errors),
         chi_square,
         _chi_square_tail(chi_square, freedom),
     )

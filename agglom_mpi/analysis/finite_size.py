@@ -121,12 +121,10 @@ class FiniteSize(NamedTuple):
         fit, objective = self.growth, self.objective
         found = {
             "limit": fit.limit.value,
-            "limit_standard_error": fit.quoted.error,
-            "limit_statistical_error": fit.limit.error,
+            "limit_standard_error": fit.limit.error,
             "shift": fit.shift.value,
             "shift_standard_error": fit.shift.error,
             "exceeds": self.exceeds,
-            "order": fit.order,
             "chi_square": fit.chi_square,
             "p_value": fit.p_value,
             "curvature": fit.curvature.value,
@@ -219,7 +217,7 @@ def _objective(
     signed = [each.objective for each in means if each.objective is not None]
     if len(signed) < len(means) or not all(math.isfinite(each.value) for each in signed):
         return None
-    value, error = extrapolated(grains, signed).quoted
+    value, error = extrapolated(grains, signed).limit
     if objective_at(data, string).is_magnitude:
         value = abs(value)
     return Value(value, error)
@@ -258,8 +256,8 @@ def describe_finite_size(data: "CampaignData", shown: Sequence[int]) -> Iterator
     if not named:
         return
     yield (
-        "limits are of mean b/b0 = limit + slope/N, with 1/N² too where that does not fit; their "
-        "errors are those of the means and, of a line, what that term would change, in quadrature"
+        "limits are of mean b/b0 = limit + slope/N, and a term 1/N² with three volumes or more; "
+        "with two its effect is unknown"
     )
     if objective_of(data).counts_grains:
         grains = named[0][1].volumes[0].grains
@@ -275,15 +273,14 @@ def describe(size: FiniteSize) -> str:
     grains = ", ".join(f"{each.grains:,}" for each in size.volumes)
     own = value_with_error(first.growth.value, first.growth.error)
     text = (
-        f"mean b/b0 {own} with {first.grains:,} grains, {value_with_error(*fit.quoted)} in the "
+        f"mean b/b0 {own} with {first.grains:,} grains, {value_with_error(*fit.limit)} in the "
         f"limit of many (from {grains}); shift {value_with_error(*fit.shift)}, {size.verdict}"
     )
     if math.isfinite(fit.p_value):
-        fits = "fits" if fit.is_linear else "alone does not fit"
-        changes = "would change" if fit.order == 1 else "is fitted, too, and changes"
+        fits = "would fit" if fit.is_linear else "does not fit"
         text += (
-            f"; 1/N {fits} (χ² {fit.chi_square:.2g}, p {fit.p_value:.2g}), a 1/N² term {changes} "
-            f"the limit by {value_with_error(*fit.curvature)}"
+            f"; the term 1/N² changes the limit by {value_with_error(*fit.curvature)}, 1/N alone "
+            f"{fits} (χ² {fit.chi_square:.2g}, p {fit.p_value:.2g})"
         )
     return text
 

@@ -55,14 +55,17 @@ def test_the_limit_of_many_grains_is_that_of_a_law_linear_in_inverse_n(campaign)
     assert "box_finite_size" in [figure.name for figure in found.figures]
 
 
-def test_differences_are_judged_by_their_errors(campaign):
-    random = np.random.default_rng(2)
-    names = [EVENT, *module.setups(campaign, campaign.parameters(), 1, quick=True)]
+def test_each_end_time_has_the_mean_error_and_time_of_its_own_samples(campaign):
+    random, parameters = np.random.default_rng(2), campaign.parameters()
+    names = [EVENT, *module.setups(campaign, parameters, 1, quick=True)]
     samples = {name: made_up(2.0 + 0.1 * random.normal(size=100)) for name in names}
-    samples[module.name_of_time(2.0)] = made_up(2.5 + 0.1 * random.normal(size=100), 3e-3)
-    found = module.control_volume_section(campaign, campaign.parameters(), samples, quick=True)
-    changes = {text.split(" times ")[0]: text for text in found.conclusions[2:]}
-    assert "within the error" in changes["0.5"]
-    assert "beyond the error" in changes["2"]
-    assert "at 3.0 times the processor time of a sample" in changes["2"]
+    later = 2.5 + 0.1 * random.normal(size=100)
+    samples[module.name_of_time(2.0)] = made_up(later, 3e-3)
+    _, times = module.measure(campaign, parameters, samples, quick=True)
+    last = times.iloc[-1]
+    assert last["end time (s)"] == pytest.approx(2.0 * times["end time (s)"].iloc[1], rel=1e-12)
+    assert last["mean b/b0"] == pytest.approx(later.mean(), rel=1e-12)
+    assert last["standard error"] == pytest.approx(later.std(ddof=1) / 10.0, rel=1e-9)
+    assert last["processor time per sample (s)"] == pytest.approx(3e-3)
+    found = module.control_volume_section(campaign, parameters, samples, quick=True)
     assert [len(table.frame) for table in found.tables] == [3, 3]

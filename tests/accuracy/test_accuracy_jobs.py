@@ -1,8 +1,25 @@
 """The published strings whose accuracy is reported."""
 
+import re
+import shlex
+import subprocess
+from pathlib import Path
+
 import pytest
+from campaign_runs import environment
+from processes import HANG
 
 from agglom_mpi.config.loading import load_campaign
+
+MAPS = Path("jobs/accuracy/accretion_2003_maps")
+PRINTED = r"(?m)^- [^:]+: (.*) of the plane; for example `(.*)`\.$"
+SHOWN = {
+    "unsolved impacts": r"capped_iterations +[1-9]",
+    "below 0 K": r"floored_temperatures +[1-9]",
+    "overlaps": r"overlaps +[1-9]",
+    "budget exhausted": "budget of steps or events exceeded",
+}
+"""What a terminal shows of each kind of failure."""
 
 
 @pytest.mark.parametrize("job", ["accretion_2003", "agglomeration_2004"])
@@ -16,3 +33,30 @@ def test_a_published_string_is_in_the_scene_of_its_job(job):
     values = alone.parameters()
     inside = (searched.variables.lower <= values) & (values <= searched.variables.upper)
     assert inside[: len(searched.variables.used)].all()
+
+
+def printed_lines():
+    """Return the lines that the stored maps print for their failing cells, by campaign file."""
+    text = (MAPS / "report.md").read_text(encoding="utf-8")
+    found = [(kinds, shlex.split(line)) for kinds, line in re.findall(PRINTED, text)]
+    return {Path(words[2]).stem: (kinds, words) for kinds, words in found}
+
+
+def test_every_printed_line_names_a_campaign_file_and_every_file_has_its_line():
+    lines = printed_lines()
+    assert set(lines) == {path.stem for path in (MAPS / "cells").glob("*.yaml")}
+    for kinds, words in lines.values():
+        assert load_campaign(words[2]).parameters().size
+        assert any(kind in kinds for kind in SHOWN)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cell", ["softening_published_iteration", "collapse_adaptive"])
+def test_a_failing_cell_is_reproduced_by_the_line_that_the_report_prints(cell):
+    kinds, words = printed_lines()[cell]
+    done = subprocess.run(
+        words, env=environment(), capture_output=True, text=True, timeout=HANG, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    asked = [pattern for kind, pattern in SHOWN.items() if kind in kinds]
+    assert any(re.search(pattern, done.stdout + done.stderr) for pattern in asked), done.stdout

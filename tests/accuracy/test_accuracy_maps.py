@@ -116,6 +116,22 @@ def test_random_placement_is_refused_beyond_its_fraction_and_documented():
     assert not any("cell 0 3" in name for name in found.setups(0))
 
 
+def test_the_cell_to_reproduce_is_the_most_serious_failure_without_an_excuse():
+    def rows(name):
+        if f", {DEFAULT}, cell 0 1" in name or name.endswith("adaptive, cell 0 0 2"):
+            return exhausted()
+        cold = ("200 steps, cell 0 1 0", f"{DEFAULT}, cell 0 2 1")
+        if name.endswith(cold):
+            return sound_rows(floored_temperatures=1)
+        return sound_rows() if "event" in name else sound_rows(overlaps=3)
+
+    found = collapse_map(rows)
+    assert found.failing_cell("adaptive") == Cell(0, 0, 2)
+    assert found.failing_cell("fixed, 200 steps") == Cell(0, 1, 0)
+    assert any(result.excuse for result in found.results[DEFAULT].values())
+    assert found.failing_cell(DEFAULT) == Cell(0, 2, 1)
+
+
 def test_an_error_within_two_standard_errors_is_not_resolved():
     def rows(name):
         shift = 0.3 if "adaptive" in name else 0.01

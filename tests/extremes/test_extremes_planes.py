@@ -8,9 +8,10 @@ from hypothesis import strategies as st
 
 from agglom_mpi.accuracy.grown_overlaps import overlaps_part
 from agglom_mpi.accuracy.map_scene import map_scene
-from agglom_mpi.accuracy.planes import PLANES
+from agglom_mpi.accuracy.planes import DEFAULT, PLANES
 from agglom_mpi.accuracy.soundness import CLOSED
 from agglom_mpi.config.loading import load_campaign
+from agglom_mpi.outcome import REASONS, FailureReason
 
 EXAMPLES = max(1, int(os.environ.get("AGGLOM_EXTREMES_EXAMPLES", "300")) // 20)
 SHARE = st.integers(0, 1024).map(lambda k: k / 1024.0)
@@ -21,12 +22,22 @@ JOBS = {
 
 
 def assert_sound_at(scene, plane, across, up, sample):
-    """Simulate one sample of the default method, or of its remedy where it may be excused."""
+    """Simulate one sample of the default method, and of its remedy where it exhausts its budget."""
     x, y = plane.x.value(across), plane.y.value(up)
     if plane.refusal_excuse(x, y) or (plane.name == "masses" and across == 0.0):
         return
     methods = dict(plane.methods(plane.campaign(scene, x, y), y, True))
-    campaign = methods[plane.remedy] if plane.remedy else next(iter(methods.values()))
+    campaign = methods[DEFAULT]
+    if plane.remedy:
+        assert_ledger_closes(methods[plane.remedy], sample)
+        found = campaign.simulate_many(campaign.parameters(), first_sample=sample)
+        if found.failed.any():
+            assert found.reasons == {(0, 0): REASONS[FailureReason.BUDGET_EXCEEDED]}
+            return
+    assert_ledger_closes(campaign, sample)
+
+
+def assert_ledger_closes(campaign, sample):
     record = campaign.simulate(campaign.parameters(), sample).record
     assert abs(record["energy_error"]) <= CLOSED
     assert record["capped_iterations"] == 0

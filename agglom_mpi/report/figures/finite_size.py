@@ -25,7 +25,7 @@ Ranked = Sequence[tuple[str, FiniteSize]]
 
 
 def draw_finite_size(ax: Any, ranked: Ranked) -> Any:
-    """Draw means with 95 % intervals against 1/N, and the lines fitted to them; return the axes."""
+    """Draw means with 95 % intervals against 1/N and the fitted curves; return the axes."""
     style_axes(ax)
     ax.set_xlabel("1/N, N grains")
     ax.set_ylabel("mean b/b⁰")
@@ -40,12 +40,10 @@ def draw_finite_size(ax: Any, ranked: Ranked) -> Any:
         points = {"color": colour, "fmt": "o", "markersize": 4, "capsize": 2}
         ax.errorbar(inverse + aside, values, yerr=bars, label=name, **points)
         at = np.linspace(0.0, inverse.max(), CURVE_POINTS)
-        curve = fit.limit.value + fit.slope.value * at
-        if fit.order == 2:  # the term 1/N² takes the curve through the shift that is left
-            curve += (fit.shift.value - fit.slope.value * at[-1]) * (at / at[-1]) ** 2
+        curve = fit.limit.value + (fit.slope.value + fit.quadratic.value * at) * at
         ax.plot(at + aside, curve, color=colour, linewidth=1)
         limit = {"color": colour, "fmt": "D", "markersize": 5, "capsize": 3}
-        bar = TWO_SIDED * fit.quoted.error
+        bar = TWO_SIDED * fit.limit.error
         ax.errorbar(aside, fit.limit.value, yerr=bar, markerfacecolor="white", **limit)
     ax.set_xlim(left=-0.08 * largest)
     legend_below(ax)
@@ -65,7 +63,7 @@ FINITE_SIZE: Final = Figure(
     _ranked,
     draw_finite_size,
     "Mean growth of the best strings in larger control volumes, against 1/N, with 95 % intervals. "
-    "Diamonds: limits for many grains, of lines in 1/N fitted by weighted least squares, or "
-    "parabolas where lines do not fit.",
+    "Diamonds: limits for many grains, of parabolas in 1/N fitted by weighted least squares, or "
+    "lines with two volumes.",
     empty="no string was estimated in several volumes",
 )
