@@ -92,6 +92,8 @@ REFUSED = {
     ),
     "counts": ("size (um);Count\n2;50\n1;2\n", "histogram, whose column 'Count' seems to be"),
     "classes": ("size (um);x\n1;2\n2;50\n4;8\n", "histogram, whose column 'x' seems to be an amo"),
+    "a sieve curve": ("Sieve (um);Passing (%)\n20;0\n32;12\n", "whose column 'Passing' seems"),
+    "sieves alone": ("sieve (um)\n20\n32\n", "lists sieves, 'sieve'; must have grains under"),
     "a last line of statistics": (
         "size (um);id\n2;1\nMean;2\n",
         "line 3, column 'size': 'Mean' is",
