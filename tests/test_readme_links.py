@@ -12,6 +12,7 @@ DOCUMENTS = [
     ROOT / "ARCHITECTURE.md",
     ROOT / "SECURITY.md",
     ROOT / "agglom_mpi" / "storage" / "OLDER_FILES.md",
+    ROOT / "agglom_mpi" / "storage" / "TABLES.md",
 ]
 
 
