@@ -89,9 +89,9 @@ def _heading(report: ForecastReport) -> list[str]:
         *_busy(pilot),
         *(f"made differently: {difference}" for difference in pilot.differences),
         f"a message arrives after {format_duration(costs.latency)}; "
-        f"rank 0 takes {format_duration(costs.message)}",
-        f"for each, {format_duration(costs.part)} for those of one string in it, and "
-        f"{format_duration(costs.sample)} for a sample (measured here)",
+        f"rank 0 takes {format_duration(costs.message)} per message,",
+        f"{format_duration(costs.part)} per string in it and {format_duration(costs.sample)} "
+        "per sample (measured here)",
     ]
 
 
