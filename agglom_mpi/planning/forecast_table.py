@@ -113,7 +113,7 @@ def _footer(report: ForecastReport) -> list[str]:
         lines.append("rough: there are few samples of each string; simulate for more --seconds")
     if shares := [f.share for f in report.forecasts if f.share < 1.0]:
         lines.append(
-            f"forecasts simulate at least {min(shares):.1%} of the samples and scale the rest"
+            f"simulated: at least {min(shares):.1%} of the samples; the rest is extrapolated"
         )
     if report.not_forecast:
         ranks = ", ".join(map(str, report.not_forecast))
@@ -143,7 +143,7 @@ def _advice(report: ForecastReport) -> list[str]:
     minutes = round(advice.walltime / 60.0)
     options = f"--ntasks={advice.ranks} --time={minutes // 60:02d}:{minutes % 60:02d}:00"
     return [
-        f"largest number of ranks above that spends {WELL_USED:.0%} of its time on needed samples "
+        f"most ranks that spend at least {WELL_USED:.0%} of their time on needed samples "
         f"({advice.needed:.0%}):",
         f"  sbatch {options} slurm/campaign.sbatch {quote(report.path)}",
     ]
