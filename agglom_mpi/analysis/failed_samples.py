@@ -1,6 +1,7 @@
 """Why samples failed, and what is reported of a campaign in which no string has a result."""
 
 from collections import Counter
+from shlex import quote
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -94,6 +95,26 @@ def commonest_reason(data: "CampaignData") -> tuple[str, int]:
         counts[REASONS[FailureReason.EXCEPTION]] += len(judged)
     [(reason, count)] = counts.most_common(1) or [("unknown", 0)]
     return reason, count
+
+
+def failure_lines(data: "CampaignData") -> list[str]:
+    """Return lines on the failed samples of a campaign: why, what follows, how to repeat one."""
+    rows = data.all_sample_rows()
+    rows = rows[rows["state"] == FAILED]
+    if not len(rows):
+        return []
+    reasons = Counter[str](
+        REASONS[code] if code < len(REASONS) else f"unknown ({code})"
+        for code in rows["reason"].tolist()
+    )
+    counts = ", ".join(f"{count} by {reason}" for reason, count in reasons.most_common())
+    string, sample = rows[0]["string"], rows[0]["sample"]
+    return [
+        f"{pluralise(len(rows), 'sample')} failed ({counts}); "
+        "a string with more than 10 % failed samples has the objective inf",
+        f"agglom simulate {quote(str(data.path))} --string {string} --sample {sample}: "
+        "repeats the first of them",
+    ]
 
 
 def state_lines(data: "CampaignData") -> list[str]:

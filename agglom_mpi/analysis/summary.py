@@ -20,7 +20,7 @@ from agglom_mpi.analysis.comparison import PairedSamples
 from agglom_mpi.analysis.data_fit import describe_fit
 from agglom_mpi.analysis.derived import derived_columns
 from agglom_mpi.analysis.estimates import objective_of, rounding_of, unconverged
-from agglom_mpi.analysis.failed_samples import no_result, state_lines
+from agglom_mpi.analysis.failed_samples import failure_lines, no_result, state_lines
 from agglom_mpi.analysis.finite_size import describe_finite_size
 from agglom_mpi.analysis.quantity_means import left_out, quantity_rows
 from agglom_mpi.analysis.ranking import listed_strings, rank_strings, ranks_itself
@@ -144,6 +144,8 @@ def summary_table(file: CampaignData, best: int | None = None) -> RenderableType
     note += moment_notes(file)
     note += [line for entry in summary.best[:1] for line in describe_fit(file, entry["string"])]
     note += describe_finite_size(file, [entry["string"] for entry in summary.best])
+    if not summary.no_result:
+        note += failure_lines(file)
     footer = _footer(summary, state_lines(file), note, left_out(file))
     if summary.no_result:
         return Group(*filter(None, [summary.title]), *footer)
@@ -252,8 +254,6 @@ def _footer(
     if summary.not_converged:
         strings = pluralise(summary.not_converged, "string")
         lines.append(f"{strings} ended at max_samples, not converged")
-    if summary.failed:
-        lines.append(f"{pluralise(summary.failed, 'sample')} failed")
     return [*lines, summary.file]
 
 

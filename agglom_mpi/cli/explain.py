@@ -79,6 +79,10 @@ def _page(topic: "Topic") -> Iterator[str]:
     if keys := below(topic.path):
         yield ""
         yield from _table(keys)
+    if any(key.example for key in keys):
+        yield ""
+        law = ".".join(keys[0].path[-2:])
+        yield f"`agglom explain {law}` gives formula, numbers and an example."
 
 
 def _table(topics: "list[Topic]", *, whole: bool = False) -> Iterator[str]:

@@ -216,9 +216,9 @@ class CampaignDocument(SceneDocument):
     )
     search: Annotated[SearchMethod, Choice(SearchMethod)] = Genetic()
     ensemble: Annotated[StoppingRule, Choice(StoppingRule)] = Field(
-        description="the section on the samples of a string"
+        description="the number of samples per string, like {rule: fixed, samples: 10}"
     )
-    stopping: Stopping = Field(description="the section on what ends the campaign")
+    stopping: Stopping = Field(description="what ends the search, like {generations: 10}")
 
     @property
     def plan(self) -> Plan:
@@ -374,7 +374,7 @@ def _reason_for_search(source: Source) -> str:
     for name, entry in variables.items() if isinstance(variables, dict) else ():
         if isinstance(entry, list):
             line = source.line(("variables", name))
-            return f"variables.{name}, line {line}, is a range to search; one value makes a scene"
+            return f"variables.{name}, line {line}, is a range to search"
     for section in Plan._fields:
         if source.data.get(section) is not None:
             line = source.line((section,))

@@ -27,6 +27,8 @@ _DIAMETER: Final = ("diameter", "durchmesser", "diamètre", "diametre", "diámet
 """Words that make a title that of a column of diameters, alone or among others."""
 _SIZE: Final = ("size", "sizes", "particle size", "particle sizes", "grain size", "grain sizes")
 """Other titles of columns of diameters."""
+_SIEVE: Final = ("sieve", "mesh", "aperture", "siebweite", "maschenweite", "tamis")
+"""Words in titles of columns with the classes of a curve, which is refused by what it is."""
 _AMOUNT: Final = {
     *("count", "frequency", "fraction", "share", "volume", "mass", "weight", "percent", "density"),
     *("cumulative", "passing", "retained", "undersize", "oversize", "number", "anzahl", "anteil"),
@@ -90,7 +92,7 @@ def read_diameters(folder: Path, name: str) -> Diameters:
     """
     content = read_content(folder, name)
     try:
-        return _diameters(read_table(content, is_diameter, EXAMPLE, MAX_ROWS))
+        return _diameters(read_table(content, _is_size, EXAMPLE, MAX_ROWS))
     except ValueError as error:
         raise ValueError(f"is {quoted(name)}: {error}") from None
 
@@ -113,6 +115,11 @@ def read_content(folder: Path, name: str) -> bytes:
 def is_diameter(title: str) -> bool:
     """Return whether a column's title, in lower case and without its unit, is that of diameters."""
     return title in _SIZE or any(word.removesuffix("s") in _DIAMETER for word in title.split())
+
+
+def _is_size(title: str) -> bool:
+    """Return whether a column's title is that of diameters, or of the sieves of a curve."""
+    return is_diameter(title) or any(word.removesuffix("s") in _SIEVE for word in title.split())
 
 
 def _diameters(table: TextTable) -> Diameters:
@@ -160,6 +167,9 @@ def _column(table: TextTable) -> int:
     if len(found) > 1:
         names = ", ".join(quoted_start(table.headings[i].title) for i in found[:3])
         raise TableError(f"has {len(found)} columns of diameters, {names}; keep one of them")
+    if table.headings and not found and table.width == 1:  # the only other title of `_is_size`
+        title = quoted_start(table.headings[0].title)
+        raise TableError(f"lists sieves, {title}; must have grains under '{EXAMPLE}'")
     return found[0] if found else 0
 
 
@@ -180,9 +190,9 @@ def _refuse_histogram(table: TextTable, column: int, numbers: Sequence[float]) -
     if amounts or (others and len(numbers) > 2 and steps in ({1}, {-1})):
         beside = quoted_start(amounts[0] if amounts else others[0].title)
         raise TableError(
-            f"reads like a histogram, whose column {beside} seems to be an amount of each size; a "
-            "file of sizes has one grain per row, so keep the diameters alone, or give a law such "
-            "as lognormal"
+            f"reads like a sieve curve or histogram, whose column {beside} seems to be an amount "
+            "of each size; a file of sizes must have one grain per row. For a curve by mass give "
+            "a law, such as {law: lognormal, median: d50, spread: (d84/d16)^0.5, basis: volume}"
         )
 
 

@@ -116,9 +116,14 @@ class MeasuredViscoelasticRestitution(Restitution):
     example: ClassVar[str] = (
         "{law: viscoelastic_measured, restitution: 0.9, speed: 1 m/s, radius: 1 mm}"
     )
-    restitution: Annotated[float, In("1", above=0, at_most=1, meaning="measured, 0 to 1")]
-    speed: Annotated[float, In("m/s", above=0, meaning="approach speed at which it was measured")]
-    radius: Annotated[float, In("m", above=0, meaning="of the two equal spheres measured")]
+    restitution: Annotated[float, In("1", above=0, at_most=1, meaning="the measured one, 0 to 1")]
+    speed: Annotated[
+        float, In("m/s", above=0, meaning="the approach speed in the measurement, like '1 m/s'")
+    ]
+    radius: Annotated[
+        float,
+        In("m", above=0, meaning="the radius of the two spheres in the measurement, like '1 mm'"),
+    ]
     summary: ClassVar[str] = "viscoelastic spheres, by a measured restitution [Müller & Pöschel]"
     variables = ("density",)
     derived = ("root",)

@@ -67,7 +67,7 @@ def bridge_work(tension: float, angle: float, ratio: float, radius: float) -> fl
 
 
 class WetRestitution(RestitutionAroundDry):
-    """A liquid film around a dry law: e = e_dry (1 − St_c/St), and what a bridge takes.
+    """A liquid film around a dry law: e = e_dry (1 − St_c/St), less the loss to a liquid bridge.
 
     St = m*w/(6πηR*²), 4ρaw/(9η) of two equal spheres, and St_c = ln(film/roughness) with the sum of
     both films, by lubrication up to the roughness; the film cavitates on the way out  [BD] [DRG].

@@ -89,9 +89,9 @@ def _heading(report: ForecastReport) -> list[str]:
         *_busy(pilot),
         *(f"made differently: {difference}" for difference in pilot.differences),
         f"a message arrives after {format_duration(costs.latency)}; "
-        f"rank 0 takes {format_duration(costs.message)}",
-        f"for each, {format_duration(costs.part)} for those of one string in it, and "
-        f"{format_duration(costs.sample)} for a sample (measured here)",
+        f"rank 0 takes {format_duration(costs.message)} per message,",
+        f"{format_duration(costs.part)} per string in it and {format_duration(costs.sample)} "
+        "per sample (measured here)",
     ]
 
 
@@ -113,7 +113,7 @@ def _footer(report: ForecastReport) -> list[str]:
         lines.append("rough: there are few samples of each string; simulate for more --seconds")
     if shares := [f.share for f in report.forecasts if f.share < 1.0]:
         lines.append(
-            f"simulated: {min(shares):.2g} of the samples or more; the others are taken to be alike"
+            f"simulated: at least {min(shares):.1%} of the samples; the rest is extrapolated"
         )
     if report.not_forecast:
         ranks = ", ".join(map(str, report.not_forecast))
@@ -143,7 +143,7 @@ def _advice(report: ForecastReport) -> list[str]:
     minutes = round(advice.walltime / 60.0)
     options = f"--ntasks={advice.ranks} --time={minutes // 60:02d}:{minutes % 60:02d}:00"
     return [
-        f"most ranks above that spend {WELL_USED:.0%} of their time on needed samples "
+        f"most ranks that spend at least {WELL_USED:.0%} of their time on needed samples "
         f"({advice.needed:.0%}):",
         f"  sbatch {options} slurm/campaign.sbatch {quote(report.path)}",
     ]

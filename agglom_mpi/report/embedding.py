@@ -12,6 +12,10 @@ MAX_SVG_BYTES: Final = 600_000
 """Size of an SVG beyond which the page holds the PNG instead, which opens faster."""
 PIXELS_PER_INCH: Final = 120
 """Maximum resolution of a figure on the page."""
+SCROLLED_PIXELS_PER_INCH: Final = 90
+"""Minimum resolution of a large figure in a narrow window, where it scrolls: 8 pt are 10 pixels."""
+SCROLLED: Final = 6.5
+"""Minimum width of a figure that scrolls in a narrow window, inches; smaller ones stay legible."""
 WIDE: Final = 8.0
 """Minimum width of a figure that takes the whole width of the page, inches."""
 DARKEST: Final = 0x17
@@ -38,6 +42,8 @@ class EmbeddedFigure(NamedTuple):
         The image as a `data:` URI of a PNG; empty if `svg` holds it.
     width
         Largest width on the page, pixels.
+    scrolled_width
+        Width in a narrow window, pixels; 0 if the figure shrinks to the window.
     wide
         Whether it takes the whole width of the page.
     """
@@ -47,6 +53,7 @@ class EmbeddedFigure(NamedTuple):
     svg: str
     source: str
     width: int
+    scrolled_width: int
     wide: bool
 
 
@@ -59,7 +66,9 @@ def embedded(directory: Path, drawing: Drawing) -> EmbeddedFigure:
         svg, source = "", f"data:image/png;base64,{image}"
     width = drawing.size[0]
     pixels = round(PIXELS_PER_INCH * width)
-    return EmbeddedFigure(drawing.name, drawing.caption, svg, source, pixels, width >= WIDE)
+    scrolled = round(SCROLLED_PIXELS_PER_INCH * width) if width >= SCROLLED else 0
+    is_wide = width >= WIDE
+    return EmbeddedFigure(drawing.name, drawing.caption, svg, source, pixels, scrolled, is_wide)
 
 
 def inline_svg(text: str, drawing: Drawing) -> str:

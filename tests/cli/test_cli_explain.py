@@ -1,5 +1,7 @@
 """`agglom explain`: every key of a campaign file, in words."""
 
+import re
+
 import pytest
 from click.testing import CliRunner
 
@@ -28,6 +30,13 @@ def test_every_key_has_a_page_that_fits_a_terminal(path):
     assert " ".join(topic.meaning.split()) in " ".join(done.output.split())
     assert topic.example in " ".join(done.output.split())
     assert all(len(line) <= WIDTH for line in lines)
+
+
+def test_a_key_of_laws_names_the_command_that_explains_one_of_them():
+    (law,) = re.findall(r"`agglom explain (\S+)`", run("restitution").output)
+    lines = run(law).output.splitlines()
+    assert lines[0] == f"scene.{law}"
+    assert any(line.startswith("  example ") for line in lines)
 
 
 def test_several_keys_are_explained_one_after_another():

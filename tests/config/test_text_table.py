@@ -1,5 +1,8 @@
 """Tables of numbers as instruments write them are read where they have one meaning."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -92,6 +95,8 @@ REFUSED = {
     ),
     "counts": ("size (um);Count\n2;50\n1;2\n", "histogram, whose column 'Count' seems to be"),
     "classes": ("size (um);x\n1;2\n2;50\n4;8\n", "histogram, whose column 'x' seems to be an amo"),
+    "a sieve curve": ("Sieve (um);Passing (%)\n20;0\n32;12\n", "whose column 'Passing' seems"),
+    "sieves alone": ("sieve (um)\n20\n32\n", "lists sieves, 'sieve'; must have grains under"),
     "a last line of statistics": (
         "size (um);id\n2;1\nMean;2\n",
         "line 3, column 'size': 'Mean' is",
@@ -200,3 +205,14 @@ def test_a_table_gives_numbers_by_column_with_their_lines():
 def test_another_title_is_no_heading():
     with pytest.raises(TableError, match="line 1: 'Radius' is neither a number nor a heading"):
         table("Radius\n3\n")
+
+
+def test_the_grains_of_a_sieve_curve_have_its_median(tmp_path, monkeypatch):
+    text = (Path(__file__).parents[2] / "jobs" / "README.md").read_text()
+    (lines,) = re.findall(r"```python\n(import numpy as np\n\nsieve = .*?)```", text, re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    exec(lines, {})
+    diameters, absolute = read_diameters(tmp_path, "sizes.csv")
+    assert absolute
+    # Half of the mass passes between the sieves of 45 and 63 µm, with 38 and 71 %.
+    assert np.median(diameters) == pytest.approx(51.545e-6, rel=1e-3)

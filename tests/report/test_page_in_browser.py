@@ -9,6 +9,7 @@ from browser import browser, console, need_browser
 from once import made_once, shared_folder
 from processes import wait_for
 
+from agglom_mpi.report.embedding import SCROLLED
 from agglom_mpi.report.page import write_report
 from agglom_mpi.storage.reader import read_campaign
 
@@ -33,7 +34,8 @@ return found;
 CUT = """
 return [...document.querySelectorAll("body *")].filter((one) => one.checkVisibility()
     && !one.closest("svg") && getComputedStyle(one).display !== "inline"
-    && (one.scrollWidth > one.clientWidth + 1
+    && !one.parentElement.closest(".drawing")
+    && ((one.scrollWidth > one.clientWidth + 1 && getComputedStyle(one).overflowX !== "auto")
         || one.getBoundingClientRect().right > document.documentElement.clientWidth + 1))
     .map((one) => one.outerHTML.slice(0, 80));
 """
@@ -94,6 +96,16 @@ def test_figures_stand_in_two_columns_on_a_wide_screen_and_in_one_on_a_narrow_on
         assert driver.execute_script(left) == 2
     with at(NARROW) as driver:
         assert driver.execute_script(left) == 1
+
+
+def test_lettering_of_figures_stays_legible_on_a_narrow_screen(at):
+    """Matplotlib's 8 pt are at least 6 pixels, and 10 pixels in a figure that scrolls."""
+    scales = """return [...document.querySelectorAll("figure svg")].map((each) => [
+        each.viewBox.baseVal.width / 72,
+        each.getBoundingClientRect().width / each.viewBox.baseVal.width])"""
+    with at(NARROW) as driver:
+        for inches, scale in driver.execute_script(scales):
+            assert scale >= (1.24 if inches >= SCROLLED else 0.75), inches
 
 
 def test_the_question_stands_first_with_its_target_and_ranges(at):

@@ -7,7 +7,13 @@ from campaign_runs import TINY, finish, invert, state, write_campaign
 from click.testing import CliRunner
 from user_function_runs import write_own
 
-from agglom_mpi.analysis.failed_samples import NO_RESULT, cause_of, message_of, no_result
+from agglom_mpi.analysis.failed_samples import (
+    NO_RESULT,
+    cause_of,
+    failure_lines,
+    message_of,
+    no_result,
+)
 from agglom_mpi.analysis.file_check import check_file
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli import main
@@ -69,6 +75,14 @@ def test_the_same_command_again_fails_with_the_same_line(failed):
     assert lines_of(again.stderr, NO_RESULT) == lines_of(done.stderr, NO_RESULT)
     assert "Traceback" not in again.stderr
     assert state(folder / "own.h5")[0] == "failed"
+
+
+def test_the_report_counts_failures_by_reason_and_names_one_to_repeat(failed):
+    data = read_campaign(failed[0] / "own.h5")
+    count, command = failure_lines(data)
+    rows = data.all_sample_rows()
+    assert count.startswith(f"{len(rows)} samples failed ({len(rows)} by exception)")
+    assert f"own.h5 --string {rows[0]['string']} --sample {rows[0]['sample']}" in command
 
 
 def test_report_and_check_say_it_in_full(failed):

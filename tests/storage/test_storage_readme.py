@@ -15,7 +15,9 @@ from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.writer import CampaignWriter
 
 GRAINS = 7
-TEXT = (Path(agglom_mpi.storage.__file__).parent / "README.md").read_text()
+FOLDER = Path(agglom_mpi.storage.__file__).parent
+TEXT = (FOLDER / "TABLES.md").read_text()
+README = (FOLDER / "README.md").read_text()
 
 
 def tables(part: str) -> list[list[list[str]]]:
@@ -112,7 +114,7 @@ def test_the_lines_for_reading_without_this_package_read_what_it_reads(path):
         row = file["samples"][305]
         row["objective"] += 1
         file["samples"][305] = row
-    (lines,) = re.findall(r"```python\n(import zlib.*?)```", TEXT, re.S)
+    (lines,) = re.findall(r"```python\n(import zlib.*?)```", README, re.S)
     found = {}
     exec(lines.replace("accretion_2003.h5", str(path)), found)
     campaign = read_campaign(path)
