@@ -30,8 +30,9 @@ SMALL_PREFIXES: Final = ((1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
 """Factors of the units of small lengths and times, and their prefixes."""
 STRING_LINK: Final = "report.html#string-"
 """Address of a string's row in the page, without its number; marks of strings link to it."""
-TYPESET: Final = {"^2": "²", "^3": "³", "**2": "²", "**3": "³", "*": "·"}
-"""Parts of units in ASCII, and how labels show them."""
+POWER: Final = re.compile(r"(?:\^|\*\*|(?<=[A-Za-z]))([23])(?![\w.])")
+"""A power of a unit: `m^2`, `m**2` or `m2`."""
+SUPERSCRIPTS: Final = {"2": "²", "3": "³"}
 MICRO: Final = re.compile(r"\bu(?=(?:m|s|g|N|J|Pa|W|K|C|L|l|mol)\b)")
 """The prefix u of a unit."""
 
@@ -213,12 +214,11 @@ def typeset_unit(unit: str) -> str:
 
     Examples
     --------
-    >>> typeset_unit("kg/m^3"), typeset_unit("um"), typeset_unit("mPa*s")
-    ('kg/m³', 'µm', 'mPa·s')
+    >>> typeset_unit("kg/m^3"), typeset_unit("g/cm3"), typeset_unit("um"), typeset_unit("mPa*s")
+    ('kg/m³', 'g/cm³', 'µm', 'mPa·s')
     """
-    for written, shown in TYPESET.items():
-        unit = unit.replace(written, shown)
-    return MICRO.sub("µ", unit)
+    unit = POWER.sub(lambda power: SUPERSCRIPTS[power.group(1)], unit)
+    return MICRO.sub("µ", unit.replace("*", "·"))
 
 
 def axis_label(name: str, unit: str) -> str:

@@ -47,8 +47,6 @@ REGIONS: Final[tuple[tuple[float, Literal["dashed", "solid"]], ...]] = (
     (0.5, "solid"),
 )
 """Shares of the posterior in the regions of a pair of variables, and how they are drawn."""
-DENSITY_DRAWS: Final = 500
-"""Number of draws that the density of a pair of variables is made of."""
 DENSITY_CELLS: Final = 100
 """Number of cells of the density of a pair along each side of its panel."""
 TAIL: Final = 1e-3
@@ -201,41 +199,32 @@ def _range_text(points: BoxPoints, posterior: "Posterior", name: str) -> str:
 def _draw_pair(ax: Any, points: BoxPoints, column: str, row: str) -> None:
     """Draw the density of a pair of variables, and the smallest regions with given shares of it."""
     edges = pair_edges(points, column, row, DENSITY_CELLS)
-    chosen = equal_draws(points.weights, DENSITY_DRAWS)
-    density = pair_density(points.column(column)[chosen], points.column(row)[chosen], edges)
+    density = pair_density(points.column(column), points.column(row), points.weights, edges)
     ax.pcolormesh(*edges, density.T, cmap="cividis", rasterized=True)
     for share, style in REGIONS:
         draw_contour(ax, edges, density, region_level(density, share), style)
 
 
-def equal_draws(weights: Floats, count: int) -> NDArray[np.int64]:
-    """Return which of weighted points are `count` draws of equal weight, as even as can be."""
-    reached = np.cumsum(weights) / np.sum(weights)
-    wanted = (np.arange(count) + 0.5) / count
-    return np.minimum(np.searchsorted(reached, wanted), len(weights) - 1)
+def pair_density(x: Floats, y: Floats, weights: Floats, edges: Sequence[Floats]) -> Floats:
+    """Return the density of weighted points, (n,), in the cells of a panel, by normal kernels.
 
-
-def pair_density(x: Floats, y: Floats, edges: Sequence[Floats]) -> Floats:
-    """Return the density of n draws of a pair in the cells of a panel, by normal kernels.
-
-    Kernels have the shape of the draws' covariance, so that a narrow ridge stays narrow, and the
-    width of Scott's rule, n^(-1/6), but at least half a cell. Each is normalised within the panel:
-    what is cut off by an edge of the box is missing nowhere.
+    Kernels have the shape of the points' covariance, so that a narrow ridge stays narrow, and the
+    width of Scott's rule, n^(-1/6) by the effective n, but at least half a cell. The result is over
+    that of a uniform density, so that it does not fall towards an edge of the box.
     """
-    from scipy.spatial.distance import cdist
+    from scipy.signal import fftconvolve
 
-    places = [0.5 * (edge[1:] + edge[:-1]) for edge in edges]
-    grid = np.stack(np.meshgrid(*places, indexing="ij"), axis=-1).reshape(-1, 2)
+    mass = np.histogram2d(x, y, bins=edges, weights=weights)[0]
     cells = np.array([edge[1] - edge[0] for edge in edges])
-    draws = np.column_stack([x, y])
-    covariance = np.cov(draws.T) * len(draws) ** (-1.0 / 3.0) + np.diag((0.5 * cells) ** 2)
-    whitening = np.linalg.inv(np.linalg.cholesky(covariance)).T
-    distances = cdist(grid @ whitening, draws @ whitening, "sqeuclidean")
-    kernels = np.exp(-0.5 * distances)
-    shares = np.sum(kernels, axis=0)
-    inside = shares > 0.0  # others lie beyond the panel
-    density = np.mean(kernels[:, inside] / shares[inside], axis=1)
-    return density.reshape(len(places[0]), len(places[1]))
+    size = np.sum(weights) ** 2 / np.sum(weights**2)
+    covariance = np.cov(x, y, aweights=weights) * size ** (-1.0 / 3.0)
+    precision = np.linalg.inv(covariance + np.diag((0.5 * cells) ** 2))
+    reach = np.arange(1 - len(mass), len(mass))
+    away = np.stack(np.meshgrid(reach * cells[0], reach * cells[1], indexing="ij"), axis=-1)
+    kernel = np.exp(-0.5 * np.einsum("ijk,kl,ijl->ij", away, precision, away))
+    inside = fftconvolve(np.ones(mass.shape), kernel, mode="same")
+    density = np.maximum(fftconvolve(mass, kernel, mode="same"), 0.0) / inside
+    return np.asarray(density / density.sum())
 
 
 def region_level(density: Floats, share: float) -> float:

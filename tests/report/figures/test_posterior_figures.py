@@ -20,7 +20,6 @@ from matplotlib.figure import Figure
 
 from agglom_mpi.report.figures.data_fit import DrawnValues
 from agglom_mpi.report.figures.posterior_figures import (
-    equal_draws,
     pair_density,
     plot_posterior,
     plot_predictive,
@@ -37,6 +36,7 @@ CURVE = Datum(
     edges=np.array([0.0, 1e-3, 2e-3, np.inf]),
     name="sizes by number at the end",
 )
+EDGES = [np.linspace(0.0, 1.0, 41)] * 2
 HEAT = Datum.of_value("temperature", 300.26, 0.01, name="temperature at the end")
 
 
@@ -88,22 +88,33 @@ def test_the_regions_of_a_normal_density_have_their_shares():
     assert -2.0 * np.log(level) == pytest.approx(chi2.ppf(0.9, 2), rel=0.01)
 
 
-def test_draws_of_equal_weight_stand_for_the_weights():
-    weights = np.array([0.5, 0.0, 0.125, 0.375])
-    counts = np.bincount(equal_draws(weights, 800), minlength=4)
-    assert counts.tolist() == [400, 0, 100, 300]
-
-
 def test_the_density_of_a_narrow_ridge_is_narrow_and_whole():
     x = np.linspace(0.0, 1.0, 500)
     edges = [np.linspace(0.0, 1.0, 101)] * 2
-    density = pair_density(x, x, edges)
+    density = pair_density(x, x, np.full(500, 0.002), edges)
     assert density.sum() == pytest.approx(1.0)
     places = np.arange(100)
     near = np.abs(places[:, None] - places) <= 3
     assert density[near].sum() > 0.99
     along = density.sum(axis=0)
     assert along[:10].sum() == pytest.approx(0.1, abs=0.02)  # nothing is lost at the ends
+
+
+def test_the_density_of_even_points_is_even_up_to_the_edges():
+    side = (np.arange(40) + 0.5) / 40
+    x, y = (each.ravel() for each in np.meshgrid(side, side))
+    density = pair_density(x, y, np.ones(1600), [np.linspace(0.0, 1.0, 41)] * 2)
+    assert 1600 * density == pytest.approx(np.ones((40, 40)), rel=0.1)
+
+
+def test_points_count_by_their_weights_in_a_density():
+    x, y = np.array([0.25, 0.75, 0.25, 0.75]), np.array([0.25, 0.75, 0.75, 0.25])
+    weights = np.array([0.4, 0.1, 0.3, 0.2])
+    density = pair_density(np.tile(x, 500), np.tile(y, 500), np.tile(weights, 500) / 500, EDGES)
+    mirrored = pair_density(np.tile(y, 500), np.tile(x, 500), np.tile(weights, 500) / 500, EDGES)
+    assert density == pytest.approx(mirrored.T)
+    assert density[:20].sum() == pytest.approx(0.7, abs=0.02)
+    assert density[:, :20].sum() == pytest.approx(0.6, abs=0.02)
 
 
 def test_a_corner_plot_has_the_narrowest_variable_first_in_the_units_of_the_campaign(
