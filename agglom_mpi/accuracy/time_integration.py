@@ -121,10 +121,8 @@ def time_integration_section(
         cost=cost[TIME],
         cost_text=time_text(cost, "sample"),
         time=TIME,
-        time_text=time_text,
         end_time=end_time_of(campaign, parameters),
         reached=[(tolerance, list(_reached(frame, tolerance))) for tolerance in TOLERANCES],
-        finest=[rows.iloc[-1] for _, rows in frame.groupby("method", sort=False)],
         failed=[row for _, row in frame[frame["failed"] > 0].iterrows()],
         overlaps=list(_overlaps(frame)),
     )
@@ -202,7 +200,10 @@ COLUMNS: Final = (
     TableColumn.number("failed", ".0f"),
     shown_time("sample"),
     TableColumn.mean("bias of b/b⁰", "bias of b/b0", "standard error", "pairs"),
-    TableColumn("relative", lambda row: f"{100 * row['relative bias']:+.2f} %"),
+    TableColumn(
+        "relative, ± 95 %",
+        lambda row: f"{100 * row['relative bias']:+.2f} ± {100 * row['relative half width']:.2f} %",
+    ),
     TableColumn.mean(
         "bias of the objective", "bias of objective", "standard error of that", "pairs"
     ),
