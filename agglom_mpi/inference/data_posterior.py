@@ -102,7 +102,7 @@ class PredictedDatum(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DataPosterior(Posterior):
+class DataPosterior(Posterior[EmulatedData]):
     """Weighted strings that stand for the posterior, given all data of a campaign.
 
     `open_campaign(path).posterior()` returns it.
@@ -195,7 +195,10 @@ class DataPosterior(Posterior):
         """Return the measured quantities, and what predicts measurements of them."""
         observed, slices = [], self.of.frame.rows
         for i, datum in enumerate(self.of.data):
-            meaning = {"long_name": datum.name, "units": QUANTITIES[datum.quantity].unit}
+            meaning: dict[str, Any] = {
+                "long_name": datum.name,
+                "units": QUANTITIES[datum.quantity].unit,
+            }
             if datum.edges is not None:
                 meaning["edges"] = datum.edges
             errors = np.sqrt(np.diag(datum.covariance))
@@ -305,7 +308,7 @@ def predict_data(posterior: DataPosterior) -> tuple[list[PredictedDatum], float]
     away, covariances = of.framed_residuals(strings)
     p_values = []
     for columns in [slice(None), *of.frame.columns]:
-        factors = np.linalg.cholesky(covariances[:, columns, columns])
+        factors = np.asarray(np.linalg.cholesky(covariances[:, columns, columns]), np.float64)
         chi = chi_squares(away[None, :, columns], factors)[0]
         p_values.append(float(np.mean(chdtrc(factors.shape[1], chi))))
     data = zip(of.data, of.frame.rows, p_values[1:], strict=True)

@@ -26,7 +26,7 @@ POSITIVE_QUANTITIES: Final = frozenset({"mean_radius_ratio", "mean"})
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class MeanPosterior(Posterior):
+class MeanPosterior(Posterior[EmulatedBox]):
     """Weighted strings that stand for the posterior, given one measured mean.
 
     Attributes

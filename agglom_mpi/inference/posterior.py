@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,8 +47,11 @@ class Emulated(Protocol):
     coordinates: Coordinates
 
 
+EmulatedKind = TypeVar("EmulatedKind", bound=Emulated)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class Posterior(ABC):
+class Posterior(ABC, Generic[EmulatedKind]):
     """Weighted strings that stand for the posterior.
 
     Attributes
@@ -59,7 +62,7 @@ class Posterior(ABC):
         The strings.
     """
 
-    of: Any
+    of: EmulatedKind
     drawn: WeightedStrings
 
     @property

@@ -1,6 +1,6 @@
 """Posteriors of a campaign as text: of a measured mean, and of all its data."""
 
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from rich.console import Group, RenderableType
@@ -68,14 +68,14 @@ def data_posterior_text(posterior: DataPosterior) -> RenderableType:
     return Group(*lines)
 
 
-def _size(posterior: Posterior) -> str:
+def _size(posterior: Posterior[Any]) -> str:
     return (
         f"effective size {posterior.effective_size:,.0f} of {len(posterior.weights):,} "
         f"({posterior.method})"
     )
 
 
-def _tables(posterior: Posterior) -> list[RenderableType]:
+def _tables(posterior: Posterior[Any]) -> list[RenderableType]:
     """Return the table of the variables, and that of their correlations."""
     headings = ("2.5 %", "25 %", "50 %", "75 %", "97.5 %", "width of prior's")
     table = FittedTable("variable", *headings)
@@ -87,7 +87,7 @@ def _tables(posterior: Posterior) -> list[RenderableType]:
     return [table, _correlation_table(posterior)] if several else [table]
 
 
-def _correlation_table(posterior: Posterior) -> FittedTable:
+def _correlation_table(posterior: Posterior[Any]) -> FittedTable:
     """Return a table of the pairs with the largest partial correlations."""
     names = posterior.of.box.names
     plain, partial = posterior.correlations, posterior.partial_correlations

@@ -79,3 +79,9 @@ def test_two_questions_at_once_need_a_page(run):
     done = run("report", "--posterior", "--feasible-set")
     assert done.exit_code == 2
     assert "--out" in done.stderr
+
+
+def test_a_feasible_set_of_data_is_refused_with_what_there_is_instead(run):
+    done = run("report", "--feasible-set")
+    assert done.exit_code == 2
+    assert "--posterior" in done.stderr

@@ -12,6 +12,7 @@ from agglom_mpi.measurements.census import Census
 from agglom_mpi.measurements.datum import Datum
 from agglom_mpi.measurements.layout import CENSUS_COLUMNS, CensusLayout
 from agglom_mpi.outcome import SampleSummary, summaries
+from agglom_mpi.search.criteria import Criterion, NoCriterionError
 from agglom_mpi.search.objectives.objective import Objective
 
 if TYPE_CHECKING:
@@ -88,6 +89,19 @@ class MisfitOfData(Objective):
         bound = self.model_copy()
         bound.__dict__["_string"] = string
         return bound
+
+    def criterion(self, tolerance: float) -> Criterion:
+        """Refuse a feasible set: a posterior says which strings fit the data.
+
+        Raises
+        ------
+        NoCriterionError
+            Always.
+        """
+        raise NoCriterionError(
+            f"the objective {self.name!r} has no feasible set; the posterior of the data says "
+            "which strings fit them: agglom report --posterior"
+        )
 
     def accumulator(self) -> "MisfitAccumulator":
         """Return an accumulator without samples."""
