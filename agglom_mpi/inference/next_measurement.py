@@ -98,10 +98,10 @@ class NextMeasurement(NamedTuple):
 
     @property
     def error_text(self) -> str:
-        """Its error for people: `5 %`, or `half of its error`."""
+        """Its error for people: `± 5 %`, or `half of its error`."""
         if self.error is None:
             return "half of its error"
-        return self.error.text(QUANTITIES[self.datum.quantity].unit)
+        return "± " + self.error.text(QUANTITIES[self.datum.quantity].unit)
 
     @property
     def volume_text(self) -> str:

@@ -70,7 +70,7 @@ def next_text(found: NextMeasurements) -> RenderableType:
     )
     table = FittedTable("measurement", "expected value", "error", "share of the box", left=(0,))
     for each in found.ranked[:MAX_SHOWN]:
-        table.add_row(each.name, _value(each), f"± {each.error_text}", each.volume_text)
+        table.add_row(each.name, _value(each), each.error_text, each.volume_text)
     left = len(found.ranked) - MAX_SHOWN
     more = [f"and {pluralise(left, 'measurement')} that would leave more"] if left > 0 else []
     return Group(heading, table, *more)

@@ -31,7 +31,7 @@ def draw_next(ax: Any, found: NextMeasurements) -> Any:
             ax.barh(place[some], volumes[some], color=colour, height=0.7, label=label)
     ax.errorbar(volumes, place, xerr=errors, fmt="none", ecolor="0.15", capsize=2)
     ax.axvline(100.0 * found.volume, color="0.3", linestyle="--", label="posterior as it is")
-    names = [each.name if each.repeats else f"{each.name}, ± {each.error_text}" for each in shown]
+    names = [each.name if each.repeats else f"{each.name}, {each.error_text}" for each in shown]
     ax.set_yticks(place, names, fontsize=8)
     ax.set_ylim(len(shown) - 0.4, -0.6)
     ax.set_xlabel("expected share of the box (%)")
