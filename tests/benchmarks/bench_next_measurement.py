@@ -5,6 +5,12 @@ The measurements that are ranked first and last are made that many times: string
 posterior, and a measurement of each from an emulator of all data together with the new one, given
 the old ones. The new posterior has this emulator, too: nothing is shared with the prediction but
 the samples of the file and the posterior that the strings are drawn from.
+
+Of jobs/measured/measured.yaml, shares of the box in 1e-3 (20 measurements each; the posterior as it
+is fills 1.090; both ratios differ from 1 by more than the Monte-Carlo errors, as the emulators do):
+
+    temperature at the end, again    expected 0.511 ± 0.002, found 0.498 ± 0.004, ratio 0.974
+    d10 by number at the end, ± 5 %  expected 1.090 ± 0.001, found 1.118 ± 0.001, ratio 1.026
 """
 
 import copy
