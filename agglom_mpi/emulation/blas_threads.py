@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from functools import wraps
-from threading import Lock
+from threading import RLock
 from typing import Final, ParamSpec, TypeVar
 
 from agglom_mpi.errors import require_library
@@ -10,10 +10,11 @@ from agglom_mpi.errors import require_library
 Result = TypeVar("Result")
 Arguments = ParamSpec("Arguments")
 
-BLAS_LIMIT_LOCK: Final = Lock()
+BLAS_LIMIT_LOCK: Final = RLock()
 """Lock held while the number of threads is limited.
 
 The limit is that of the whole process; lifting it changes the order of summation in all threads.
+One limited function may call another.
 """
 
 

@@ -155,7 +155,7 @@ class DataPosterior(Posterior[EmulatedData]):
         return list(self._predictions[0])
 
     def what_to_measure_next(self, errors: Mapping[str, Any] | None = None) -> "pd.DataFrame":
-        """Return what each further measurement would leave of the box; takes some ten seconds.
+        """Return what each further measurement would leave of the box; takes a minute.
 
         Further measurements are all quantities of one number at all times of the data that are not
         measured yet, and each datum once more with half of its error. Their values are simulated

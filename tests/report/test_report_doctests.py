@@ -6,7 +6,7 @@ import shutil
 import pytest
 
 from agglom_mpi import campaign_file
-from agglom_mpi.report import drawing
+from agglom_mpi.report import campaign_plots, drawing
 from agglom_mpi.search.objectives import growth as growth_objectives
 
 pytest.importorskip("matplotlib")
@@ -14,7 +14,7 @@ pytest.importorskip("matplotlib")
 OPTIONS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
 
 
-@pytest.mark.parametrize("module", [campaign_file, drawing, growth_objectives])
+@pytest.mark.parametrize("module", [campaign_file, campaign_plots, drawing, growth_objectives])
 def test_examples_in_docstrings_give_what_they_say(module, finished, tmp_path, monkeypatch):
     from matplotlib import pyplot
 
@@ -29,9 +29,10 @@ def test_examples_in_docstrings_give_what_they_say(module, finished, tmp_path, m
 def test_every_plot_and_table_has_an_example():
     public = [
         value
-        for name, value in vars(campaign_file.CampaignFile).items()
+        for kind in (campaign_file.CampaignFile, campaign_plots.CampaignPlots)
+        for name, value in vars(kind).items()
         if name.startswith("plot_") or name in ("best", "strings", "samples", "generations")
     ]
     texts = [getattr(value, "fget", None) or value for value in public]
-    assert len(texts) == 19
+    assert len(texts) == 20
     assert [text.__name__ for text in texts if ">>>" not in (text.__doc__ or "")] == []
