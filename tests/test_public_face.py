@@ -28,7 +28,7 @@ from agglom_mpi.storage.reader import CampaignData
 ROOT = Path(__file__).parents[1]
 PACKAGE = {"Box", "__version__", "load_campaign", "open_campaign"}
 PLOTS = ("best", "busy", "cloud", "convergence", "cost", "ensembles", "finalists", "radii")
-DATA_PLOTS = ("data_fit", "growth", "posterior", "predictive")
+DATA_PLOTS = ("data_fit", "growth", "posterior", "predictive", "next_measurement")
 FILE = {
     *("path", "title", "seed", "campaign_text", "status", "damaged"),
     *("strings", "samples", "estimates", "generations", "variables", "volumes", "limits"),
