@@ -11,7 +11,7 @@ from processes import HANG
 
 from agglom_mpi.config.loading import load_campaign
 
-MAPS = Path("jobs/accuracy/accretion_2003_maps")
+MAPS = sorted(Path("jobs/accuracy").glob("*_maps"))
 PRINTED = r"(?m)^- [^:]+: (.*) of the plane; for example `(.*)`\.$"
 SHOWN = {
     "unsolved impacts": r"capped_iterations +[1-9]",
@@ -35,16 +35,18 @@ def test_a_published_string_is_in_the_scene_of_its_job(job):
     assert inside[: len(searched.variables.used)].all()
 
 
-def printed_lines():
-    """Return the lines that the stored maps print for their failing cells, by campaign file."""
-    text = (MAPS / "report.md").read_text(encoding="utf-8")
+def printed_lines(maps):
+    """Return the lines that stored maps print for their failing cells, by campaign file."""
+    text = (maps / "report.md").read_text(encoding="utf-8")
     found = [(kinds, shlex.split(line)) for kinds, line in re.findall(PRINTED, text)]
     return {Path(words[2]).stem: (kinds, words) for kinds, words in found}
 
 
-def test_every_printed_line_names_a_campaign_file_and_every_file_has_its_line():
-    lines = printed_lines()
-    assert set(lines) == {path.stem for path in (MAPS / "cells").glob("*.yaml")}
+@pytest.mark.parametrize("maps", MAPS, ids=lambda maps: maps.name)
+def test_every_printed_line_names_a_campaign_file_and_every_file_has_its_line(maps):
+    lines = printed_lines(maps)
+    assert lines
+    assert set(lines) == {path.stem for path in (maps / "cells").glob("*.yaml")}
     for kinds, words in lines.values():
         assert load_campaign(words[2]).parameters().size
         assert any(kind in kinds for kind in SHOWN)
@@ -52,8 +54,9 @@ def test_every_printed_line_names_a_campaign_file_and_every_file_has_its_line():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("cell", ["softening_published_iteration", "collapse_adaptive"])
-def test_a_failing_cell_is_reproduced_by_the_line_that_the_report_prints(cell):
-    kinds, words = printed_lines()[cell]
+@pytest.mark.parametrize("maps", MAPS, ids=lambda maps: maps.name)
+def test_a_failing_cell_is_reproduced_by_the_line_that_the_report_prints(maps, cell):
+    kinds, words = printed_lines(maps)[cell]
     done = subprocess.run(
         words, env=environment(), capture_output=True, text=True, timeout=HANG, check=False
     )
