@@ -4,21 +4,28 @@ python tests/benchmarks/bench_data_posterior.py measured.h5 coverage
     Makes up 20 measurements of the truth, whose samples are simulated, and prints the highest
     posterior density level and the ranks of the truth in the posterior of each: it lies in the
     90 % region where its level is below 0.9. All rest on the emulator of the same file.
-python tests/benchmarks/bench_data_posterior.py measured.h5 direct [STRINGS SAMPLES]
-    Simulates strings about the posterior anew, by default 400 with 25 samples each, interpolates
-    their predictions by a quadratic polynomial of the variables' logarithms, and prints the KS
-    distance of each marginal from the posterior by that polynomial.
+python tests/benchmarks/bench_data_posterior.py FOLDER campaigns [FIRST LAST]
+    The same with a campaign and an emulator for each measurement, with seeds from 1 to 20.
+python tests/benchmarks/bench_data_posterior.py measured.h5 direct [SAMPLES]
+    Simulates strings anew on a grid along the principal axes of the posterior, 41 by 11 by 11 over
+    3.5 standard deviations to each side, by default with 10 samples each. Their predictions are
+    interpolated by polynomials of the third and fourth degree; prints how far the strings are from
+    these in units of their own noise, about 1 if the degree suffices, and the KS distance of each
+    marginal from the posterior by that polynomial.
 """
 
 import copy
 import itertools
+import re
 import runpy
+import shutil
 import sys
 import time
 from pathlib import Path
 
 import numpy as np
 
+import agglom_mpi
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.inference.data_posterior import data_posterior, posterior_of
 from agglom_mpi.inference.string_values import pseudo_values
@@ -28,10 +35,11 @@ MEASURE = Path(__file__).parents[2] / "jobs" / "measured" / "measure.py"
 MEASUREMENTS, COUNTED, TRUE_SAMPLES = 20, 500, 300
 FIRST_SAMPLE = 5000
 """Number of the first sample: other samples than those of the file."""
-TEMPERING = 0.3
-"""Strings are drawn with the posterior density to this power, so that they surround it."""
-FARTHEST = 4.5
-"""Farthest strings of the interpolation, in standard deviations of the posterior."""
+GRID = (41, 11, 11)
+"""Strings along each principal axis, the longest first."""
+REACH = 3.5
+"""Ends of the grid, in standard deviations of the posterior."""
+DEGREES = (3, 4)
 
 
 def predicted(emulated, string, samples):
@@ -74,48 +82,86 @@ def coverage(emulated):
     print(f"truth in the 90 % region of {inside} of {MEASUREMENTS} measurements")
 
 
-def direct(posterior, count=400, samples=25):
+def campaigns(folder, first=1, last=MEASUREMENTS):
+    inside = 0
+    for seed in range(first, last + 1):
+        place = Path(folder) / str(seed)
+        shutil.copytree(MEASURE.parent, place)
+        measure = runpy.run_path(str(place / MEASURE.name))
+        kelvin = measure["measure"](np.random.default_rng(seed))
+        text = (place / "measured.yaml").read_text()
+        text, count = re.subn("value: [0-9.]+ K", f"value: {kelvin:.4f} K", text)
+        assert count == 1
+        (place / "measured.yaml").write_text(text.replace("seed: 1", f"seed: {seed}"))
+        campaign = agglom_mpi.load_campaign(place / "measured.yaml")
+        found = campaign.run(output=place / "measured.h5", progress=False).posterior()
+        truth = measure["TRUTH"]
+        string = found.of.box.strings(truth)
+        higher = found.of.log_density(found.strings) > found.of.log_density(string)[0]
+        level = float(found.weights @ higher)
+        ranks = [float(found.weights @ (found.draws[n] < v).to_numpy()) for n, v in truth.items()]
+        inside += level < 0.9
+        verdict = "calibrated" if found.calibration.passed else found.calibration.text
+        print(
+            f"{seed} level {level:.3f} ranks {np.round(ranks, 3)} p {found.p_value:.2g} {verdict}"
+        )
+        sys.stdout.flush()
+    print(f"truth in the 90 % region of {inside} of {last - first + 1} campaigns")
+
+
+def direct(posterior, samples=10):
     emulated, box = posterior.of, posterior.of.box
-    weights = posterior.weights**TEMPERING
-    random = np.random.default_rng(5)
-    chosen = random.choice(len(weights), count, replace=False, p=weights / weights.sum())
-    values = []
-    for i in chosen:
-        string = {v.name: float(v.values(posterior.strings[i][None])[0]) for v in box.own}
-        values.append(predicted(emulated, string, samples).mean(axis=0) @ emulated.frame.basis)
     places = box.space.to_unit(posterior.strings)
     centre = posterior.weights @ places
     spread, axes = np.linalg.eigh(np.cov(places.T, aweights=posterior.weights))
-    scaled = (places - centre) @ axes / np.sqrt(spread)
-    near = np.abs(scaled[chosen]).max(axis=1) < FARTHEST
-    terms, means = quadratic(scaled[chosen][near]), np.array(values)[near]
-    fitted = np.linalg.lstsq(terms, means, rcond=None)[0]
-    away = means - terms @ fitted
-    noise = away.T @ away / (len(terms) - terms.shape[1])
-    at = quadratic(scaled)
-    errors = np.einsum("ni,ij,nj->n", at, np.linalg.inv(terms.T @ terms), at)
-    covariance = np.eye(len(noise)) + errors[:, None, None] * noise
-    residuals = emulated.frame.measured @ emulated.frame.basis - at @ fitted
-    chi = np.einsum(
-        "ni,ni->n", residuals, np.linalg.solve(covariance, residuals[..., None])[..., 0]
-    )
-    logarithms = -0.5 * (chi + np.linalg.slogdet(covariance)[1])
-    simulated = np.exp(logarithms - logarithms.max())
-    simulated /= simulated.sum()
-    for i, name in enumerate(box.names):
-        order = np.argsort(places[:, i])
-        away = np.cumsum(posterior.weights[order]) - np.cumsum(simulated[order])
-        print(f"{name}: KS {np.abs(away).max():.3f}")
+    axes, lengths = axes[:, ::-1], np.sqrt(spread[::-1])
+    scaled = (places - centre) @ axes / lengths
+    ends = [np.linspace(-REACH, REACH, n) for n in GRID]
+    grid = np.stack(np.meshgrid(*ends, indexing="ij"), axis=-1).reshape(-1, len(GRID))
+    units = centre + grid * lengths @ axes.T
+    inside = ((units >= 0.0) & (units <= 1.0)).all(axis=1)
+    grid, strings = grid[inside], box.space.from_unit(units[inside])
+    means, noise = [], 0.0
+    for string in strings:
+        named = {v.name: float(v.values(string[None])[0]) for v in box.own}
+        values = predicted(emulated, named, samples) @ emulated.frame.basis
+        means.append(values.mean(axis=0))
+        noise = noise + np.cov(values.T) / samples / len(strings)
+    means = np.array(means)
+    print(f"{len(strings)} strings of {samples} samples")
+    near = np.abs(scaled).max(axis=1) < REACH
+    places, scaled, weights = places[near], scaled[near], posterior.weights[near]
+    print(f"{1.0 - weights.sum():.2g} of the posterior is outside of the grid")
+    weights = weights / weights.sum()
+    for degree in DEGREES:
+        terms, at = polynomial(grid, degree), polynomial(scaled, degree)
+        fitted = np.linalg.lstsq(terms, means, rcond=None)[0]
+        away = means - terms @ fitted
+        excess = (away**2).sum(axis=0) / (len(terms) - terms.shape[1]) / np.diag(noise)
+        residuals = emulated.frame.measured @ emulated.frame.basis - at @ fitted
+        logarithms = -0.5 * (residuals**2).sum(axis=1)
+        simulated = np.exp(logarithms - logarithms.max())
+        simulated /= simulated.sum()
+        print(f"degree {degree}: scatter over noise {excess.min():.2f} to {excess.max():.2f}")
+        for i, name in enumerate(box.names):
+            order = np.argsort(places[:, i])
+            apart = np.cumsum(weights[order]) - np.cumsum(simulated[order])
+            print(f"  {name}: KS {np.abs(apart).max():.3f}")
 
 
-def quadratic(places):
-    """Return the terms of a quadratic polynomial at places, (n, d): (n, terms)."""
-    pairs = itertools.combinations_with_replacement(range(places.shape[1]), 2)
-    squares = [places[:, i] * places[:, j] for i, j in pairs]
-    return np.column_stack([np.ones(len(places)), places, *squares])
+def polynomial(places, degree):
+    """Return the terms of a polynomial at places, (n, d), shape (n, terms)."""
+    terms = [np.ones(len(places))]
+    for power in range(1, degree + 1):
+        for chosen in itertools.combinations_with_replacement(range(places.shape[1]), power):
+            terms.append(np.prod(places[:, chosen], axis=1))
+    return np.column_stack(terms)
 
 
 def main(path, what, *numbers):
+    if what == "campaigns":
+        campaigns(path, *map(int, numbers))
+        return
     begun, cpu = time.perf_counter(), time.process_time()
     posterior = data_posterior(read_campaign(path))
     seconds, busy = time.perf_counter() - begun, time.process_time() - cpu
