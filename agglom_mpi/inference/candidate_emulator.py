@@ -1,4 +1,4 @@
-"""What the emulator expects of a quantity that may be measured, given the data that there are.
+"""Emulated values of a quantity that may be measured, given the data that there are.
 
 The same samples give the data and the candidate, so their noise is correlated, and with it the
 errors of their emulators: what is known of the data says something of the candidate, too. The

@@ -98,7 +98,7 @@ class DataCalibration(NamedTuple):
 
     @property
     def reasons(self) -> list[str]:
-        """What is wrong with the posterior; empty if it is calibrated."""
+        """Faults of the posterior; empty if it is calibrated."""
         found, (name, covered) = [], self.worst
         if covered < MIN_RANGE_COVERAGE:
             found.append(

@@ -160,14 +160,21 @@ class EmulatedData:
         means, deviations = self.emulator.mixed(points)
         return EmulatedStrings(means, deviations, self.failing.at(points))
 
+    def covariances(self, deviations: Floats) -> Floats:
+        """Return the covariances of the emulated components of strings, (n, k, k).
+
+        `deviations` are those of the mixed components, shape (n, k).
+        """
+        mixing = self.emulator.mixing
+        return np.asarray(np.einsum("ki,ni,li->nkl", mixing, deviations**2, mixing, optimize=True))
+
     def factors(self, deviations: Floats) -> Floats:
         """Return Cholesky factors of the covariances of data given strings, (n, k, k).
 
         The covariance is that of the measurement, the identity, and that of the emulator.
         """
-        mixing = self.emulator.mixing
-        own = np.einsum("ki,ni,li->nkl", mixing, deviations**2, mixing, optimize=True)
-        return np.asarray(np.linalg.cholesky(own + np.eye(len(mixing))))
+        own = self.covariances(deviations)
+        return np.asarray(np.linalg.cholesky(own + np.eye(own.shape[1])))
 
     def log_density(self, strings: Floats) -> Floats:
         """Return the logarithm of the density of the data given strings, but for a constant, (n,).
@@ -190,9 +197,9 @@ class EmulatedData:
 
         Shapes (n, p) and (n, p, p); components that are not emulated are included.
         """
-        known, mixing = self.at(strings), self.emulator.mixing
-        own = np.einsum("ki,ni,li->nkl", mixing, known.deviations**2, mixing, optimize=True)
-        away = (self.measured - known.means @ mixing.T) @ self.components.T
+        known = self.at(strings)
+        own = self.covariances(known.deviations)
+        away = (self.measured - known.means @ self.emulator.mixing.T) @ self.components.T
         rest = (self.left_out * self.left_out_variance) @ self.left_out.T + np.eye(len(self.centre))
         covariances = np.einsum(
             "ak,nkl,bl->nab", self.components, own, self.components, optimize=True

@@ -51,7 +51,7 @@ IMPOSSIBLE: Final = 1e-3
 
 
 class PredictedDatum(NamedTuple):
-    """What strings of the posterior predict for a datum.
+    """Predictions of the posterior for a datum.
 
     Attributes
     ----------
@@ -128,7 +128,7 @@ class DataPosterior(Posterior[EmulatedData]):
 
     @property
     def given(self) -> str:
-        """What was measured, in a few words."""
+        """The measurement, in a few words."""
         count = len(self.of.data)
         return f"all {count} measured data" if count > 1 else "the measured datum"
 
@@ -151,7 +151,7 @@ class DataPosterior(Posterior[EmulatedData]):
 
     @property
     def predictions(self) -> list[PredictedDatum]:
-        """What strings of the posterior predict for each datum, in the order of the data."""
+        """Predictions of the posterior for each datum, in the order of the data."""
         return list(self._predictions[0])
 
     def what_to_measure_next(self, errors: Mapping[str, Any] | None = None) -> "pd.DataFrame":
@@ -248,16 +248,17 @@ class DataPosterior(Posterior[EmulatedData]):
         The error of the emulator at a string is the same for every measurement. Where the measured
         data are `given`, they narrow it down, too.
         """
-        of, mixing = self.of, self.of.emulator.mixing
+        of = self.of
         known = of.at(strings)
-        mean = known.means @ mixing.T
-        own = np.einsum("ki,ni,li->nkl", mixing, known.deviations**2, mixing, optimize=True)
+        mean = known.means @ of.emulator.mixing.T
+        own = of.covariances(known.deviations)
         rest, spread = np.zeros(len(of.left_out_variance)), of.left_out_variance
         if given:
-            one = np.eye(len(mixing))
+            one = np.eye(own.shape[1])
             gain = np.linalg.solve(own + one, own).transpose(0, 2, 1)
             mean = mean + np.einsum("nkl,nl->nk", gain, of.measured - mean)
-            own = gain  # V − V (V + 1)⁻¹ V = V (V + 1)⁻¹, as the measurement's covariance is 1
+            # V − V (V + 1)⁻¹ V = V (V + 1)⁻¹, as the measurement's covariance is 1.
+            own = np.asarray(gain, np.float64)
             rest, spread = spread / (1.0 + spread) * of.left_out_measured, spread / (1.0 + spread)
         variances, directions = np.linalg.eigh(own)
         scaled = np.sqrt(np.maximum(variances, 0.0)) * random.normal(size=variances.shape)

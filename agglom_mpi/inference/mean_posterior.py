@@ -40,7 +40,7 @@ class MeanPosterior(Posterior[EmulatedBox]):
 
     @property
     def given(self) -> str:
-        """What was measured, in a few words."""
+        """The measurement, in a few words."""
         return "a measured mean"
 
     def predicted(self, random: np.random.Generator) -> Predicted:

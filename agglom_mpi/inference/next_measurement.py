@@ -9,7 +9,6 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
-from scipy.stats import qmc
 
 from agglom_mpi.config.allowed_share import allowed_share
 from agglom_mpi.emulation.blas_threads import single_threaded
@@ -32,6 +31,7 @@ from agglom_mpi.inference.expected_volume import (
     WeightedPoints,
     expected_volume,
 )
+from agglom_mpi.inference.posterior_sampling import BoxPart, WeightedStrings
 from agglom_mpi.inference.searched_box import SearchedBox
 from agglom_mpi.inference.string_values import string_values
 from agglom_mpi.measurements.datum import QUANTITIES, Datum
@@ -41,7 +41,6 @@ from agglom_mpi.statistics import weighted_quantiles
 if TYPE_CHECKING:
     import pandas as pd
 
-    from agglom_mpi.inference.posterior_sampling import WeightedStrings
     from agglom_mpi.storage.reader import CampaignData
 
 REGION_POINTS: Final = 2000
@@ -164,7 +163,7 @@ class NextMeasurements(NamedTuple):
 def next_measurements(
     file: "CampaignData",
     of: EmulatedData,
-    drawn: "WeightedStrings",
+    drawn: WeightedStrings,
     errors: Mapping[str, Any] | None = None,
 ) -> NextMeasurements:
     """Return the measurements that could be made next, ranked by the expected volume after them.
@@ -201,7 +200,7 @@ def next_measurements(
     return NextMeasurements(points.volume, tuple(ranked))
 
 
-def dense_points(of: EmulatedData, drawn: "WeightedStrings") -> tuple[Floats, WeightedPoints]:
+def dense_points(of: EmulatedData, drawn: WeightedStrings) -> tuple[Floats, WeightedPoints]:
     """Return even points of the part of the box that has the posterior: strings and weights.
 
     The part is a box along the principal axes of the posterior: data determine groups of variables,
@@ -210,24 +209,17 @@ def dense_points(of: EmulatedData, drawn: "WeightedStrings") -> tuple[Floats, We
     box = of.box
     counted = drawn.weights > MIN_RELATIVE_WEIGHT * drawn.weights.max()
     places = box.space.to_unit(drawn.strings[counted])
-    axes = np.linalg.eigh(np.atleast_2d(np.cov(places.T, aweights=drawn.weights[counted])))[1]
-    along = places @ axes
-    low, high = along.min(axis=0), along.max(axis=0)
-    margin = PART_MARGIN * (high - low) + MIN_MARGIN
-    low, high = low - margin, high + margin
+    part = BoxPart.around(places, drawn.weights[counted], PART_MARGIN, MIN_MARGIN)
     allowed = allowed_share(box.campaign).value if box.campaign.relations.constraints else 1.0
-    part = float(np.prod(high - low)) / allowed
-    wanted = REGION_POINTS * part / drawn.region if drawn.region > 0.0 else MAX_POINTS
+    share = part.volume / allowed
+    wanted = REGION_POINTS * share / drawn.region if drawn.region > 0.0 else MAX_POINTS
     count = 1 << math.ceil(math.log2(min(max(wanted, MIN_POINTS), MAX_POINTS)))
-    even = qmc.Sobol(len(low), seed=box.campaign.seed).random(count)
-    units = (low + even * (high - low)) @ axes.T
-    strings = box.space.from_unit(units[np.all((units >= 0.0) & (units <= 1.0), axis=1)])
-    strings = strings[box.allowed(strings)]
+    strings = part.even_strings(box, count)
     logarithms = of.log_density(strings)
     weights = np.exp(logarithms - logarithms.max())
     some = weights > MIN_RELATIVE_WEIGHT
     kept = weights[some] / weights[some].sum()
-    return strings[some], WeightedPoints(kept, part / count)
+    return strings[some], WeightedPoints(kept, share / count)
 
 
 def _repetitions(

@@ -41,7 +41,7 @@ class PosteriorError(UserError, ValueError):
 
 
 class Emulated(Protocol):
-    """What a posterior rests on: the box, and the coordinates of its emulator."""
+    """Box and coordinates of the emulator that a posterior rests on."""
 
     box: SearchedBox
     coordinates: Coordinates
@@ -150,7 +150,7 @@ class Posterior(ABC, Generic[EmulatedKind]):
     @property
     @abstractmethod
     def given(self) -> str:
-        """What was measured, in a few words."""
+        """The measurement, in a few words."""
 
     @abstractmethod
     def predicted(self, random: np.random.Generator) -> Predicted:

@@ -37,7 +37,7 @@ REGION_POINTS: Final = 1 << 13
 
 
 class Likelihood(Protocol):
-    """What was measured, as a function of the string."""
+    """Density of what was measured, as a function of the string."""
 
     def log_density(self, strings: Floats) -> Floats:
         """Return the logarithm of the density of the data given strings, (n, k): (n,).
@@ -94,12 +94,28 @@ class BoxPart(NamedTuple):
     upper: Floats
 
     @classmethod
-    def around(cls, points: Floats) -> Self:
-        """Return the part along the principal axes of points, (n, d), that has all of them."""
-        _, axes = np.linalg.eigh(np.atleast_2d(np.cov(points.T)))
+    def around(
+        cls,
+        points: Floats,
+        weights: Floats | None = None,
+        relative: float = PART_MARGIN,
+        least: float = 0.0,
+    ) -> Self:
+        """Return the part along the principal axes of points that has all of them.
+
+        Parameters
+        ----------
+        points
+            In units of the search box, shape (n, d).
+        weights
+            Weights of the points in these axes, shape (n,); by default all are equal.
+        relative, least
+            Margin relative to the edges of the part, and what is added to it.
+        """
+        _, axes = np.linalg.eigh(np.atleast_2d(np.cov(points.T, aweights=weights)))
         along = points @ axes
         low, high = along.min(axis=0), along.max(axis=0)
-        margin = PART_MARGIN * (high - low)
+        margin = relative * (high - low) + least
         return cls(axes, low - margin, high + margin)
 
     @property

@@ -1,4 +1,4 @@
-"""What the samples of each string predict for data, as numbers of one sample each.
+"""Predictions of the samples of each string for data, as numbers of one sample each.
 
 A prediction belongs to all samples of a string together: a median or a share of pooled particles.
 The pseudo-values of the jackknife, n·pooled − (n − 1)·left out (Tukey 1958), share it out among the

@@ -44,7 +44,7 @@ class Interval(NamedTuple):
 
 
 class Prediction(Protocol):
-    """What is predicted for a datum, with its error."""
+    """A prediction for a datum, with its error."""
 
     @property
     def name(self) -> str:
@@ -94,7 +94,7 @@ class ComparedDatum(NamedTuple):
     shown_unit
         Factor and label of the unit of its number, or of the diameters of its classes.
     note
-        What is to be said of the datum; empty if nothing.
+        Remark on the datum; empty if there is none.
     """
 
     datum: Datum

@@ -72,7 +72,7 @@ class GrowthPanel(NamedTuple):
 
 
 class Growth(NamedTuple):
-    """What is drawn over time.
+    """Content of a figure over time.
 
     Attributes
     ----------

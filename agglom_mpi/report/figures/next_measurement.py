@@ -1,4 +1,4 @@
-"""What each further measurement would leave of the box, as bars."""
+"""Share of the box that each further measurement would leave, as bars."""
 
 from typing import Any, Final
 
