@@ -57,9 +57,9 @@ def strings(data: "CampaignData") -> "pd.DataFrame":
     first.insert(3, "origin", _texts(rows["origin"], ORIGINS))
     first.insert(4, "parent_1", rows["parents"][:, 0])
     first.insert(5, "parent_2", rows["parents"][:, 1])
-    derived = derived_columns(data)
+    derived, counted = derived_columns(data), np.isin(data.string_rows()["string"], rows["string"])
     for column in derived:
-        first[column.name] = column.values
+        first[column.name] = column.values[counted]
     second = _columns(pandas, results).set_index("string").reindex(rows["string"])
     second = second.reset_index(drop=True)
     second["hit_maximum"] = second["hit_maximum"] == 1
