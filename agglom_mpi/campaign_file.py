@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from agglom_mpi.analysis import finite_size_tables, tables
 from agglom_mpi.errors import UserError
-from agglom_mpi.formatting import pluralise, printable
+from agglom_mpi.formatting import pluralise
 from agglom_mpi.outcome import FinalParticles
 from agglom_mpi.report.campaign_plots import CampaignPlots
 from agglom_mpi.storage.access import NotACampaign
@@ -44,7 +44,7 @@ class CampaignFile(CampaignPlots):
     """
 
     def __repr__(self) -> str:
-        return f"<CampaignFile {str(self.path)!r}: {printable(self.title)}{self._stage()}>"
+        return f"<CampaignFile {str(self.path)!r}: {self.title}{self._stage()}>"
 
     def _stage(self) -> str:
         """Return the state of the campaign in a few words; nothing if the file cannot be read."""
@@ -95,11 +95,14 @@ class CampaignFile(CampaignPlots):
         >>> bool((strings["samples_used"] <= 30).all())
         True
         """
-        return tables.table_of(self._snapshot(), "strings")
+        return tables.table_of(self._snapshot(with_unused=True), "strings")
 
     @property
     def samples(self) -> "pd.DataFrame":
         """One row for each sample; `used` says whether it was judged, `fresh` if none ever is.
+
+        Results rest on these two kinds. All others ran ahead unused; their number depends on the
+        number of ranks and on timing.
 
         Examples
         --------
@@ -111,7 +114,7 @@ class CampaignFile(CampaignPlots):
         >>> len(ratios.mean())
         6
         """
-        return tables.table_of(self._snapshot(), "samples")
+        return tables.table_of(self._snapshot(with_unused=True), "samples")
 
     @property
     def estimates(self) -> "pd.DataFrame":
@@ -280,7 +283,9 @@ class CampaignFile(CampaignPlots):
         return int(string), int(sample)
 
 
-def open_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> CampaignFile:
+def open_campaign(
+    path: str | os.PathLike[str], allow_code: bool = False, with_unused: bool = False
+) -> CampaignFile:
     """Open a campaign file for reading, also while a campaign is running.
 
     Parameters
@@ -290,6 +295,9 @@ def open_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> Cam
     allow_code
         Whether components of one's own, whose code the file has, may be executed. Without them
         the file has no estimates by an objective of one's own, and simulates nothing by a law.
+    with_unused
+        Whether sets, posteriors and plots count samples that ran ahead unused, too; they then
+        depend on the number of ranks and on timing.
 
     Returns
     -------
@@ -312,4 +320,6 @@ def open_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> Cam
     >>> len(file.best(3))
     3
     """
-    return CampaignFile(read_campaign(path, allow_code))
+    data = read_campaign(path, allow_code)
+    data.with_unused = with_unused
+    return CampaignFile(data)

@@ -107,10 +107,10 @@ class RunnableCampaign(Campaign):
         (1, False)
         """
         from agglom_mpi.analysis.warm_start import warm_start
-        from agglom_mpi.config.searchable import check_search_library, check_searchable
+        from agglom_mpi.config.searchable import check_search_library, log_narrow
         from agglom_mpi.config.searcher import Searcher
 
-        check_searchable(self)
+        log_narrow(self)
         check_search_library(self)
         return Searcher(self, warm_start(self, allow_code=self._has_code).strings)
 

@@ -5,13 +5,29 @@ import math
 import re
 from typing import Any, Final, Protocol
 
-_CONTROL: Final = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+_CONTROL: Final = re.compile(
+    r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]"
+)
 """Control characters, but for tabs and ends of lines, and those that turn the order of others."""
+LONGEST_SHOWN: Final = 500
+"""Maximum number of characters that are shown of a title or another line of a file."""
+_NUMBER: Final = re.compile(r"[-+]?([\d.,]+(e[-+]?\d+)?|inf|nan)( ± [\d.,]+(e[-+]?\d+)?)?( ?%)?")
 
 
 def printable(text: str) -> str:
     """Return a text with control characters replaced, which would command a terminal."""
     return _CONTROL.sub("\N{REPLACEMENT CHARACTER}", text)
+
+
+def shortened(text: str, longest: int = LONGEST_SHOWN) -> str:
+    """Return the printable start of a text that may be somebody else's, with … if it is cut."""
+    return printable(text if len(text) <= longest else f"{text[: longest - 1]}…")
+
+
+def csv_cell(text: str) -> str:
+    """Return a printable text that no spreadsheet takes for a formula: with ' before = + - @."""
+    is_formula = text.startswith(("=", "+", "-", "@", "\t")) and not _NUMBER.fullmatch(text)
+    return printable(f"'{text}" if is_formula else text)
 
 
 def pluralise(number: int, noun: str) -> str:

@@ -3,6 +3,8 @@ import math
 import pytest
 
 from agglom_mpi.formatting import (
+    LONGEST_SHOWN,
+    csv_cell,
     format_digits,
     format_duration,
     format_mean,
@@ -10,6 +12,8 @@ from agglom_mpi.formatting import (
     format_seconds,
     in_unit,
     number_or_none,
+    printable,
+    shortened,
     value_with_error,
     without_nan,
 )
@@ -96,3 +100,34 @@ def test_a_number_that_is_not_there_is_none(value, text):
 def test_plain_values_for_json_have_none_in_place_of_nan_and_inf():
     values = {"a": [1.0, math.nan], "b": (math.inf, 2), "c": {"d": -math.inf, "e": "nan"}}
     assert without_nan(values) == {"a": [1.0, None], "b": [None, 2], "c": {"d": None, "e": "nan"}}
+
+
+@pytest.mark.parametrize(
+    ("text", "cell"),
+    [
+        ("=1+1.h5", "'=1+1.h5"),
+        ("@sum(a1)", "'@sum(a1)"),
+        ("+cmd", "'+cmd"),
+        ("-2+3|x", "'-2+3|x"),
+        ("-1.5e-07", "-1.5e-07"),
+        ("+2", "+2"),
+        ("-0.500 ± 0.010", "-0.500 ± 0.010"),
+        ("-12.5 %", "-12.5 %"),
+        ("-inf", "-inf"),
+        ("dust=ash.h5", "dust=ash.h5"),
+        ("\x1b]0;a\u200f", "\ufffd]0;a\ufffd"),
+        ("", ""),
+    ],
+)
+def test_no_cell_of_a_csv_file_is_a_formula_and_numbers_stay(text, cell):
+    assert csv_cell(text) == cell
+
+
+@pytest.mark.parametrize("mark", "\u061c\u200e\u200f\u2028\u2029\u202e\u2066\x1b\x9b\r")
+def test_what_turns_or_commands_others_is_replaced(mark):
+    assert printable(f"a{mark}b\tc\n") == "a\ufffdb\tc\n"
+
+
+def test_a_long_text_is_cut_to_what_is_shown():
+    assert shortened("a" * LONGEST_SHOWN) == "a" * LONGEST_SHOWN
+    assert shortened("a" * 10**6) == "a" * (LONGEST_SHOWN - 1) + "…"

@@ -20,6 +20,7 @@ from agglom_mpi.accuracy.answer_tables import (
 )
 from agglom_mpi.accuracy.document import MARKERS, NAME
 from agglom_mpi.accuracy.times_to_targets import Band, TimesToTargets
+from agglom_mpi.analysis.tables import csv_texts
 from agglom_mpi.config.answer_study import AnswerStudy, file_stem
 from agglom_mpi.formatting import format_digits, format_duration
 from agglom_mpi.report.drawing import COLOURS, Drawing, log_ticks, style_axes, write_drawing
@@ -69,7 +70,7 @@ def write_answer_report(directory: Path, report: AnswerReport) -> Path:
         "last_answers": last_answers(study, answers),
     }
     for name, frame in tables.items():
-        replace_file(directory / f"{name}.csv", frame.to_csv(index=False).encode())
+        replace_file(directory / f"{name}.csv", csv_texts(frame).to_csv(index=False).encode())
     drawings = list(factor_drawings(study, answers, times))
     for drawing in drawings:
         write_drawing(directory, drawing)

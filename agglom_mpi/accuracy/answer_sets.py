@@ -80,14 +80,12 @@ def until(file: CampaignData, generation: int) -> CampaignData:
     strings = file.string_rows()
     strings = strings[strings["generation"] <= generation]
     samples, results = file.all_sample_rows(), file.result_rows()
-    used = np.zeros(int(max(strings["string"].max(), samples["string"].max())) + 1, np.int64)
-    used[results["string"]] = results["samples_used"]
     known = np.isin(samples["string"], strings["string"])
     tables = {
         "status": file.rows("status"),
         "variables": file.variable_rows(),
         "strings": strings,
-        "samples": samples[known & (samples["sample"] < used[samples["string"]])],
+        "samples": samples[known & file.are_used(samples)],
         "results": results[np.isin(results["string"], strings["string"])],
         "generations": file.generation_rows()[: generation + 1],
         "legs": file.legs(),

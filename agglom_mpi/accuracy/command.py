@@ -149,6 +149,10 @@ def make_plan(options: AccuracyOptions) -> StudyPlan:
         pool = max(size.pool, options.samples)
         size = size._replace(samples=options.samples, pool=pool, again=options.samples)
     campaign, scenes = _read_sources(options.sources, options.allow_code)
+    for option, given in (("--set", options.settings), ("--history", options.history)):
+        if campaign is None and given:
+            message = "is for a scene or campaign; all sources are directories"
+            raise CampaignError(Problem("agglom accuracy", None, option, message))
     parameters, numbers = np.zeros(0), dict[str, float]()
     if campaign is not None:
         string = campaign.parameters(options.settings)

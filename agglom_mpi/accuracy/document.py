@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from agglom_mpi.analysis.tables import csv_texts
 from agglom_mpi.formatting import (
     format_digits,
     format_duration,
@@ -203,7 +204,9 @@ def write_document(directory: Path, header: Header, chapters: Sequence[Chapter])
         for figure in section.figures:
             write_drawing(directory, figure)
         for table in section.tables:
-            replace_file(directory / f"{table.name}.csv", table.frame.to_csv(index=False).encode())
+            replace_file(
+                directory / f"{table.name}.csv", csv_texts(table.frame).to_csv(index=False).encode()
+            )
     template = _templates().get_template("report.md.j2")
     text = template.render(header=header, chapters=chapters, rows=_rows, machine=list(_machine()))
     replace_file(directory / NAME, (text.rstrip() + "\n").encode())

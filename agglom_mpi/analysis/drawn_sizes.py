@@ -58,14 +58,14 @@ def has_sizes(file: "CampaignData") -> bool:
 def drawn_fraction(file: "CampaignData", string: int) -> DrawnFraction | None:
     """Return the volume fractions of a string's samples; None if grains are equal, or none is done.
 
-    All samples that are in the file count, fresh ones, too.
+    Used samples count, and fresh ones, too.
     """
     if not has_sizes(file):
         return None
     # Imported here: a file of equal grains is read without what reads campaigns.
     from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
-    campaign, rows = recorded_campaign(file), file.all_sample_rows()
+    campaign, rows = recorded_campaign(file), file.counted_samples
     rows = rows[rows["string"] == string]
     done = rows["sample"][rows["state"] == COMPLETED]
     if campaign.scene.size_law is None or not len(done):

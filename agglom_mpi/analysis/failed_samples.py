@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from agglom_mpi.analysis.estimates import objective_of
-from agglom_mpi.formatting import pluralise, printable
+from agglom_mpi.formatting import pluralise, shortened
 from agglom_mpi.outcome import FAILED, REASONS, FailureReason
 from agglom_mpi.storage.schema import TOOK_TOO_LONG
 
@@ -45,7 +45,7 @@ def message_of(text: str) -> str:
     lines = [line for line in text.splitlines() if line.strip()] or [""]
     place = max((i for i, line in enumerate(lines) if line.startswith(PLACE)), default=len(lines))
     after = [line for line in lines[place + 1 :] if not line.startswith(" ")]
-    return printable((after or lines[-1:])[0].strip()[:LONGEST_MESSAGE])
+    return shortened((after or lines[-1:])[0].strip(), LONGEST_MESSAGE)
 
 
 def no_result(data: "CampaignData") -> str:
@@ -74,10 +74,9 @@ def commonest_reason(data: "CampaignData") -> tuple[str, int]:
 
     Exceptions count together where they have the same cause; the text is that of the first.
     """
-    used, rows = data.samples_used, data.searched_samples
+    rows = data.searched_samples
     rows = rows[rows["state"] == FAILED]
-    limits = np.array([used.get(string, 0) for string in rows["string"].tolist()], np.int64)
-    rows = rows[rows["sample"] < limits]
+    rows = rows[data.are_used(rows)]
     raised = rows["reason"] == FailureReason.EXCEPTION
     counts = Counter[str]()
     for code, count in enumerate(np.bincount(rows["reason"][~raised]).tolist()):
@@ -99,7 +98,7 @@ def commonest_reason(data: "CampaignData") -> tuple[str, int]:
 
 def failure_lines(data: "CampaignData") -> list[str]:
     """Return lines on the failed samples of a campaign: why, what follows, how to repeat one."""
-    rows = data.all_sample_rows()
+    rows = data.counted_samples
     rows = rows[rows["state"] == FAILED]
     if not len(rows):
         return []

@@ -90,7 +90,7 @@ def _edges(file: "CampaignData", best: int) -> Iterator[str]:
 
 def _few(file: "CampaignData", best: int) -> list[str]:
     """Return a line if few particles are left in the samples of the best string."""
-    rows = file.all_sample_rows()
+    rows = file.counted_samples
     rows = rows[(rows["string"] == best) & (rows["state"] == COMPLETED)]
     if not len(rows):
         return []
@@ -100,7 +100,7 @@ def _few(file: "CampaignData", best: int) -> list[str]:
 
 def _jammed(file: "CampaignData", best: int) -> Iterator[str]:
     """Yield how many samples found no place for grains that differ in size, and what that does."""
-    rows = file.all_sample_rows()
+    rows = file.counted_samples
     jammed = int((rows["reason"] == FailureReason.PLACEMENT_JAMMED).sum())
     drawn = drawn_fraction(file, best) if jammed else None
     if drawn is not None:
@@ -114,8 +114,8 @@ def _jammed(file: "CampaignData", best: int) -> Iterator[str]:
 
 def _idle(file: "CampaignData", ranked: RankedStrings) -> Iterator[str]:
     """Yield in how many strings no grain met another, and whether none ever bonded."""
-    rows = file.searched_samples
-    rows = rows[rows["state"] == COMPLETED]
+    rows = file.counted_samples
+    rows = rows[(rows["sample"] < file.fresh_from) & (rows["state"] == COMPLETED)]
     strings = np.unique(rows["string"])
     if not len(strings):
         return
@@ -137,7 +137,7 @@ def _unsolved(file: "CampaignData") -> Iterator[str]:
     """Yield how far impacts were left from e = G(e), where the solver promises a root."""
     name = file.identity.get("scene.solver.law")
     most = Solver.components()[name].largest_residual if name in Solver.components() else inf
-    rows = file.all_sample_rows()
+    rows = file.counted_samples
     residuals = rows["largest_residual"][rows["state"] == COMPLETED]
     unsolved = int((residuals > most).sum())
     if unsolved:

@@ -33,6 +33,7 @@ def sample_arrays(data: "CampaignData") -> "xr.Dataset":
     `string_`. Columns of samples have both dimensions. Strings have different numbers of samples,
     and fresh samples are numbered apart: where there is no sample, `present` is False and numbers
     are nan, so that means over `sample`, which skip nan, are those of the samples that exist.
+    Samples that ran ahead unused are there only if the file was opened `with_unused`.
     Units are in `attrs["units"]`.
 
     Raises
@@ -96,5 +97,6 @@ def _attributes(data: "CampaignData") -> dict[str, str | int]:
         "campaign_sha256": str(data.attributes["campaign_sha256"]),
         "state": data.status().state,
         "fresh_from": data.fresh_from,
+        "with_unused": int(data.with_unused),
         "source": f"agglom_mpi {__version__}",
     }

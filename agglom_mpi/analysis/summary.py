@@ -27,6 +27,7 @@ from agglom_mpi.analysis.ranking import listed_strings, rank_strings, ranks_itse
 from agglom_mpi.analysis.selection_bias import SelectionBias, describe_bias, selection_bias
 from agglom_mpi.display.fitted_table import FittedTable
 from agglom_mpi.formatting import format_duration, in_unit, number_or_none, pluralise, without_nan
+from agglom_mpi.outcome import FAILED
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.variables import PAPER_VARIABLES
 
@@ -95,7 +96,7 @@ def collect_summary(file: CampaignData, best: int = 6) -> Summary:
         samples_simulated=len(samples) - fresh,
         samples_fresh=fresh,
         samples_in_larger_volumes=file.volume_count,
-        failed=int((samples["state"] == 2).sum()),
+        failed=int((file.counted_samples["state"] == FAILED).sum()),
         hit_maximum=int(results["hit_maximum"].sum()),
         not_converged=unconverged(file),
         damaged=file.damaged,

@@ -10,6 +10,7 @@ from agglom_mpi.analysis.estimates import Estimate, estimates_of
 from agglom_mpi.analysis.quantity_means import quantity_table
 from agglom_mpi.analysis.ranking import order_by_estimates, search_order
 from agglom_mpi.errors import require_library
+from agglom_mpi.formatting import csv_cell
 from agglom_mpi.measurements.layout import CENSUS_COLUMNS
 from agglom_mpi.outcome import REASONS
 from agglom_mpi.search.proposals import ORIGINS
@@ -44,21 +45,21 @@ def table_of(data: "CampaignData", name: str) -> "pd.DataFrame":
 
 
 def strings(data: "CampaignData") -> "pd.DataFrame":
-    """Tabulate strings, variables in use, derived columns and results: nan or 0 if there is none.
+    """Tabulate counted strings, variables in use, derived columns and results: nan or 0 if none.
 
     `seconds` and `cpu_seconds` are the wall-clock and the processor time of all samples of a
     string; the latter is nan in files of format versions 1 and 2.
     """
-    pandas, rows, results = _pandas(), data.string_rows(), data.result_rows()
+    pandas, rows, results = _pandas(), data.counted_strings, data.result_rows()
     variables, samples = data.variable_rows(), data.all_sample_rows()
     unused = set(data.variables.names) - set(_used_names(variables))
     first = _columns(pandas, rows, without={"origin", "parents", *unused})
     first.insert(3, "origin", _texts(rows["origin"], ORIGINS))
     first.insert(4, "parent_1", rows["parents"][:, 0])
     first.insert(5, "parent_2", rows["parents"][:, 1])
-    derived = derived_columns(data)
+    derived, counted = derived_columns(data), np.isin(data.string_rows()["string"], rows["string"])
     for column in derived:
-        first[column.name] = column.values
+        first[column.name] = column.values[counted]
     second = _columns(pandas, results).set_index("string").reindex(rows["string"])
     second = second.reset_index(drop=True)
     second["hit_maximum"] = second["hit_maximum"] == 1
@@ -102,17 +103,16 @@ def wall_over_cpu(samples: np.ndarray) -> float:
 
 
 def samples(data: "CampaignData") -> "pd.DataFrame":
-    """Tabulate samples; results rest on those that are `used`, and never on those that are `fresh`.
+    """Tabulate counted samples; results rest on `used` ones, and never on `fresh` ones.
 
     Temperatures are nan where the scene has none.
     """
-    rows, used, fresh_from = data.all_sample_rows(), data.samples_used, data.fresh_from
+    rows = data.counted_samples
     frame = _columns(_pandas(), rows, without={"state", "reason", *CENSUS_COLUMNS})
-    limits = np.array([used.get(string, 0) for string in rows["string"].tolist()], dtype=int)
     frame.insert(2, "state", _texts(rows["state"], STATES))
-    frame.insert(3, "used", rows["sample"] < limits)
+    frame.insert(3, "used", data.are_used(rows))
     frame.insert(4, "reason", _texts(rows["reason"], REASONS))
-    frame.insert(5, "fresh", rows["sample"] >= fresh_from)
+    frame.insert(5, "fresh", rows["sample"] >= data.fresh_from)
     if not data.has_temperature:
         frame["mean_temperature"] = frame["mean_temperature"].where(frame["mean_temperature"] > 0.0)
     return _with_units(frame, samples_schema(data.quantities).fields)
@@ -214,14 +214,27 @@ def _by_volume_fraction(
 
 
 def with_units(table: "pd.DataFrame") -> "pd.DataFrame":
-    """Return a table with units in its column names, and populations as spaced numbers."""
-    table = table.copy()
+    """Return a table as CSV has it: units in its column names, populations as spaced numbers.
+
+    Its texts are those of `csv_texts`.
+    """
+    units, table = table.attrs["units"], table.copy()
     if "population" in table:
         table["population"] = [" ".join(map(str, ids)) for ids in table["population"]]
-    units = table.attrs["units"]
+    table = csv_texts(table)
     return table.rename(
         columns={name: f"{name} ({unit})" for name, unit in units.items() if unit not in ("", "1")}
     )
+
+
+def csv_texts(table: "pd.DataFrame") -> "pd.DataFrame":
+    """Return a table whose texts no spreadsheet takes for formulas; see `csv_cell`."""
+    table = table.rename(columns=csv_cell)
+    for name in table:
+        if table[name].dtype.kind == "O":
+            safe = {value: csv_cell(value) for value in table[name] if isinstance(value, str)}
+            table[name] = [safe.get(value, value) for value in table[name]]
+    return table
 
 
 def _used_names(rows: np.ndarray) -> list[str]:

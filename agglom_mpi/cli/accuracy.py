@@ -67,6 +67,8 @@ def accuracy(answer: bool, **options: Any) -> None:
     """
     if answer:
         options = _of_answer(options)
+    elif options["map"] is not None and options["history"] is not None:
+        raise click.UsageError("--history is for a study without --map")
 
     def run(world: Any) -> int:
         if answer:

@@ -40,6 +40,8 @@ def check(file: str, allow_code: bool, strict: bool, as_json: bool) -> int:
     version.
     """
     if is_hdf5(file):
+        if strict:
+            raise click.UsageError("--strict is for CAMPAIGN.yaml")
         from agglom_mpi.analysis.file_check import check_file
 
         text, code = check_file(file, allow_code)

@@ -41,8 +41,8 @@ def say(text: str, error: bool = False) -> None:
 
 
 def mention_left_out(file: "CampaignData") -> None:
-    """Print what was left out of a file, as that needs code which may not run."""
-    for line in file.left_out_lines():
+    """Print what was left out of a file, as that needs code which may not run, or added."""
+    for line in [*file.left_out_lines(), *file.unused_notes]:
         say(line, error=True)
 
 
@@ -249,6 +249,12 @@ ALLOW_CODE: Final = click.option(
     "--allow-code",
     is_flag=True,
     help="Run the Python code that the campaign names: objective functions, your own components.",
+)
+UNUSED: Final = click.option(
+    "--unused",
+    is_flag=True,
+    help="Count samples that ran ahead unused, too. Results then depend on the number of ranks and "
+    "on timing.",
 )
 DATABASE: Final = click.option(
     "--database",

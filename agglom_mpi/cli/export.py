@@ -5,7 +5,7 @@ from typing import Final
 
 import click
 
-from agglom_mpi.cli.common import ALLOW_CODE, PATH, examples, exit_with, say
+from agglom_mpi.cli.common import ALLOW_CODE, PATH, UNUSED, examples, exit_with, say
 from agglom_mpi.cli.set_options import read_set_request, set_options
 
 FORMS: Final = (
@@ -72,6 +72,7 @@ FORMS: Final = (
     type=click.IntRange(1, 10**5),
     help="Resimulate the sample with this number of frames.  [default: those stored, or 101]",
 )
+@UNUSED
 @ALLOW_CODE
 @exit_with
 def export(
@@ -88,11 +89,13 @@ def export(
     string: int | None,
     samples: tuple[int, ...],
     frames: int | None,
+    unused: bool,
     allow_code: bool,
 ) -> int:
     """Export a campaign FILE.h5 in one or more of the forms --compact, --csv, ...
 
-    All complete rows are exported, also while a run is writing. No existing file is overwritten. A
+    Strings with a result and their used and fresh samples are exported, also while a run is
+    writing; --unused adds the rest. --compact copies everything. No existing file is overwritten. A
     sample without stored frames is simulated again, with identical results.
     """
     paths = [path for path in (compact, csv, xarray, arviz, as_json, paraview) if path is not None]
@@ -103,6 +106,8 @@ def export(
         raise click.UsageError("two options name the same file; give two names")
     if paraview is None and (string is not None or samples or frames is not None):
         raise click.UsageError("--string, --sample and --frames are for --paraview OUT.vtkhdf")
+    if unused and paths in ([compact], [paraview], [compact, paraview]):
+        raise click.UsageError("--unused is for --csv, --xarray, --arviz and --json")
     numbers = tolerance, measured, error
     wanted = arviz is not None or as_json is not None
     request = read_set_request("--arviz OUT.nc or --json OUT.json", wanted, *numbers)
@@ -116,6 +121,6 @@ def export(
         selection = FrameSelection(paraview, string, samples, frames)
     exports = Exports(compact, csv, xarray, arviz, request, selection, as_json)
     with blame_damage(file):
-        for line in export(Path(file), exports, allow_code):
+        for line in export(Path(file), exports, allow_code, unused):
             say(line)
     return 0

@@ -79,6 +79,9 @@ def plan(as_json: bool, **options: Any) -> int:
     from agglom_mpi.planning.plan import PlanOptions, plan
 
     asked = PlanOptions(**options)
+    origin = click.get_current_context().get_parameter_source("seconds")
+    if asked.source is not None and origin is not click.core.ParameterSource.DEFAULT:
+        raise click.UsageError("--seconds is for pilot samples; --from replaces them")
     with blame_damage(*filter(None, [asked.source])):
         report = plan(asked)
     if as_json:

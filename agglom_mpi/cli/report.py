@@ -9,6 +9,7 @@ from agglom_mpi.cli.common import (
     ALLOW_CODE,
     JSON,
     PATH,
+    UNUSED,
     examples,
     exit_with,
     mention_left_out,
@@ -85,6 +86,7 @@ if TYPE_CHECKING:
     metavar="OUT.csv",
     help="With --feasible-set: write the probability on a grid of points.",
 )
+@UNUSED
 @ALLOW_CODE
 @JSON
 @click.option("--follow", is_flag=True, help="First display the progress of the run until it ends.")
@@ -103,6 +105,7 @@ def report(
     error: str | None,
     draws: Path | None,
     grid: Path | None,
+    unused: bool,
     allow_code: bool,
     as_json: bool,
     follow: bool,
@@ -135,7 +138,7 @@ def report(
         raise click.UsageError("give --out or --json, not both")
     numbers = tolerance, measured, error
     request = read_set_request("--feasible-set", feasible_set, *numbers, draws=draws, grid=grid)
-    _check_names(draws, grid, out)
+    _check_names(out, {"--draws": draws, "--grid": grid, "--what-next-table": what_next_table})
     from agglom_mpi.storage.reader import read_inversion
 
     code = _follow(read_inversion(files[0], allow_code)) if follow else FINISHED
@@ -143,6 +146,7 @@ def report(
         return code
     opened = [read_inversion(file, allow_code) for file in files]
     for file in opened:
+        file.with_unused = unused
         file.settle()
     from agglom_mpi.analysis.damage import blame_damage
 
@@ -150,7 +154,7 @@ def report(
         if out is not None:
             _write_page(opened[0], out, not stored_only, sensitivity, request, asked)
         elif request is not None:
-            _show(_feasible_set(opened[0], request, as_json), as_json)
+            _show(_set(opened[0], request, sensitivity, as_json), as_json)
         else:
             several = len(files) > 1
             if several:
@@ -233,22 +237,39 @@ def _posterior_request(
     return PosteriorRequest(what_next, table)
 
 
-def _check_names(draws: Path | None, grid: Path | None, out: Path | None) -> None:
-    """Raise a UsageError if two of the files to write have the same name."""
-    if draws is not None and grid is not None and draws.resolve() == grid.resolve():
-        raise click.UsageError("--draws and --grid name the same file; give two names")
-    for option, path in (("--draws", draws), ("--grid", grid)):
-        if path is None or out is None or path.resolve().parent != out.resolve():
+def _check_names(out: Path | None, tables: dict[str, Path | None]) -> None:
+    """Raise a UsageError if two of the files to write, by option, have the same name."""
+    named: dict[Path, str] = {}
+    for option, path in tables.items():
+        if path is None:
             continue
-        if path.suffix in (".html", ".png", ".svg"):
+        other = named.setdefault(path.resolve(), option)
+        if other != option:
+            raise click.UsageError(f"{other} and {option} name the same file; give two names")
+        of_page = out is not None and path.resolve().parent == out.resolve()
+        if of_page and path.suffix in (".html", ".png", ".svg"):
             raise click.UsageError(f"{option} names a file of the web page; give one like x.csv")
 
 
-def _feasible_set(file: "CampaignData", request: "SetRequest", as_json: bool) -> Any:
+def _sensitivity(file: "CampaignData", wanted: bool) -> tuple[dict[str, Any], list[Any]]:
+    """Return the sensitivity as an entry of JSON and as a renderable; nothing if not `wanted`."""
+    if not wanted:
+        return {}, []
+    from agglom_mpi.analysis import sensitivity
+
+    found = sensitivity.sensitivity_of(file)
+    return {"sensitivity": sensitivity.as_dict(*found)}, [sensitivity.sensitivity_table(*found)]
+
+
+def _set(file: "CampaignData", request: "SetRequest", sensitivity: bool, as_json: bool) -> Any:
     """Return the feasible set of a file as a renderable, or as JSON, and write its files."""
+    from rich.console import Group
+
     from agglom_mpi.report.set_files import set_report
 
-    return set_report(file, request, as_json)
+    entries, more = _sensitivity(file, sensitivity)
+    found = set_report(file, request, as_json, **entries)
+    return found if as_json else Group(found, *more)
 
 
 def _summary(
@@ -260,11 +281,8 @@ def _summary(
     """Return the summary of one file as a renderable, or as JSON."""
     from agglom_mpi.analysis.summary import collect_summary, summary_table, to_json
 
-    indices = found = further = None
-    if sensitivity:
-        from agglom_mpi.analysis import sensitivity as sensitivities
-
-        indices = sensitivities.sensitivity_of(opened)
+    found = further = None
+    extra, more = _sensitivity(opened, sensitivity)
     if posterior is not None:
         from agglom_mpi.inference.data_posterior import data_posterior
         from agglom_mpi.report.next_summary import next_as_list, next_text
@@ -273,13 +291,11 @@ def _summary(
         found = opened.derived(data_posterior)
         further = posterior.found(found)
     if as_json:
-        extra = {} if indices is None else {"sensitivity": sensitivities.as_dict(*indices)}
         more_of = {} if further is None else {"next_measurements": next_as_list(further)}
         extra |= {} if found is None else {"posterior": found.as_dict() | more_of}
         return to_json(collect_summary(opened), extra)
     from rich.console import Group
 
-    more = [] if indices is None else [sensitivities.sensitivity_table(*indices)]
     if found is not None:
         from agglom_mpi.report.posterior_summary import data_posterior_text
 

@@ -14,6 +14,7 @@ from agglom_mpi.cli.common import (
     exit_with,
     say,
 )
+from agglom_mpi.file_kinds import is_hdf5
 
 
 @click.command(
@@ -60,6 +61,10 @@ def simulate(as_json: bool, samples: int | None, **options: Any) -> int:
     frames = options["frames"]
     if (frames is None) != (options["out"] is None):
         raise click.UsageError("--frames F and --out DIR belong together")
+    if options["strict"] and is_hdf5(options["source"]):
+        raise click.UsageError("--strict is for CAMPAIGN.yaml")
+    if options["sample"] is not None and samples is not None:
+        raise click.UsageError("--sample is one sample, --samples are the first; give one of them")
     if frames is not None and samples is not None:
         raise click.UsageError("--frames shows one sample; choose it with --sample, not --samples")
     from agglom_mpi.report.simulate import SimulationRequest, simulate_string

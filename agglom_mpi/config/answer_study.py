@@ -13,7 +13,7 @@ from agglom_mpi.config.data_files import DataBesideCampaign
 from agglom_mpi.config.field_errors import to_campaign_error
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.own_components import BesideCampaign
-from agglom_mpi.config.searchable import check_search_library, check_searchable
+from agglom_mpi.config.searchable import check_search_library, check_searchable, log_narrow
 from agglom_mpi.config.size_file import read_beside
 from agglom_mpi.config.yaml_source import CampaignError, Problem, Source, parse, read_text
 from agglom_mpi.declaration.declared import FieldError, FieldPath
@@ -149,7 +149,7 @@ def load_answer_study(path: str, allow_code: bool = False) -> AnswerStudy:
     except ValidationError as error:
         raise to_campaign_error(error, source, AnswerDocument) from None
     question = load_campaign(str(Path(path).parent / document.question), allow_code)
-    check_searchable(question)
+    log_narrow(question)
     campaign = _Variants(source, question, allow_code)
     settings = [Setting("", DEFAULT, campaign.of(("default",)))]
     for factor, named in document.factors.items():

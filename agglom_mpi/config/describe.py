@@ -13,7 +13,7 @@ from agglom_mpi.config.own_variables import own_variables
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.declaration.laws import Law
 from agglom_mpi.errors import CodeNotAllowedError
-from agglom_mpi.formatting import in_unit, pluralise, printable, value_with_prefix
+from agglom_mpi.formatting import in_unit, pluralise, shortened, value_with_prefix
 from agglom_mpi.variables import VOLUME_FRACTION, volume_fraction
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def in_a_few_words(campaign: "CampaignSections") -> str:
     if campaign.plan is not None and searched:
         search = f"searches {', '.join(searched)} by {campaign.search.name}"
     grains = pluralise(campaign.volume * campaign.scene.particles, "grain")
-    return f"{printable(campaign.title)}; {grains}, {search}"
+    return f"{shortened(campaign.title)}; {grains}, {search}"
 
 
 def missing_fields(scene: SceneSection) -> list[str]:
@@ -111,7 +111,7 @@ def sections(campaign: "CampaignSections") -> list[Paragraph]:
     paths = campaign.variables.table.further_names
     used, left_out = submodels(campaign.scene, paths)
     return [
-        (campaign.title or campaign.name, _run(campaign)),
+        (shortened(campaign.title) or campaign.name, _run(campaign)),
         ("Scene", _known(lambda: _scene(campaign))),
         ("Variables", _variables(campaign)),
         *_relations(campaign),

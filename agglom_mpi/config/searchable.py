@@ -1,6 +1,7 @@
 """Checks whether a campaign can be searched: ranges, constraints, given strings, and library."""
 
-from typing import TYPE_CHECKING
+import logging
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +12,8 @@ from agglom_mpi.errors import MissingLibraryError, require_library
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign_sections import CampaignSections
+
+LOG: Final = logging.getLogger(__name__)
 
 
 def check_start(campaign: "CampaignSections", strings: npt.NDArray[np.float64]) -> None:
@@ -37,6 +40,12 @@ def check_searchable(campaign: "CampaignSections") -> list[Problem]:
     if campaign.plan is None or not campaign.variables.searched:
         raise campaign.search_error()
     return check_constraints(campaign)
+
+
+def log_narrow(campaign: "CampaignSections") -> None:
+    """Log the warnings of `check_searchable`, for what has no other place for them."""
+    for problem in check_searchable(campaign):
+        LOG.warning("warning: %s", problem)
 
 
 def check_constraints(campaign: "CampaignSections") -> list[Problem]:

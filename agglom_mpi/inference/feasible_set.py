@@ -51,8 +51,8 @@ class NoFeasibleSetError(UserError, ValueError):
 class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
     """The strings of the search box that are compatible with the objective, by an emulator.
 
-    The emulator rests on all completed samples of the file. Shares and volumes are measured in
-    the coordinates in which the campaign searches, uniform in each.
+    The emulator rests on completed samples that are used or fresh. Shares and volumes are measured
+    in the coordinates in which the campaign searches, uniform in each.
 
     `open_campaign(path).feasible_set(tolerance)` returns it.
 

@@ -1,4 +1,4 @@
-"""The samples of a campaign file that its emulator rests on: all completed ones, each once."""
+"""The samples that the emulator of a file rests on: completed used and fresh ones, each once."""
 
 from typing import TYPE_CHECKING, Final, NamedTuple
 
@@ -43,8 +43,8 @@ class StoredSamples(NamedTuple):
 
 
 def stored_samples(data: "CampaignData") -> StoredSamples:
-    """Return the samples of a file, each once: equal strings have the same samples."""
-    campaign, rows = recorded_campaign(data), data.all_sample_rows()
+    """Return the counted samples of a file, each once: equal strings have the same samples."""
+    campaign, rows = recorded_campaign(data), data.counted_samples
     strings = data.string_rows()
     rows = rows[np.isin(rows["string"], strings["string"])]
     order = np.argsort(strings["string"], kind="stable")
@@ -94,5 +94,5 @@ def _late(
 ) -> NDArray[np.int64]:
     """Return the number of samples of each different string that took too long and have no row."""
     of_string = dict(zip(strings["string"].tolist(), which.tolist(), strict=True))
-    late = [of_string[string] for string, _ in data.timed_out if string in of_string]
+    late = [of_string[string] for string, _ in data.counted_timed_out if string in of_string]
     return np.bincount(np.array(late, np.int64), minlength=count)

@@ -14,7 +14,7 @@ from agglom_mpi.analysis.tables import time_on_free_core, wall_over_cpu
 from agglom_mpi.analysis.warm_start import warm_start
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
-from agglom_mpi.config.searchable import check_search_library, check_searchable
+from agglom_mpi.config.searchable import check_search_library, log_narrow
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.outcome import FAILED
 from agglom_mpi.planning.cluster_simulator import (
@@ -60,7 +60,7 @@ def plan(options: PlanOptions) -> ForecastReport:
     campaign = load_campaign(options.campaign, options.allow_code)
     if options.generations is not None:
         campaign = campaign.with_generations(options.generations)
-    check_searchable(campaign)
+    log_narrow(campaign)
     check_search_library(campaign)
     given = warm_start(campaign, Path(campaign.file_name)).strings
     console = Console(stderr=True)

@@ -31,10 +31,12 @@ class CampaignPlots(metaclass=PublicFace):
     def __init__(self, data: CampaignData) -> None:
         self._opened = data
 
-    def _snapshot(self) -> CampaignData:
+    def _snapshot(self, with_unused: bool = False) -> CampaignData:
         """Return the rows as they are now; the file of a running campaign grows on."""
         opened = self._opened
-        return CampaignData(self.path, opened.attributes, allow_code=opened.allow_code)
+        data = CampaignData(self.path, opened.attributes, allow_code=opened.allow_code)
+        data.with_unused = with_unused or opened.with_unused
+        return data
 
     @property
     def path(self) -> Path:

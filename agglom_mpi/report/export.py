@@ -62,7 +62,9 @@ class Exports(NamedTuple):
     json: Path | None = None
 
 
-def export(source: Path, exports: Exports, allow_code: bool = False) -> Iterator[str]:
+def export(
+    source: Path, exports: Exports, allow_code: bool = False, with_unused: bool = False
+) -> Iterator[str]:
     """Write a campaign file in other forms, and yield a line on each file that is written.
 
     Parameters
@@ -73,6 +75,8 @@ def export(source: Path, exports: Exports, allow_code: bool = False) -> Iterator
         What to write.
     allow_code
         Whether code of one's own that the file has may be executed.
+    with_unused
+        Whether samples that ran ahead unused are counted and written, too.
 
     Raises
     ------
@@ -89,6 +93,9 @@ def export(source: Path, exports: Exports, allow_code: bool = False) -> Iterator
     inferred = exports.arviz is not None or exports.json is not None
     of_search = selection is not None or inferred
     file = (read_inversion if of_search else read_campaign)(source, allow_code)
+    file.with_unused = with_unused
+    if exports.draws is not None:
+        _refuse_tolerance(file, exports.draws)
     if directory is not None:
         require_library("pandas", "report", "tables")
         require_directory(directory)
@@ -122,7 +129,16 @@ def export(source: Path, exports: Exports, allow_code: bool = False) -> Iterator
         yield f"{exports.json}: {pluralise(exports.json.stat().st_size, 'byte')}"
     if selection is not None:
         yield from write_samples(file, samples, selection.frames)
-    yield from file.left_out_lines()
+    yield from (*file.left_out_lines(), *file.unused_notes)
+
+
+def _refuse_tolerance(file: CampaignData, draws: "SetRequest") -> None:
+    """Refuse a tolerance where the posterior of measured data is written, which has none."""
+    from agglom_mpi.report.set_files import DEFAULT_TOLERANCE, is_of_data
+
+    if draws.tolerance != DEFAULT_TOLERANCE and is_of_data(file, draws):
+        message = "--tolerance is for a feasible set; of measured data the posterior is written"
+        raise ExportError(f"{file.path}: {message}")
 
 
 def _netcdf_files(file: CampaignData, exports: Exports) -> Iterator[str]:

@@ -22,7 +22,7 @@ from agglom_mpi.config.describe import sections
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.errors import require_library
-from agglom_mpi.formatting import pluralise
+from agglom_mpi.formatting import pluralise, printable
 from agglom_mpi.inference.data_posterior import DataPosterior, data_posterior
 from agglom_mpi.inference.feasible_set import FeasibleSet
 from agglom_mpi.inference.next_measurement import NextMeasurements
@@ -209,6 +209,7 @@ class PageBuilder:
             loader=FileSystemLoader(Path(__file__).parent),
             autoescape=True,
             undefined=StrictUndefined,
+            finalize=_safe,
             trim_blocks=True,
             lstrip_blocks=True,
             keep_trailing_newline=True,
@@ -218,8 +219,8 @@ class PageBuilder:
 
     def _content(self) -> dict[str, Any]:
         """Return the variables of the template."""
-        data, samples = self._data, self._data.all_sample_rows()
-        completed = int((samples["state"] == COMPLETED).sum())
+        data = self._data
+        completed = int((data.counted_samples["state"] == COMPLETED).sum())
         return {
             "title": data.title or data.path.stem,
             "file_name": data.path.name,
@@ -228,7 +229,7 @@ class PageBuilder:
             "judged": len(data.result_rows()),
             "no_result": no_result(data),
             "samples_used": int(data.result_rows()["samples_used"].sum()),
-            "simulated": len(samples),
+            "simulated": len(data.all_sample_rows()),
             "figures": self._figures,
             "frames_unavailable": self._frames_unavailable,
             "sensitivity": self._sensitivity,
@@ -254,6 +255,11 @@ class PageBuilder:
         }
 
 
+def _safe(value: Any) -> Any:
+    """Return what the template writes: texts without what would turn or hide others."""
+    return type(value)(printable(value)) if isinstance(value, str) else value
+
+
 def plain_text(content: RenderableType, width: int) -> str:
     """Return a renderable as lines of text with at most `width` characters."""
     console = Console(width=width, color_system=None, file=io.StringIO())
@@ -277,7 +283,8 @@ def comparison_lines(data: CampaignData) -> list[str]:
     bias = selection_bias(rank_strings(data).estimates, paired, rounding_of(data))
     lines = left_out(data) or describe_bias(bias, shown, len(estimated))
     fit = describe_fit(data, shown[0]) if shown else []
-    lines = [*lines, *moment_notes(data), *fit, *describe_finite_size(data, shown)]
+    size = describe_finite_size(data, shown)
+    lines = [*lines, *moment_notes(data), *fit, *size, *data.unused_notes]
     return [typeset(line) for line in lines]
 
 

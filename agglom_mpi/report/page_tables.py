@@ -23,7 +23,13 @@ from agglom_mpi.analysis.estimates import Estimate
 from agglom_mpi.analysis.quantity_means import quantity_rows
 from agglom_mpi.analysis.ranking import listed_strings, rank_strings
 from agglom_mpi.analysis.tables import searched_variables
-from agglom_mpi.formatting import format_duration, label_of, number_or_none, value_with_error
+from agglom_mpi.formatting import (
+    csv_cell,
+    format_duration,
+    label_of,
+    number_or_none,
+    value_with_error,
+)
 from agglom_mpi.outcome import COLUMNS, COMPLETED, LEDGER, REASONS
 from agglom_mpi.report.drawing import axis_label
 from agglom_mpi.report.shown_units import shown_unit
@@ -70,7 +76,8 @@ class PageTable(NamedTuple):
     def csv(self) -> str:
         """The table as a `data:` URI of a CSV file, which needs no server and no script."""
         text = io.StringIO()
-        csv.writer(text).writerows([self.headings, *self.rows])
+        rows = [self.headings, *self.rows]
+        csv.writer(text).writerows([csv_cell(cell) for cell in row] for row in rows)
         return f"data:text/csv;charset=utf-8,{quote(text.getvalue())}"
 
 
@@ -261,7 +268,7 @@ def _text(value: bytes) -> str:
 
 def ledger(data: CampaignData) -> PageTable:
     """Return the worst completed sample of each column of the ledger, and how to simulate it."""
-    rows = data.all_sample_rows()[data.all_sample_rows()["state"] == COMPLETED]
+    rows = data.counted_samples[data.counted_samples["state"] == COMPLETED]
     meanings = {column.name: column.meaning for column in COLUMNS}
     lines = []
     for name in LEDGER:

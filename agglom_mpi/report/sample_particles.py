@@ -107,7 +107,7 @@ def target_ratio(data: CampaignData) -> float | None:
 
 def completed_samples(data: CampaignData, string: int) -> np.ndarray:
     """Return the rows of the completed samples of a string: the fresh ones if there are any."""
-    rows = data.sample_rows(string)
+    rows = data.counted(data.sample_rows(string))
     rows = rows[rows["state"] == COMPLETED]
     fresh = rows[rows["sample"] >= data.fresh_from]
     return fresh if len(fresh) else rows
@@ -136,7 +136,9 @@ def final_radii(
     rows = completed_samples(data, string)
     if not len(rows):
         return None
-    kind = "fresh" if rows["sample"][0] >= data.fresh_from else "all"
+    kind = (
+        "fresh" if rows["sample"][0] >= data.fresh_from else "all" if data.with_unused else "used"
+    )
     stored, radii = _stored_radii(data, string, rows[:MAX_SAMPLES])
     if radii:
         return _pooled(data, stored, radii, f"as stored of {kind} samples")

@@ -78,8 +78,10 @@ class SetRequest(NamedTuple):
 
 
 @single_threaded
-def set_report(data: "CampaignData", request: SetRequest, as_json: bool) -> Any:
+def set_report(data: "CampaignData", request: SetRequest, as_json: bool, **further: Any) -> Any:
     """Return the feasible set of a campaign file as a renderable, or as JSON; write its files.
+
+    JSON has `further` entries, too.
 
     Raises
     ------
@@ -95,7 +97,7 @@ def set_report(data: "CampaignData", request: SetRequest, as_json: bool) -> Any:
     write_files(request, found, posterior)
     if as_json:
         return json.dumps(
-            without_nan(set_as_dict(found, posterior)),
+            without_nan(set_as_dict(found, posterior) | further),
             indent=2,
             ensure_ascii=False,
             allow_nan=False,

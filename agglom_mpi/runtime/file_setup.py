@@ -8,7 +8,7 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.own_components import recorded_texts
 from agglom_mpi.declaration.reading import SOURCE_SHA256
 from agglom_mpi.errors import UserError
-from agglom_mpi.formatting import pluralise
+from agglom_mpi.formatting import pluralise, shortened
 from agglom_mpi.runtime.experiment import Experiment
 from agglom_mpi.runtime.provenance import sources_digest
 from agglom_mpi.storage.access import DamagedCampaign
@@ -118,10 +118,11 @@ def kept_as_it_was(path: Path, file: CampaignData, experiment: Experiment) -> li
             f"{path}: holds {pluralise(held, 'generation')} already, more than the {asked} asked "
             "for; they stay, and none is added"
         )
-    if experiment.campaign.title != file.title:
+    if experiment.campaign.title != file.attributes["title"]:
         lines.append(
             f"{path}: keeps the title {file.title!r} that it was made with; it is now "
-            f"{experiment.campaign.title!r}, which a file of another name would get (--output)"
+            f"{shortened(experiment.campaign.title)!r}, which a file of another name would get "
+            "(--output)"
         )
     return lines
 

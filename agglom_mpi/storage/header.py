@@ -15,7 +15,7 @@ from agglom_mpi.declaration.reading import (
     sections_of_own,
 )
 from agglom_mpi.errors import CodeNotAllowedError
-from agglom_mpi.formatting import printable
+from agglom_mpi.formatting import shortened
 from agglom_mpi.measurements.layout import CensusLayout
 from agglom_mpi.storage.census_columns import CENSUS, census_of
 from agglom_mpi.storage.schema import fresh_from, quantities_of, volumes_of_file
@@ -118,8 +118,8 @@ class CampaignHeader:
 
     @property
     def title(self) -> str:
-        """The title of the campaign, printable."""
-        return printable(self.attributes["title"])
+        """The title of the campaign, printable and of a bounded length."""
+        return shortened(self.attributes["title"])
 
     @cached_property
     def identity(self) -> dict[str, Any]:

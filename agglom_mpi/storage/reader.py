@@ -8,7 +8,7 @@ from typing import Any, Final, NamedTuple, Self, TypeVar
 
 import numpy as np
 
-from agglom_mpi.formatting import printable
+from agglom_mpi.formatting import printable, shortened
 from agglom_mpi.scheduling.volume_strings import number_in_volume
 from agglom_mpi.search.proposals import ORIGINS, Proposals, restored
 from agglom_mpi.storage.access import NotACampaign, open_file, read_attributes
@@ -35,6 +35,13 @@ REWRITE_SECONDS: Final = 0.1
 """Longer than a row that is rewritten in place takes to be whole again."""
 
 
+UNUSED_NOTE: Final = (
+    "samples that ran ahead unused are counted, too, so results depend on the number of ranks and "
+    "on timing"
+)
+"""Note on what is computed of a file that was opened `with_unused`."""
+
+
 class CampaignData(CampaignHeader):
     """The rows of a campaign file as they were when they were first asked for, or refreshed.
 
@@ -56,6 +63,9 @@ class CampaignData(CampaignHeader):
 
     Attributes
     ----------
+    with_unused
+        Whether analyses count samples that ran ahead unused, too: how many there are depends on the
+        number of ranks and on timing, and so do the results. False until it is set.
     particles
         Reads particles of samples.
     """
@@ -68,6 +78,7 @@ class CampaignData(CampaignHeader):
         allow_code: bool = False,
     ) -> None:
         super().__init__(path, attributes, allow_code)
+        self.with_unused = False
         self._snapshot = TableSnapshot(path, sample_columns)
         self._derived: dict[Callable[..., Any], Any] = {}
         self.particles = StoredParticles(path, lambda: self.has_temperature)
@@ -191,6 +202,41 @@ class CampaignData(CampaignHeader):
         """Number of samples that the result of each string rests on, by string."""
         return self.derived(_samples_used_by_string)
 
+    def are_used(self, rows: np.ndarray) -> np.ndarray:
+        """Return which rows of `/samples`, (n,), a result rests on, (n,) bool."""
+        used = self.samples_used
+        return rows["sample"] < [used.get(string, 0) for string in rows["string"].tolist()]
+
+    def counted(self, rows: np.ndarray) -> np.ndarray:
+        """Return those of some rows of `/samples` that analyses rest on: used and fresh ones.
+
+        All of them, `with_unused`.
+        """
+        fresh = rows["sample"] >= self.fresh_from
+        return rows if self.with_unused else rows[fresh | self.are_used(rows)]
+
+    @property
+    def counted_samples(self) -> np.ndarray:
+        """Rows of the samples that analyses rest on; see `counted`."""
+        return self.derived(_counted_samples)
+
+    @property
+    def counted_strings(self) -> np.ndarray:
+        """Rows of the strings that have a result; of all that were proposed, `with_unused`."""
+        rows = self.string_rows()
+        return rows if self.with_unused else rows[np.isin(rows["string"], [*self.samples_used])]
+
+    @property
+    def unused_notes(self) -> list[str]:
+        """A line on what is counted, `with_unused`; else none."""
+        return [UNUSED_NOTE] if self.with_unused else []
+
+    @property
+    def counted_timed_out(self) -> set[tuple[int, int]]:
+        """Timed-out samples that analyses count as failed, as (string, sample)."""
+        counted = {*self.judged_timed_out} | self.fresh_timed_out
+        return self.timed_out if self.with_unused else counted
+
     @property
     def searched_samples(self) -> np.ndarray:
         """Rows of the samples that decisions may see."""
@@ -287,7 +333,9 @@ def read_inversion(path: str | os.PathLike[str], allow_code: bool = False) -> Ca
     data = read_campaign(path, allow_code)
     purpose = data.attributes.get("purpose", INVERSION)
     if purpose != INVERSION:
-        raise NotACampaign(f"{path}: holds the samples of an {purpose}, not an inversion's")
+        raise NotACampaign(
+            f"{path}: holds the samples of an {shortened(purpose)}, not an inversion's"
+        )
     return data
 
 
@@ -311,6 +359,10 @@ def _parameters_by_string(data: CampaignData) -> dict[int, np.ndarray]:
 def _samples_used_by_string(data: CampaignData) -> dict[int, int]:
     rows = data.result_rows()
     return dict(zip(rows["string"].tolist(), rows["samples_used"].tolist(), strict=True))
+
+
+def _counted_samples(data: CampaignData) -> np.ndarray:
+    return read_only(data.counted(data.all_sample_rows()))
 
 
 def _searched_samples(data: CampaignData) -> np.ndarray:

@@ -11,10 +11,12 @@ from campaign_runs import environment
 from processes import output_of, program
 
 from agglom_mpi.display.run_display import Display, print_wide
+from agglom_mpi.storage.reader import read_campaign
+from agglom_mpi.storage.writer import CampaignWriter
 
 BIN = Path(sys.executable).parent
-HOSTILE = "\x1b]0;owned\x07\x1b[2J\x9b31m\u202ex"
-COMMANDS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+HOSTILE = "\x1b]0;owned\x07\x1b[2J\x9b31m\u202e\u200fx"
+COMMANDS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
 
 
 @pytest.fixture
@@ -82,3 +84,43 @@ def test_messages_and_tables_of_a_run_are_printable_and_keep_their_styles(capsys
     assert all("owned" in line for line in (said + errors).splitlines())
     own = re.sub(r"\x1b\[[0-9;]*m", "", said + errors)
     assert not COMMANDS.search(own)
+
+
+def test_texts_of_a_file_neither_turn_nor_hide_others_on_the_page(tiny_folder, tmp_path):
+    pytest.importorskip("matplotlib")
+    pytest.importorskip("jinja2")
+    from agglom_mpi.report.figures import FIGURES
+    from agglom_mpi.report.figures.figure import FigureOptions
+    from agglom_mpi.report.page import PageBuilder
+
+    path = tmp_path / f"{HOSTILE}.h5"
+    shutil.copy(tiny_folder / "tiny.h5", path)
+    with h5py.File(path, "r+") as file:
+        for name in ("title", "code_version"):
+            file.attrs[name] = HOSTILE
+        file.attrs["campaign"] = f"# {HOSTILE}\n{file.attrs['campaign']}"
+    with CampaignWriter(path) as writer:
+        writer.log.put_failure(0, 0, rank=0, host="node", text=f"ValueError: {HOSTILE}")
+        writer.set_status("failed", HOSTILE)
+    builder = PageBuilder(read_campaign(path), tmp_path, FigureOptions(seconds=0.0), False)
+    builder._figures = {figure.section: [] for figure in FIGURES.values()}
+    page = builder.render()
+    assert page.count("owned") >= 5
+    assert not COMMANDS.search(page)
+
+
+def test_a_title_and_a_purpose_of_a_megabyte_are_cut(tiny_folder, tmp_path, agglom):
+    path = tmp_path / "long.h5"
+    shutil.copy(tiny_folder / "tiny.h5", path)
+    with h5py.File(path, "r+") as file:
+        file.attrs["title"] = "t" * 60000
+    assert len(agglom("report", path).output) < 6000
+    with h5py.File(path, "r+") as file:
+        file.attrs["purpose"] = "p" * 60000
+    done = agglom("report", path)
+    assert done.exit_code == 2
+    assert len(done.output) < 1000
+    long = (tiny_folder / "tiny.yaml").read_text()
+    long = re.sub("(?m)^title: .*$", f"title: {'t' * 10**6}", long)
+    (tmp_path / "long.yaml").write_text(long)
+    assert len(agglom("check", tmp_path / "long.yaml").output) < 10000

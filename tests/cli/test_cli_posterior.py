@@ -92,3 +92,10 @@ def test_a_feasible_set_of_data_is_refused_with_what_there_is_instead(run):
     done = run("report", "--feasible-set")
     assert done.exit_code == 2
     assert "--posterior" in done.stderr
+
+
+def test_a_tolerance_is_refused_where_the_posterior_of_data_is_written(run, tmp_path):
+    done = run("export", "--json", tmp_path / "p.json", "--tolerance", "7%")
+    assert done.exit_code == 2
+    assert "--tolerance" in done.stderr
+    assert list(tmp_path.iterdir()) == []

@@ -39,7 +39,7 @@ class RunningEstimate(NamedTuple):
     objective, half_width
         By the samples so far, and half of its 95 % interval, nan for one sample; shape (n,).
     used
-        Completed samples that the search decided by; the rest was speculative or is fresh.
+        Completed samples that the search decided by; the rest is fresh.
     again
         Re-estimate by the fresh samples alone, if there are any.
     """
@@ -79,7 +79,7 @@ class EnsembleHistories(NamedTuple):
 
 def running_estimate(data: CampaignData, string: int) -> RunningEstimate:
     """Return the objective of a string after each of its completed samples."""
-    rows = data.sample_rows(string)
+    rows = data.counted(data.sample_rows(string))
     used = int(rank_strings(data).results[string]["samples_used"])
     completed = rows[rows["state"] == COMPLETED]
     objective = objective_at(data, string)
@@ -97,7 +97,7 @@ def running_estimate(data: CampaignData, string: int) -> RunningEstimate:
 
 def stopping_points(data: CampaignData, string: int) -> list[StoppingPoint]:
     """Return where the campaign's own rule and `compared_rules` end the samples of a string."""
-    samples = objective_of(data).summaries(data.sample_rows(string))
+    samples = objective_of(data).summaries(data.counted(data.sample_rows(string)))
     own = own_rule(data)
     particles = int(data.identity["scene.particles"])
     compared = [(name, rule) for name, rule in compared_rules().items() if not rule.tests_like(own)]
@@ -215,7 +215,7 @@ def _ensembles_caption(histories: EnsembleHistories) -> str:
     if any(0 < each.used < len(each.objective) for each in histories.estimates):
         parts.append(
             "Left of a dotted line are the samples that the string was chosen by; right of it the "
-            "mean goes on over those that ran ahead and fresh ones."
+            "mean goes on over fresh ones."
         )
     if any(each.again is not None for each in histories.estimates):
         parts.append("Diamonds: re-estimates by the fresh samples alone.")
@@ -300,10 +300,9 @@ def draw_sample_counts(ax: Any, counts: SampleCounts) -> Any:
 def _ensembles_data(data: CampaignData, _: FigureOptions) -> EnsembleHistories | None:
     if objective_of(data).needs_code:
         return None
-    completed = [
-        i for i in rank_strings(data).order if (data.sample_rows(i)["state"] == COMPLETED).any()
-    ]
-    shown = completed[:STRINGS]
+    samples = data.counted_samples
+    completed = {*samples["string"][samples["state"] == COMPLETED].tolist()}
+    shown = [i for i in rank_strings(data).order if i in completed][:STRINGS]
     if not shown:
         return None
     return EnsembleHistories(
