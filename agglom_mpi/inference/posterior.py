@@ -6,7 +6,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final, Generic, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agglom_mpi.config.coordinates import Coordinates
 from agglom_mpi.declaration.spelling import suggestion
@@ -18,6 +17,8 @@ from agglom_mpi.inference.draw_groups import (
     Groups,
     Predicted,
     arviz_data,
+    in_chains,
+    independent_draws,
     posterior_groups,
     root_attributes,
 )
@@ -108,7 +109,9 @@ class Posterior(ABC, Generic[EmulatedKind]):
 
     def sample(self, n: int, seed: int = 0) -> "pd.DataFrame":
         """Draw n strings of equal weight, with replacement; raises ValueError for a wrong n."""
-        return self.of.box.table(self.strings[self._chosen("n", n, seed)])
+        n, seed = self.of.box.count("n", n, least=1), self.of.box.count("seed", seed)
+        chosen = np.random.default_rng(seed).choice(len(self.weights), n, p=self.weights)
+        return self.of.box.table(self.strings[chosen])
 
     def to_pandas(self) -> "pd.DataFrame":
         """Return the same as `draws`: units are in `.attrs["units"]`, and weights add up to 1."""
@@ -125,16 +128,18 @@ class Posterior(ABC, Generic[EmulatedKind]):
     def groups(self, draws: int = DEFAULT_DRAWS, seed: int = 0) -> Groups:
         """Return the groups of an ArviZ file as xarray Datasets by name.
 
-        Weighted strings are drawn anew, with replacement, to `draws` of equal weight, of one chain;
-        `sample_stats` has the `weight` that the string of each draw had. The steps of a Markov
-        chain are of equal weight already, and all are kept: each walker is a chain. The effective
-        size, which no number of draws can raise, is an attribute of `posterior`.
+        Of weighted strings at most `draws` of equal weight are drawn, none of them twice, in chains
+        of independent draws; `sample_stats` has the `weight` that the string of each draw had. The
+        steps of a Markov chain are of equal weight already, and all are kept: each walker is a
+        chain. The effective size, which no number of draws can raise, is an attribute of
+        `posterior`.
         """
-        seed = self.of.box.count("seed", seed)
+        draws, seed = self.of.box.count("draws", draws, least=1), self.of.box.count("seed", seed)
         if self.drawn.walkers:
             chosen = np.arange(len(self.weights)).reshape(-1, self.drawn.walkers).T
         else:
-            chosen = self._chosen("draws", draws, seed)[None]
+            random = np.random.default_rng(seed)
+            chosen = in_chains(independent_draws(self.weights, draws, random))
         meaning = "weight of the string before it was drawn; the draws need no weights"
         stats = {"weight": (self.weights[chosen], meaning)}
         attributes = {
@@ -159,11 +164,6 @@ class Posterior(ABC, Generic[EmulatedKind]):
     @abstractmethod
     def attributes(self) -> dict[str, Any]:
         """Return the attributes of an ArviZ file as a whole."""
-
-    def _chosen(self, field: str, n: int, seed: int) -> NDArray[np.int64]:
-        """Return which strings are n draws of equal weight, with replacement, (n,)."""
-        n, seed = self.of.box.count(field, n, least=1), self.of.box.count("seed", seed)
-        return np.random.default_rng(seed).choice(len(self.weights), n, p=self.weights)
 
     def quantiles(
         self, name: str, shares: tuple[float, ...] = REPORTED_QUANTILES
