@@ -119,24 +119,19 @@ def prior_strings(box: SearchedBox) -> Floats:
 
 
 def in_chains(draws: NDArray[Number]) -> NDArray[Number]:
-    """Return independent draws, (n, …), as chains of equal length, (chains, n / chains, …).
-
-    The last few are left out where the number is no multiple. Few draws are one chain.
-    """
-    length = len(draws) // CHAINS
-    if length < CHAINS:
-        return draws[None]
-    return draws[: length * CHAINS].reshape(CHAINS, length, *draws.shape[1:])
+    """Return independent draws, (n, …), as chains of equal length, (chains, n // chains, …)."""
+    chains = CHAINS if len(draws) >= CHAINS**2 else 1
+    length = len(draws) // chains
+    return draws[: chains * length].reshape(chains, length, *draws.shape[1:])
 
 
-def independent_draws(
-    weights: Floats, most: int, random: np.random.Generator
-) -> NDArray[np.int64]:
+def independent_draws(weights: Floats, most: int, seed: int) -> NDArray[np.int64]:
     """Return which weighted strings are draws of equal weight, (n,), in random order.
 
-    A string is drawn with the probability n·weight (systematic sampling). No string is drawn twice,
-    as n is at most 1 over the largest weight, which the effective size is never below.
+    A string is drawn with the probability n·weight (systematic sampling), and none twice, as n is
+    at most 1 over the largest weight; the effective size is at least that.
     """
+    random = np.random.default_rng(seed)
     count = max(1, min(most, int(1.0 / weights.max())))
     order = random.permutation(len(weights))
     ends = np.cumsum(weights[order])

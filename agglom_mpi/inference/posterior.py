@@ -24,6 +24,7 @@ from agglom_mpi.inference.draw_groups import (
 )
 from agglom_mpi.inference.posterior_sampling import MIN_SIZE, WeightedStrings
 from agglom_mpi.inference.searched_box import SearchedBox
+from agglom_mpi.inference.set_directions import MIN_FREE_SHARE, name_ends, touched_ends
 from agglom_mpi.statistics import weighted_quantiles
 
 if TYPE_CHECKING:
@@ -93,14 +94,35 @@ class Posterior(ABC, Generic[EmulatedKind]):
 
     @property
     def warning(self) -> str:
-        """Reason for which the posterior is unreliable; empty if there is none."""
-        if self.effective_size >= MIN_SIZE:
-            return ""
-        return (
-            f"the effective size is {self.effective_size:.0f}, too small to trust the tails: the "
-            "measurement leaves little of the box; pip install emcee for a Markov chain, or search "
-            "a narrower box"
-        )
+        """Reasons for which the ranges may be wrong; empty if there are none."""
+        return "; ".join(self._warnings())
+
+    def _warnings(self) -> list[str]:
+        """Return what `warning` joins."""
+        own = ((each, self.touches[each.name]) for each in self.of.box.own)
+        touched = ", ".join(name_ends(each, ends) for each, ends in own if ends)
+        found = [f"the posterior touches {touched}, where its ranges end with the box"]
+        found = found if touched else []
+        if self.effective_size < MIN_SIZE:
+            found.append(
+                f"the effective size is {self.effective_size:.0f}, too small to trust the tails: "
+                "the measurement leaves little of the box; pip install emcee for a Markov chain, "
+                "or search a narrower box"
+            )
+        return found
+
+    @cached_property
+    def touches(self) -> dict[str, tuple[str, ...]]:
+        """Ends of the box, `lower` and `upper`, that the posterior touches, by variable.
+
+        Those of a variable of which the measurement says next to nothing are left out.
+        """
+        places, found = self.of.box.space.to_unit(self.strings), {}
+        for name, mine in zip(self.of.box.names, places.T, strict=True):
+            ends = touched_ends(mine, self.weights)
+            free = len(ends) > 1 and self.contraction[name] >= MIN_FREE_SHARE
+            found[name] = () if free else ends
+        return found
 
     @property
     def draws(self) -> "pd.DataFrame":
@@ -128,18 +150,16 @@ class Posterior(ABC, Generic[EmulatedKind]):
     def groups(self, draws: int = DEFAULT_DRAWS, seed: int = 0) -> Groups:
         """Return the groups of an ArviZ file as xarray Datasets by name.
 
-        Of weighted strings at most `draws` of equal weight are drawn, none of them twice, in chains
-        of independent draws; `sample_stats` has the `weight` that the string of each draw had. The
-        steps of a Markov chain are of equal weight already, and all are kept: each walker is a
-        chain. The effective size, which no number of draws can raise, is an attribute of
-        `posterior`.
+        Of weighted strings at most `draws` of equal weight are drawn, none twice, in chains of
+        independent draws; `sample_stats` has the `weight` that each string had. The steps of a
+        Markov chain are of equal weight already, and all are kept: each walker is a chain. The
+        effective size, which no number of draws can raise, is an attribute of `posterior`.
         """
         draws, seed = self.of.box.count("draws", draws, least=1), self.of.box.count("seed", seed)
         if self.drawn.walkers:
             chosen = np.arange(len(self.weights)).reshape(-1, self.drawn.walkers).T
         else:
-            random = np.random.default_rng(seed)
-            chosen = in_chains(independent_draws(self.weights, draws, random))
+            chosen = in_chains(independent_draws(self.weights, draws, seed))
         meaning = "weight of the string before it was drawn; the draws need no weights"
         stats = {"weight": (self.weights[chosen], meaning)}
         attributes = {
@@ -222,8 +242,9 @@ class Posterior(ABC, Generic[EmulatedKind]):
 
         `variables` has the `quantiles` of each variable in SI units, whose names are in `units`.
         Rows and columns of both matrices of correlations are in the order of `variables`.
-        `contraction` is the width of the central 90 % relative to the prior's, and `volume` the
-        share of the box in the smallest region with 90 % of the posterior.
+        `contraction` is the width of the central 90 % relative to the prior's, `touches` the ends
+        of the box at which ranges end with it, and `volume` the share of the box in the smallest
+        region with 90 % of the posterior.
         """
         names = self.of.box.names
         return {
@@ -235,6 +256,7 @@ class Posterior(ABC, Generic[EmulatedKind]):
             "variables": {name: list(self.quantiles(name)) for name in names},
             "units": {each.name: each.unit for each in self.of.box.own},
             "contraction": self.contraction,
+            "touches": {name: list(ends) for name, ends in self.touches.items()},
             "volume": self.volume,
             "correlations": self.correlations.tolist(),
             "partial_correlations": self.partial_correlations.tolist(),
