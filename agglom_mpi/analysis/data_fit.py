@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,11 +10,8 @@ from numpy.typing import NDArray
 from agglom_mpi.analysis.estimates import completed_rows, objective_at, objective_of
 from agglom_mpi.formatting import pluralise, value_with_error
 from agglom_mpi.measurements.datum import Datum
-from agglom_mpi.measurements.misfit import DatumMisfit, Misfit, sampling_noise
+from agglom_mpi.measurements.misfit import UNLIKELY, DatumMisfit, Misfit, sampling_noise
 from agglom_mpi.storage.reader import CampaignData
-
-UNLIKELY: Final = 0.05
-"""Probability below which a difference is said to be more than both errors."""
 
 
 def has_data(file: CampaignData) -> bool:

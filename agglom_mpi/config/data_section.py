@@ -18,14 +18,12 @@ from agglom_mpi.declaration.field_types import Line
 from agglom_mpi.declaration.sections import Section
 from agglom_mpi.declaration.units import has_offset, quoted, to_si, unit_in
 from agglom_mpi.formatting import in_unit, value_with_prefix
-from agglom_mpi.measurements.datum import QUANTITIES, Datum, datum_name
+from agglom_mpi.measurements.datum import QUANTITIES, Datum, datum_name, one_name
 
 SIZES_QUANTITY: Final = "sizes"
 """The quantity whose numbers are in a file."""
 MASS_QUANTITIES: Final = (SIZES_QUANTITY, "d10", "d50", "d90")
 """Quantities that are by mass unless something else is stated."""
-FRACTIONS_OF_ONE: Final = ("particles_left", "largest_mass_fraction")
-"""Quantities that are at most 1."""
 _OF_FILES: Final = ("file", "column", "unit", "counted")
 """Keys of an entry with a file."""
 
@@ -99,8 +97,8 @@ class DatumEntry(Section):
         number, unit = to_si(value, QUANTITIES[quantity].unit), QUANTITIES[quantity].unit
         if not number > 0.0:
             raise ValueError(f"is {quoted(value)}; must be greater than {in_unit('0', unit)}")
-        if quantity in FRACTIONS_OF_ONE and number > 1.0:
-            raise ValueError(f"is {quoted(value)}; must be at most 1")
+        if number > (most := QUANTITIES[quantity].most):
+            raise ValueError(f"is {quoted(value)}; must be at most {most:g}")
         return number
 
     @field_validator("error", mode="before")
@@ -230,8 +228,7 @@ class DataLimits(NamedTuple):
     has_heat: bool
 
     def problems(self, data: tuple[DatumEntry, ...]) -> Iterator[tuple[FieldPath, str]]:
-        """Yield data that the scene cannot have, and those that stand twice."""
-        recorded = [entry.entries() for entry in data]
+        """Yield data that the scene cannot have."""
         for i, entry in enumerate(data):
             if entry.time is not None and self.end is not None and entry.time > self.end:
                 own, end = (value_with_prefix(time, "s") for time in (entry.time, self.end))
@@ -245,9 +242,21 @@ class DataLimits(NamedTuple):
             if entry.quantity == "temperature" and not self.has_heat:
                 message = "is 'temperature', but heating is 'none'; the scene must have heating"
                 yield (i, "quantity"), message
-            if recorded[i] in recorded[:i]:
-                first = recorded.index(recorded[i])
-                yield (i,), f"is the same as data.{first}; each must stand once"
+
+    def repeated(self, data: tuple[DatumEntry, ...]) -> Iterator[tuple[FieldPath, str]]:
+        """Yield data that stand twice, with the same numbers or under another name.
+
+        Data of one name with different numbers are two measurements.
+        """
+        found: list[tuple[Any, str, dict[str, Any]]] = []
+        for i, entry in enumerate(data):
+            time = None if entry.time == self.end else entry.time
+            same = (*one_name(entry.quantity, entry.used_weight), time)
+            for j, (other, label, numbers) in enumerate(found):
+                if same == other and (entry.label != label or entry.entries() == numbers):
+                    yield (i,), f"is the same as data.{j}, {label}; each must stand once"
+                    break
+            found.append((same, entry.label, entry.entries()))
 
 
 def _length(word: str, length: float) -> str:

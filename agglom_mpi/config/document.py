@@ -146,6 +146,8 @@ class SceneDocument(Section):
             differs = scene.end_time == "characteristic" or "end_time" in reading.variables
             limits = DataLimits(None if differs else scene.end_time, not scene.heating.is_absent)
             raise_field_errors(limits.problems(entries))
+            if not reading.recorded:
+                raise_field_errors(limits.repeated(entries))
         return entries
 
     @field_validator("objective")

@@ -11,7 +11,7 @@ from agglom_mpi.config.arguments import read_amount
 from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.declaration.units import has_offset, to_si, unit_in
 from agglom_mpi.formatting import in_unit, value_with_prefix
-from agglom_mpi.measurements.datum import PARTICLE_WEIGHTS, QUANTITIES, Datum, datum_name
+from agglom_mpi.measurements.datum import PARTICLE_WEIGHTS, QUANTITIES, Datum, datum_name, one_name
 
 MEASURABLE: Final = tuple(
     (quantity, weight)
@@ -73,7 +73,7 @@ def quantities_to_measure(
     has_heat
         Whether the particles of the scene have a temperature that changes.
     """
-    known = {(datum.quantity, _used_weight(datum), datum.time) for datum in measured}
+    known = {(*one_name(datum.quantity, datum.weight), datum.time) for datum in measured}
     return [
         Datum.of_value(quantity, 1.0, 1.0, weight, time, datum_name(quantity, weight, time))
         for time in times
@@ -87,10 +87,6 @@ def repeated(datum: Datum) -> Datum:
     return replace(
         datum, covariance=REPEATED_ERROR**2 * datum.covariance, name=f"{datum.name}, again"
     )
-
-
-def _used_weight(datum: Datum) -> str:
-    return datum.weight if QUANTITIES[datum.quantity].has_weight else "number"
 
 
 def assumed_error(

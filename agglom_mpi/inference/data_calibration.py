@@ -16,7 +16,7 @@ import math
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from scipy.stats import kstest
+from scipy.stats import kstest, kstwo
 
 from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.formatting import format_digits
@@ -37,7 +37,7 @@ from agglom_mpi.inference.posterior_sampling import WeightedStrings, effective_s
 DATA_SETS: Final = 200
 """Number of data sets that are made up."""
 CALIBRATION_POINTS: Final = 4096
-"""Maximum number of strings that stand for the posterior of a made-up data set."""
+"""Maximum mean number of strings that stand for the posterior of a made-up data set."""
 TEMPERATURE: Final = 4.0
 """Truths have the density of the posterior to the power of one over this: twice as wide."""
 DATA_SETS_AT_ONCE: Final = 16
@@ -87,9 +87,15 @@ class DataCalibration(NamedTuple):
 
     @property
     def uniformity(self) -> dict[str, float]:
-        """Probability of less uniform ranks by chance (Kolmogorov and Smirnov), by variable."""
-        found = (float(kstest(ranks, "uniform").pvalue) for ranks in self.ranks.T)
-        return dict(zip(self.names, found, strict=True))
+        """Probability of less uniform ranks by chance (Kolmogorov and Smirnov), by variable.
+
+        A rank among few strings errs itself, and the strings are the same for all data sets. So the
+        test is that of two samples: the truths, and the effective number of strings.
+        """
+        sizes = len(self.ranks), self.effective_size
+        number = max(1, round(sizes[0] * sizes[1] / sum(sizes)))
+        found = (kstwo.sf(kstest(ranks, "uniform").statistic, number) for ranks in self.ranks.T)
+        return dict(zip(self.names, map(float, found), strict=True))
 
     @property
     def worst(self) -> tuple[str, float]:
@@ -130,12 +136,13 @@ class DataCalibration(NamedTuple):
         coverages = self.coverage.values()
         least, most = min(coverages), max(coverages)
         shares = _percent(least) if least == most else f"{100 * least:.3g} to {_percent(most)}"
-        start = "is calibrated" if least <= MAX_COVERAGE else "knows more than it claims"
+        start = "are calibrated" if least <= MAX_COVERAGE else "know more than they claim"
         return (
-            f"the posterior {start}: 90 % ranges hold {shares} of the truths of {len(self.ranks)} "
-            f"made-up data sets (± {100 * self.standard_error:.2g} %), ranks are uniform with "
-            f"p ≥ {min(self.uniformity.values()):.2g}; 90 % intervals of the emulator hold "
-            f"{_percent(self.held_out)} of the {self.strings} nearest held-out strings"
+            f"posteriors of data that a string gives {start}: 90 % ranges hold {shares} of the "
+            f"truths of {len(self.ranks)} made-up data sets (± {100 * self.standard_error:.2g} %), "
+            f"ranks are uniform with p ≥ {min(self.uniformity.values()):.2g}; 90 % intervals of "
+            f"the emulator hold {_percent(self.held_out)} of the {self.strings} nearest held-out "
+            "strings"
         )
 
     def as_dict(self) -> dict[str, Any]:
@@ -168,7 +175,7 @@ def calibrate_posterior(
         Number of data sets to make up.
     """
     random = emulated.stream(CALIBRATION_STREAM)
-    truths, others = _truths_and_others(emulated, drawn, data_sets, random)
+    truths, others, prior = _truths_and_others(emulated, drawn, data_sets, random)
     known = emulated.at(others)
     factors = emulated.factors(known.deviations)
     points = emulated.coordinates.of_strings(others)
@@ -182,7 +189,7 @@ def calibrate_posterior(
     for i in range(0, len(truths), DATA_SETS_AT_ONCE):
         some = slice(i, i + DATA_SETS_AT_ONCE)
         away = measured[some, None] - mixed[some] @ mixing.T
-        logarithms = log_densities(away, factors, known.failing)
+        logarithms = log_densities(away, factors, known.failing) + np.log(prior)
         weights = np.exp(logarithms - logarithms.max(axis=1, keepdims=True))
         weights /= weights.sum(axis=1, keepdims=True)
         ranks[some] = np.einsum("rm,rmd->rd", weights, places[None] < own[some, None])
@@ -197,18 +204,20 @@ def _percent(share: float) -> str:
 
 def _truths_and_others(
     emulated: EmulatedData, drawn: WeightedStrings, count: int, random: np.random.Generator
-) -> tuple[Floats, Floats]:
-    """Return the strings that truths are, (count, k), and others of the same density, (m, k).
+) -> tuple[Floats, Floats, Floats]:
+    """Return the strings that truths are, (count, k), others, (m, k), and their weights, (m,).
 
-    Data can only have come from a string whose samples do not fail.
+    Both stand for the same density, though a truth is none of the strings that it is compared with:
+    each string is weighed by its probability to be on its side. Data can only have come from a
+    string whose samples do not fail.
     """
     weights = drawn.weights ** (1.0 / TEMPERATURE)
-    most = min(CALIBRATION_POINTS, int(np.count_nonzero(weights)) // 2)
-    chosen = random.choice(len(weights), most, replace=False, p=weights / weights.sum())
-    others = drawn.strings[chosen]
-    alive = weights * (1.0 - emulated.failing.at(emulated.coordinates.of_strings(drawn.strings)))
-    alive[chosen] = 0.0  # a truth is none of the strings that it is compared with
-    return drawn.strings[random.choice(len(alive), count, p=alive / alive.sum())], others
+    chance = np.minimum(0.5, CALIBRATION_POINTS / weights.sum() * weights)
+    other = random.random(len(weights)) < chance
+    failing = emulated.failing.at(emulated.coordinates.of_strings(drawn.strings))
+    alive = np.where(other, 0.0, weights * (1.0 - failing) / (1.0 - chance))
+    truths = random.choice(len(alive), count, p=alive / alive.sum())
+    return drawn.strings[truths], drawn.strings[other], weights[other] / chance[other]
 
 
 def _made_up(

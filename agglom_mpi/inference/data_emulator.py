@@ -13,6 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from agglom_mpi.config.coordinates import coordinates_of
+from agglom_mpi.emulation.emulator import merge_samples
 from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.emulation.joint_emulator import JointEmulator
 from agglom_mpi.inference.membership import FailingShare
@@ -88,6 +89,10 @@ class EmulatedData:
         Kept components of the data, shape (k,).
     left_out_measured : ndarray
         The other components of the data, shape (p − k,).
+    reached : ndarray
+        Least and largest mean prediction of a string for each value of the data, shape (2, Q).
+    lengths : tuple of float
+        Smallest and largest diameter of a particle in m.
     failing : FailingShare
     """
 
@@ -100,7 +105,10 @@ class EmulatedData:
         self.points = self.coordinates.of_strings(values.strings)
         framed = values.values @ self.frame.basis
         self._typical = values.values.mean(axis=0)
+        self.lengths = values.lengths
         self._set_components(framed)
+        columns = [merge_samples(self.points, column).means for column in values.values.T]
+        self.reached = np.array([(means.min(), means.max()) for means in columns]).T
         self.samples = (framed - self.centre) @ self.components
         groups = len(self.coordinates.groups)
         self.emulator = JointEmulator(

@@ -29,7 +29,8 @@ from agglom_mpi.inference.stored_samples import (
     why_not_emulated,
 )
 from agglom_mpi.inference.string_values import string_values
-from agglom_mpi.measurements.datum import QUANTITIES, Datum
+from agglom_mpi.measurements.datum import QUANTITIES, Datum, within_limits
+from agglom_mpi.measurements.misfit import UNLIKELY
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
 if TYPE_CHECKING:
@@ -44,8 +45,6 @@ MIN_POINTS: Final = 50
 """Minimum number of points with weight of a posterior."""
 PREDICTIVE_DRAWS: Final = 2000
 """Number of strings whose predictions are drawn."""
-DISAGREEING: Final = 0.05
-"""Predictive p-value below which a datum disagrees with the others."""
 IMPOSSIBLE: Final = 1e-3
 """Predictive p-value of all data below which no string of the box fits them."""
 
@@ -62,11 +61,14 @@ class PredictedDatum(NamedTuple):
     p_value
         Posterior predictive p-value: probability that a further measurement would differ more from
         what the string gives, averaged over the posterior. It is near 0 where the datum disagrees.
+    outside
+        Whether the median of a value is beyond what any string of the campaign gave.
     """
 
     datum: Datum
     draws: Floats
     p_value: float
+    outside: bool = False
 
     @property
     def median(self) -> Floats:
@@ -80,7 +82,13 @@ class PredictedDatum(NamedTuple):
     @property
     def disagrees(self) -> bool:
         """Whether the datum disagrees with what all data together allow."""
-        return self.p_value < DISAGREEING
+        return self.p_value < UNLIKELY
+
+    @property
+    def verdict(self) -> str:
+        """Faults of the prediction in a few words; empty if there are none."""
+        faults = {"disagrees": self.disagrees, "outside of what strings gave": self.outside}
+        return ", ".join(text for text, is_so in faults.items() if is_so)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the prediction as plain values, in SI units."""
@@ -98,6 +106,7 @@ class PredictedDatum(NamedTuple):
             "quantiles": self.quantiles().tolist(),
             "p_value": self.p_value,
             "disagrees": self.disagrees,
+            "outside": self.outside,
         }
 
 
@@ -132,17 +141,22 @@ class DataPosterior(Posterior[EmulatedData]):
         count = len(self.of.data)
         return f"all {count} measured data" if count > 1 else "the measured datum"
 
-    @property
-    def warning(self) -> str:
-        """Reasons for which the posterior is unreliable; empty if there are none."""
+    def _warnings(self) -> list[str]:
         found = [] if self.calibration.passed else [self.calibration.text]
-        if self.p_value < IMPOSSIBLE:
+        if self.p_value < UNLIKELY:
             found.append(
-                f"no string of the box fits the data, p = {self.p_value:.2g}: the ranges are those "
-                "of the best compromise, and too narrow"
+                f"{self.misfit_text}: the ranges are those of the best compromise, which may miss "
+                "the truth, and too narrow"
             )
-        few = super().warning
-        return "; ".join([*found, *([few] if few else [])])
+        return found + super()._warnings()
+
+    @property
+    def misfit_text(self) -> str:
+        """How badly the data fit the strings of the box, without a full stop."""
+        names = [each.datum.name for each in self.predictions if each.disagrees]
+        which = f"; {', '.join(names)} of {len(self.of.data)} disagree" if names else ""
+        strings = "no string" if self.p_value < IMPOSSIBLE else "hardly any string"
+        return f"{strings} of the box fits the data, p = {self.p_value:.2g}{which}"
 
     @property
     def p_value(self) -> float:
@@ -180,6 +194,8 @@ class DataPosterior(Posterior[EmulatedData]):
         ------
         ArgumentError
             If there is no such quantity, or an error is impossible.
+        PosteriorError
+            If no string fits the data.
         """
         return self.next_measurements(errors).table
 
@@ -189,6 +205,11 @@ class DataPosterior(Posterior[EmulatedData]):
 
         if self.file is None:
             raise PosteriorError("further measurements need the samples of a campaign file")
+        if self.p_value < IMPOSSIBLE:
+            raise PosteriorError(
+                f"{self._name}: {self.misfit_text}; what a further measurement would give is not "
+                "known before the data, their errors, the box or the laws of the scene are mended"
+            )
         return next_measurements(self.file, self.of, self.drawn, errors)
 
     def predicted(self, random: np.random.Generator) -> Predicted:
@@ -312,8 +333,13 @@ def predict_data(posterior: DataPosterior) -> tuple[list[PredictedDatum], float]
         factors = np.asarray(np.linalg.cholesky(covariances[:, columns, columns]), np.float64)
         chi = chi_squares(away[None, :, columns], factors)[0]
         p_values.append(float(np.mean(chdtrc(factors.shape[1], chi))))
-    data = zip(of.data, of.frame.rows, p_values[1:], strict=True)
-    return [PredictedDatum(datum, values[:, rows], p) for datum, rows, p in data], p_values[0]
+    middle = np.median(values, axis=0)
+    outside = (middle < of.reached[0]) | (middle > of.reached[1])
+    found = []
+    for datum, rows, p in zip(of.data, of.frame.rows, p_values[1:], strict=True):
+        draws = within_limits(datum.quantity, values[:, rows], of.lengths)
+        found.append(PredictedDatum(datum, draws, p, bool(outside[rows].any())))
+    return found, p_values[0]
 
 
 @single_threaded

@@ -5,9 +5,10 @@ A group is an xarray Dataset. Its variables have the dimensions `chain` and `dra
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.errors import require_library
@@ -19,13 +20,17 @@ if TYPE_CHECKING:
 
     from agglom_mpi.config.campaign import Campaign
 
+Number = TypeVar("Number", bound=np.generic)
+
 Groups = dict[str, "xr.Dataset"]
 """Datasets by the names of their groups in ArviZ."""
 
 PRIOR_DRAWS: Final = 1 << 12
 """Number of even points of the box that stand for the prior."""
 DEFAULT_DRAWS: Final = 4000
-"""Number of draws of equal weight, unless another is asked for."""
+"""Maximum number of draws of equal weight, unless another is asked for."""
+CHAINS: Final = 4
+"""Number of chains of independent draws: ArviZ compares several, each with at least four draws."""
 
 
 class EqualDraws(NamedTuple):
@@ -109,8 +114,30 @@ def set_groups(box: SearchedBox, draws: EqualDraws, attributes: Mapping[str, Any
 
 
 def prior_strings(box: SearchedBox) -> Floats:
-    """Return even points of what is allowed of the box, (1, n, k), which stand for the prior."""
-    return box.even_strings(PRIOR_DRAWS)[None]
+    """Return even points of what is allowed of the box, (chains, n, k), for the prior."""
+    return in_chains(box.even_strings(PRIOR_DRAWS))
+
+
+def in_chains(draws: NDArray[Number]) -> NDArray[Number]:
+    """Return independent draws, (n, …), as chains of equal length, (chains, n // chains, …)."""
+    chains = CHAINS if len(draws) >= CHAINS**2 else 1
+    length = len(draws) // chains
+    return draws[: chains * length].reshape(chains, length, *draws.shape[1:])
+
+
+def independent_draws(weights: Floats, most: int, seed: int) -> NDArray[np.int64]:
+    """Return which weighted strings are draws of equal weight, (n,), in random order.
+
+    A string is drawn with the probability n·weight (systematic sampling), and none twice, as n is
+    at most 1 over the largest weight; the effective size is at least that.
+    """
+    random = np.random.default_rng(seed)
+    count = max(1, min(most, int(1.0 / weights.max())))
+    order = random.permutation(len(weights))
+    ends = np.cumsum(weights[order])
+    places = (random.random() + np.arange(count)) / count
+    chosen = np.searchsorted(ends / ends[-1], places, side="right")
+    return np.asarray(random.permutation(order[np.minimum(chosen, len(order) - 1)]))
 
 
 def posterior_groups(
@@ -190,7 +217,8 @@ def arviz_data(groups: Groups, attributes: Mapping[str, Any]) -> Any:
     require_library("arviz", "arviz", "draws for ArviZ")
     import arviz
 
-    if (kind := getattr(arviz, "InferenceData", None)) is not None:
+    # From ArviZ 1 on the name is no attribute, but a getter that warns and returns DataTree.
+    if (kind := vars(arviz).get("InferenceData")) is not None:
         return kind(attrs=dict(attributes), **groups)
     import xarray as xr
 

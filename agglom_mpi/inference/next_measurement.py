@@ -34,7 +34,7 @@ from agglom_mpi.inference.expected_volume import (
 from agglom_mpi.inference.posterior_sampling import BoxPart, WeightedStrings
 from agglom_mpi.inference.searched_box import SearchedBox
 from agglom_mpi.inference.string_values import string_values
-from agglom_mpi.measurements.datum import QUANTITIES, Datum
+from agglom_mpi.measurements.datum import QUANTITIES, Datum, within_limits
 from agglom_mpi.random_streams import NEXT_MEASUREMENT, search_stream
 from agglom_mpi.statistics import weighted_quantiles
 
@@ -265,7 +265,8 @@ def _new_quantities(
         random = _stream(of.box, EMULATOR_STREAM)
         emulator = CandidateEmulator(*samples, number, random, groups)
         candidate = data.expected(emulator.at(at), np.zeros((1, 1)))
-        [value] = weighted_quantiles(candidate.means[:, 0], points.weights, (0.5,))
+        means = within_limits(datum.quantity, candidate.means, values.lengths)
+        [value] = weighted_quantiles(means[:, 0], points.weights, (0.5,))
         assumed = assumed_error(datum.quantity, of.data, stated)
         error = assumed.at(value)
         candidate = candidate._replace(error=np.array([[error**2]]))

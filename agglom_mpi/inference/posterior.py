@@ -6,7 +6,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final, Generic, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agglom_mpi.config.coordinates import Coordinates
 from agglom_mpi.declaration.spelling import suggestion
@@ -18,11 +17,14 @@ from agglom_mpi.inference.draw_groups import (
     Groups,
     Predicted,
     arviz_data,
+    in_chains,
+    independent_draws,
     posterior_groups,
     root_attributes,
 )
 from agglom_mpi.inference.posterior_sampling import MIN_SIZE, WeightedStrings
 from agglom_mpi.inference.searched_box import SearchedBox
+from agglom_mpi.inference.set_directions import MIN_FREE_SHARE, name_ends, touched_ends
 from agglom_mpi.statistics import weighted_quantiles
 
 if TYPE_CHECKING:
@@ -92,14 +94,35 @@ class Posterior(ABC, Generic[EmulatedKind]):
 
     @property
     def warning(self) -> str:
-        """Reason for which the posterior is unreliable; empty if there is none."""
-        if self.effective_size >= MIN_SIZE:
-            return ""
-        return (
-            f"the effective size is {self.effective_size:.0f}, too small to trust the tails: the "
-            "measurement leaves little of the box; pip install emcee for a Markov chain, or search "
-            "a narrower box"
-        )
+        """Reasons for which the ranges may be wrong; empty if there are none."""
+        return "; ".join(self._warnings())
+
+    def _warnings(self) -> list[str]:
+        """Return what `warning` joins."""
+        own = ((each, self.touches[each.name]) for each in self.of.box.own)
+        touched = ", ".join(name_ends(each, ends) for each, ends in own if ends)
+        found = [f"the posterior touches {touched}, where its ranges end with the box"]
+        found = found if touched else []
+        if self.effective_size < MIN_SIZE:
+            found.append(
+                f"the effective size is {self.effective_size:.0f}, too small to trust the tails: "
+                "the measurement leaves little of the box; pip install emcee for a Markov chain, "
+                "or search a narrower box"
+            )
+        return found
+
+    @cached_property
+    def touches(self) -> dict[str, tuple[str, ...]]:
+        """Ends of the box, `lower` and `upper`, that the posterior touches, by variable.
+
+        Those of a variable of which the measurement says next to nothing are left out.
+        """
+        places, found = self.of.box.space.to_unit(self.strings), {}
+        for name, mine in zip(self.of.box.names, places.T, strict=True):
+            ends = touched_ends(mine, self.weights)
+            free = len(ends) > 1 and self.contraction[name] >= MIN_FREE_SHARE
+            found[name] = () if free else ends
+        return found
 
     @property
     def draws(self) -> "pd.DataFrame":
@@ -108,7 +131,9 @@ class Posterior(ABC, Generic[EmulatedKind]):
 
     def sample(self, n: int, seed: int = 0) -> "pd.DataFrame":
         """Draw n strings of equal weight, with replacement; raises ValueError for a wrong n."""
-        return self.of.box.table(self.strings[self._chosen("n", n, seed)])
+        n, seed = self.of.box.count("n", n, least=1), self.of.box.count("seed", seed)
+        chosen = np.random.default_rng(seed).choice(len(self.weights), n, p=self.weights)
+        return self.of.box.table(self.strings[chosen])
 
     def to_pandas(self) -> "pd.DataFrame":
         """Return the same as `draws`: units are in `.attrs["units"]`, and weights add up to 1."""
@@ -125,16 +150,16 @@ class Posterior(ABC, Generic[EmulatedKind]):
     def groups(self, draws: int = DEFAULT_DRAWS, seed: int = 0) -> Groups:
         """Return the groups of an ArviZ file as xarray Datasets by name.
 
-        Weighted strings are drawn anew, with replacement, to `draws` of equal weight, of one chain;
-        `sample_stats` has the `weight` that the string of each draw had. The steps of a Markov
-        chain are of equal weight already, and all are kept: each walker is a chain. The effective
-        size, which no number of draws can raise, is an attribute of `posterior`.
+        Of weighted strings at most `draws` of equal weight are drawn, none twice, in chains of
+        independent draws; `sample_stats` has the `weight` that each string had. The steps of a
+        Markov chain are of equal weight already, and all are kept: each walker is a chain. The
+        effective size, which no number of draws can raise, is an attribute of `posterior`.
         """
-        seed = self.of.box.count("seed", seed)
+        draws, seed = self.of.box.count("draws", draws, least=1), self.of.box.count("seed", seed)
         if self.drawn.walkers:
             chosen = np.arange(len(self.weights)).reshape(-1, self.drawn.walkers).T
         else:
-            chosen = self._chosen("draws", draws, seed)[None]
+            chosen = in_chains(independent_draws(self.weights, draws, seed))
         meaning = "weight of the string before it was drawn; the draws need no weights"
         stats = {"weight": (self.weights[chosen], meaning)}
         attributes = {
@@ -159,11 +184,6 @@ class Posterior(ABC, Generic[EmulatedKind]):
     @abstractmethod
     def attributes(self) -> dict[str, Any]:
         """Return the attributes of an ArviZ file as a whole."""
-
-    def _chosen(self, field: str, n: int, seed: int) -> NDArray[np.int64]:
-        """Return which strings are n draws of equal weight, with replacement, (n,)."""
-        n, seed = self.of.box.count(field, n, least=1), self.of.box.count("seed", seed)
-        return np.random.default_rng(seed).choice(len(self.weights), n, p=self.weights)
 
     def quantiles(
         self, name: str, shares: tuple[float, ...] = REPORTED_QUANTILES
@@ -222,8 +242,9 @@ class Posterior(ABC, Generic[EmulatedKind]):
 
         `variables` has the `quantiles` of each variable in SI units, whose names are in `units`.
         Rows and columns of both matrices of correlations are in the order of `variables`.
-        `contraction` is the width of the central 90 % relative to the prior's, and `volume` the
-        share of the box in the smallest region with 90 % of the posterior.
+        `contraction` is the width of the central 90 % relative to the prior's, `touches` the ends
+        of the box at which ranges end with it, and `volume` the share of the box in the smallest
+        region with 90 % of the posterior.
         """
         names = self.of.box.names
         return {
@@ -235,6 +256,7 @@ class Posterior(ABC, Generic[EmulatedKind]):
             "variables": {name: list(self.quantiles(name)) for name in names},
             "units": {each.name: each.unit for each in self.of.box.own},
             "contraction": self.contraction,
+            "touches": {name: list(ends) for name, ends in self.touches.items()},
             "volume": self.volume,
             "correlations": self.correlations.tolist(),
             "partial_correlations": self.partial_correlations.tolist(),

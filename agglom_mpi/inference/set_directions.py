@@ -1,6 +1,6 @@
 """Which variables decide whether a string is in a feasible set, and in which combinations."""
 
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
@@ -27,9 +27,9 @@ MIN_COSINE: Final = 0.95
 MIN_COMPONENT: Final = 0.1
 """Minimum component for a variable to count as part of a group, in units of the box."""
 EDGE_WIDTH: Final = 0.03
-"""Width of the ends of a range in which members are looked for, relative to the range."""
+"""Width of the ends of a range at which densities are measured, relative to the range."""
 MIN_EDGE_DENSITY: Final = 0.2
-"""Minimum density of a set at an edge that it touches, relative to its largest density."""
+"""Minimum density at an end that is touched, relative to the largest density."""
 DENSITY_BINS: Final = 20
 """Number of bins of a range whose densities are compared."""
 QUARTER_PREFERENCE: Final = 0.02
@@ -99,14 +99,14 @@ def set_variables(emulated: EmulatedBox, points: SetPoints) -> list[SetVariable]
                 high,
                 float(kept[place]),
                 bool(kept[place] >= MIN_FREE_SHARE),
-                () if narrowed[place] else _touched(units[:, place], mass),
+                () if narrowed[place] else touched_ends(units[:, place], mass),
             )
         )
     return found
 
 
-def _touched(units: Floats, mass: Floats) -> tuple[str, ...]:
-    """Return the ends of a variable's range at which the set is about as dense as elsewhere."""
+def touched_ends(units: Floats, mass: Floats) -> tuple[str, ...]:
+    """Return the ends of a variable's range at which points with mass are as dense as elsewhere."""
     places = np.minimum((units * DENSITY_BINS).astype(np.int64), DENSITY_BINS - 1)
     largest = np.bincount(places, mass, DENSITY_BINS).max() * DENSITY_BINS
     ends = {"lower": units < EDGE_WIDTH, "upper": units > 1.0 - EDGE_WIDTH}
@@ -115,6 +115,12 @@ def _touched(units: Floats, mass: Floats) -> tuple[str, ...]:
         for name, at in ends.items()
         if mass[at].sum() / EDGE_WIDTH > MIN_EDGE_DENSITY * largest
     )
+
+
+def name_ends(variable: Any, ends: tuple[str, ...]) -> str:
+    """Return ends of a variable's range as text: `the lower end 0.1 of friction`."""
+    shown = " and ".join(f"the {end} end {getattr(variable, end):.4g}" for end in ends)
+    return f"{shown} of {variable.name}"
 
 
 def _kept_shares(emulated: EmulatedBox, points: SetPoints) -> Floats:

@@ -38,10 +38,13 @@ class StringValues(NamedTuple):
     values
         Its pseudo-values for all values of some data, one datum after the other, in SI units,
         shape (n, Q).
+    lengths
+        Smallest and largest diameter in m that the classes of the censuses can tell apart.
     """
 
     strings: Floats
     values: Floats
+    lengths: tuple[float, float] = (0.0, math.inf)
 
 
 def string_values(
@@ -74,7 +77,7 @@ def string_values(
     _, which = np.unique(keys, axis=0, return_inverse=True)
     order = np.argsort(which.ravel(), kind="stable")
     groups = np.split(order, np.cumsum(np.bincount(which.ravel()))[:-1])
-    found_strings, found_values = [], []
+    found_strings, found_values, edges = [], [], []
     for group in groups if len(order) else ():
         measured = campaign.measured_at(samples.strings[group[0]])
         columns = (samples.rows[group][name] for name in CENSUS_COLUMNS)
@@ -83,10 +86,12 @@ def string_values(
         if np.all(np.isfinite(values)):
             found_strings.append(samples.strings[group])
             found_values.append(values)
+            edges.append(census.edges[[0, -1]])
     if not found_values:
         size = sum(len(datum.values) for datum in data)
         return StringValues(samples.strings[:0], np.empty((0, size)))
-    return StringValues(np.concatenate(found_strings), np.concatenate(found_values))
+    lengths = float(np.min(edges)), float(np.max(edges))
+    return StringValues(np.concatenate(found_strings), np.concatenate(found_values), lengths)
 
 
 def pseudo_values(census: "Census", data: Sequence[Datum]) -> Floats:

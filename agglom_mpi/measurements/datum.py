@@ -4,6 +4,7 @@ All values are in SI units. `config.size_curve` makes shares and their covarianc
 laboratories report: a cumulative curve, a histogram, or single diameters.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple, Self
@@ -20,11 +21,12 @@ PARTICLE_WEIGHTS: Final = ("number", "area", "mass")
 
 
 class MeasuredQuantity(NamedTuple):
-    """A quantity that can be measured: its SI unit, and whether it depends on the weight."""
+    """A quantity that can be measured: its SI unit, whether it has a weight, and its maximum."""
 
     unit: str
     has_weight: bool
     summary: str
+    most: float = math.inf
 
 
 QUANTITIES: Final = {
@@ -40,10 +42,10 @@ QUANTITIES: Final = {
         "1", False, "standard deviation of the diameters relative to their mean, by number"
     ),
     "particles_left": MeasuredQuantity(
-        "1", False, "number of particles relative to that of the grains at the start"
+        "1", False, "number of particles relative to that of the grains at the start", 1.0
     ),
     "largest_mass_fraction": MeasuredQuantity(
-        "1", False, "mass of the largest particle relative to the total mass"
+        "1", False, "mass of the largest particle relative to the total mass", 1.0
     ),
     "temperature": MeasuredQuantity("K", False, "mean temperature by mass"),
 }
@@ -147,6 +149,31 @@ def datum_name(quantity: str, weight: str, time: float | None) -> str:
     by = f" by {weight}" if QUANTITIES[quantity].has_weight else ""
     when = "the end" if time is None else value_with_prefix(time, "s")
     return f"{quantity}{by} at {when}"
+
+
+def one_name(quantity: str, weight: str) -> tuple[str, str]:
+    """Return quantity and weight by the one name of all that are proportional to each other.
+
+    A mean radius is half of a diameter, and the mean diameters by area and by mass are D[3,2] and
+    D[4,3]. A quantity without a weight is by number.
+    """
+    if quantity in ("mean_radius", "mean_diameter"):
+        quantity = {"area": "d32", "mass": "d43"}.get(weight, "mean_diameter")
+    return quantity, weight if QUANTITIES[quantity].has_weight else "number"
+
+
+def within_limits(quantity: str, values: Floats, lengths: tuple[float, float]) -> Floats:
+    """Return predicted values, (n, q), moved to the nearest ones that are possible.
+
+    `lengths` are the smallest and the largest diameter of a particle in m. Shares keep their sum.
+    """
+    if QUANTITIES[quantity].unit == "m":
+        factor = 0.5 if quantity == "mean_radius" else 1.0
+        return np.clip(values, factor * lengths[0], factor * lengths[1])
+    found = np.clip(values, 0.0, QUANTITIES[quantity].most)
+    if quantity == "sizes":
+        found *= values.sum(axis=1, keepdims=True) / found.sum(axis=1, keepdims=True)
+    return found
 
 
 def data_times(data: Sequence[Datum]) -> tuple[float | None, ...]:

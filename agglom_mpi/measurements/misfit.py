@@ -26,6 +26,8 @@ from agglom_mpi.measurements.prediction import predictions
 
 Floats = NDArray[np.float64]
 
+UNLIKELY: Final = 0.05
+"""Probability of a larger χ² below which data and predictions disagree."""
 MIN_RELATIVE_VARIANCE: Final = 1e-10
 """Variance of a direction relative to the largest of its datum below which it has no error."""
 

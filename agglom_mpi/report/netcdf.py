@@ -13,6 +13,7 @@ from agglom_mpi.inference.draw_groups import (
     DEFAULT_DRAWS,
     EqualDraws,
     Groups,
+    in_chains,
     root_attributes,
     set_groups,
 )
@@ -96,9 +97,9 @@ def _drawn(found: FeasibleSet, request: SetRequest) -> Groups:
 def members(found: FeasibleSet) -> Groups:
     """Return the groups of members of a set, of equal weight."""
     drawn = found.sample(DEFAULT_DRAWS)
-    probability = drawn.pop("probability").to_numpy()[None]
+    probability = in_chains(drawn.pop("probability").to_numpy())
     stats = {"probability": (probability, "probability that the string is a member")}
-    strings = found.emulated.box.strings(drawn)[None]
+    strings = in_chains(found.emulated.box.strings(drawn))
     text = "members of the feasible set, uniform in the box; no measured mean is given"
     attributes = {"draws_are": text, "criterion": found.criterion.text}
     return set_groups(found.emulated.box, EqualDraws(strings, stats), attributes)

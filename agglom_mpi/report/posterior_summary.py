@@ -103,8 +103,7 @@ def _data_table(posterior: DataPosterior) -> FittedTable:
     """Return a table of the data, what the posterior predicts for them, and which disagree."""
     table = FittedTable("datum", "measured", "predicted, 90 %", "p", "", left=(0, 4))
     for each in posterior.predictions:
-        verdict = "disagrees" if each.disagrees else ""
-        table.add_row(each.datum.name, *_compared(each), f"{each.p_value:.2g}", verdict)
+        table.add_row(each.datum.name, *_compared(each), f"{each.p_value:.2g}", each.verdict)
     return table
 
 

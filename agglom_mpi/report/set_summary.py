@@ -11,7 +11,7 @@ from agglom_mpi.display.fitted_table import FittedTable, LabelledTexts
 from agglom_mpi.formatting import in_unit, value_with_error
 from agglom_mpi.inference.feasible_set import FeasibleSet
 from agglom_mpi.inference.membership import BOX_POINTS
-from agglom_mpi.inference.set_directions import rounded
+from agglom_mpi.inference.set_directions import name_ends, rounded
 from agglom_mpi.inference.set_points import INNER_PROBABILITY, OUTER_PROBABILITY
 from agglom_mpi.report.posterior_summary import measure_text, percent, posterior_text
 
@@ -212,11 +212,8 @@ def set_warnings(of: FeasibleSet) -> Iterator[str]:
         return
     for each in of.variables:
         if each.touches and not each.free:
-            ends = " and ".join(f"the {end} end {getattr(each, end):.4g}" for end in each.touches)
-            yield (
-                f"warning: the set touches {ends} of {each.name} and may continue outside of the "
-                "box"
-            )
+            ends = name_ends(each, each.touches)
+            yield f"warning: the set touches {ends} and may continue outside of the box"
 
 
 def set_as_dict(of: FeasibleSet, posterior: "MeanPosterior | None" = None) -> dict[str, Any]:

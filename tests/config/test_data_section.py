@@ -11,6 +11,7 @@ from agglom_mpi.config.data_section import DatumEntry
 from agglom_mpi.config.explanation import below, find, texts_of
 from agglom_mpi.config.loading import campaign_of_record, check_campaign, load_campaign
 from agglom_mpi.config.yaml_source import CampaignError
+from agglom_mpi.declaration.reading import Reading
 from agglom_mpi.measurements.datum import QUANTITIES
 
 SIEVES = "Sieve (mm);Passing (%)\n1;100\n0.5;90\n0.25;60\n0.125;25\n0.053;0\n"
@@ -169,6 +170,32 @@ def test_a_datum_stands_once():
     [problem] = caught.value.problems
     assert problem.field == "data.1"
     Campaign.from_text(text_of(f"{{{D50}}}", f"{{{D50}, time: 1 ms}}", f"{{{D50}, weight: area}}"))
+
+
+@pytest.mark.parametrize(
+    ("first", "again"),
+    [
+        ("quantity: mean_diameter, value: 140 um", "quantity: mean_radius, value: 71 um"),
+        ("quantity: d43, value: 140 um", "quantity: mean_diameter, weight: mass, value: 141 um"),
+        ("quantity: d32, value: 140 um", "quantity: mean_radius, weight: area, value: 70 um"),
+        ("quantity: spread, value: 0.3", "time: 5 ms, quantity: spread, value: 0.3"),
+    ],
+)
+def test_a_datum_does_not_stand_under_two_names(first, again):
+    """Whichever stands first; a run that is recorded with both stays readable."""
+    entries = [f"{{{each}, error: 2e-6}}" for each in (first, again)]
+    for order in (entries, entries[::-1]):
+        text = text_of(*order, end="5 ms")
+        with pytest.raises(CampaignError) as caught:
+            Campaign.from_text(text)
+        assert [problem.field for problem in caught.value.problems] == ["data.1"]
+        recorded = Campaign.from_text(text, "stored", None, None, Reading(recorded=True))
+        assert len(recorded.data) == 2
+
+
+def test_two_measurements_of_one_quantity_are_two_data():
+    again = "{quantity: d50, value: 141 um, error: 2 um}"
+    assert len(Campaign.from_text(text_of(f"{{{D50}}}", again)).data) == 2
 
 
 def test_a_temperature_needs_heat():

@@ -44,6 +44,21 @@ def test_what_is_measured_is_not_new_but_other_times_and_weights_are():
     assert set(whole) - set(left) == {"temperature at the end", "d50 by mass at 2 ms"}
 
 
+@pytest.mark.parametrize(
+    ("quantity", "weight", "known"),
+    [
+        ("mean_radius", "number", "mean_diameter by number at the end"),
+        ("mean_radius", "area", "d32 at the end"),
+        ("mean_diameter", "mass", "d43 at the end"),
+        ("d43", "mass", "d43 at the end"),
+    ],
+)
+def test_what_is_measured_under_another_name_is_not_new(quantity, weight, known):
+    measured = Datum.of_value(quantity, 1e-4, 1e-6, weight)
+    left = quantities_to_measure(TIMES, [measured], has_heat=True)
+    assert set(names(quantities_to_measure(TIMES, (), has_heat=True))) - set(names(left)) == {known}
+
+
 def test_repetition_has_half_of_the_error():
     again = repeated(MEDIAN)
     assert math.sqrt(again.covariance[0, 0]) == pytest.approx(2e-6)

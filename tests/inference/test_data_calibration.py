@@ -21,8 +21,8 @@ def posterior(tmp_path_factory):
     return single_threaded(posterior_of)(emulated)
 
 
-def calibration(ranks=EVEN, held_out=0.9):
-    return DataCalibration(NAMES, ranks, 300.0, held_out, 50)
+def calibration(ranks=EVEN, held_out=0.9, size=300.0):
+    return DataCalibration(NAMES, ranks, size, held_out, 50)
 
 
 def test_ranges_of_a_toy_hold_the_truth_as_often_as_they_claim(posterior):
@@ -85,6 +85,33 @@ def test_ranks_on_one_side_are_not_uniform():
     wide = calibration(0.2 + 0.6 * EVEN)
     assert wide.passed
     assert "more" in wide.text
+
+
+def test_ranks_among_few_strings_are_compared_as_two_samples():
+    """Ranks off by 0.12 are improbable among thousands of strings, and usual among 50."""
+    ranks = np.clip(EVEN - 0.12, 0.0, 1.0)
+    of_many = calibration(ranks, size=1e6).uniformity["first"]
+    of_few = calibration(ranks, size=50.0).uniformity["first"]
+    assert of_many < 0.01 < 0.3 < of_few
+
+
+def test_truths_and_strings_that_they_are_compared_with_have_one_density(posterior):
+    """Means of both are equal within their errors, and none stands on both sides.
+
+    Without a weight for the share that is drawn, truths would lie a tenth wider.
+    """
+    random = np.random.default_rng(8)
+    drawn, of = posterior.drawn, posterior.of
+    every = drawn.weights ** (1.0 / data_calibration.TEMPERATURE)
+    places = of.box.space.to_unit(drawn.strings)
+    centre = every @ places / every.sum()
+    spread = every @ (places - centre) ** 2 / every.sum()
+    truths, others, weights = data_calibration._truths_and_others(of, drawn, 20_000, random)
+    for strings, mass in ((truths, np.ones(len(truths))), (others, weights)):
+        mine = (of.box.space.to_unit(strings) - centre) ** 2
+        ratio = mass @ mine / mass.sum() / spread
+        assert ratio == pytest.approx(np.ones(2), abs=0.06)
+    assert not set(map(bytes, truths)) & set(map(bytes, others))
 
 
 def test_an_emulator_that_errs_near_the_data_is_told():

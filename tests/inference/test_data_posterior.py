@@ -1,5 +1,7 @@
 """Posteriors of data that are linear in two variables, and of a small campaign's data."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from toy_posteriors import linear_emulator, measurements
@@ -7,7 +9,6 @@ from toy_posteriors import linear_emulator, measurements
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.inference.data_emulator import log_densities
 from agglom_mpi.inference.data_posterior import (
-    DISAGREEING,
     data_posterior,
     posterior_of,
 )
@@ -16,6 +17,7 @@ from agglom_mpi.inference.membership import KnownStrings
 from agglom_mpi.inference.posterior import PosteriorError
 from agglom_mpi.inference.posterior_sampling import BoxPart
 from agglom_mpi.measurements.datum import Datum
+from agglom_mpi.measurements.misfit import UNLIKELY
 from agglom_mpi.storage.reader import read_campaign
 
 SLOPES = np.array([[1.0, 0.0], [1.0, 1.0], [0.5, -0.5]])
@@ -152,7 +154,7 @@ def test_predictions_lie_near_data_that_agree(posterior):
         low, high = predicted.quantiles((0.05, 0.95))[:, 0]
         assert 0.0 < high - low < 2.0 * 1.645 * error * 1.2
         assert not predicted.disagrees
-    assert posterior.p_value > DISAGREEING
+    assert posterior.p_value > UNLIKELY
     assert not posterior.warning
 
 
@@ -161,7 +163,7 @@ def test_a_datum_that_no_string_gives_is_named(tmp_path):
     data = measurements([1.4, 1.5, 1.9], [0.02, 0.05, 0.2])
     found = single_threaded(posterior_of)(linear_emulator(tmp_path, slopes, data))
     assert [each.disagrees for each in found.predictions] == [False, False, True]
-    assert found.as_dict()["data"][2]["p_value"] < DISAGREEING
+    assert found.as_dict()["data"][2]["p_value"] < UNLIKELY
 
 
 def test_data_that_no_string_fits_are_told_wherever_the_posterior_is_shown(tmp_path):
@@ -174,17 +176,64 @@ def test_data_that_no_string_fits_are_told_wherever_the_posterior_is_shown(tmp_p
     assert found.as_dict()["warning"] == found.warning
 
 
+@pytest.mark.parametrize(("away", "p"), [(0.20, (1e-3, UNLIKELY)), (0.6, (0.0, 1e-3))])
+def test_data_that_disagree_are_warned_of_at_every_level(tmp_path, away, p):
+    """Two measurements of one number that differ by 2.8 and by 8.5 of their errors."""
+    slopes = np.array([[1.0, 0.0], [1.0, 0.0]])
+    data = measurements([1.5 - away / 2, 1.5 + away / 2], [0.05, 0.05])
+    found = single_threaded(posterior_of)(linear_emulator(tmp_path, slopes, data))
+    assert p[0] < found.p_value < p[1]
+    assert found.misfit_text in found.warning
+    # The verdict on made-up data says nothing of these.
+    assert "the posterior" not in found.calibration.text or not found.calibration.passed
+
+
+def test_predictions_outside_of_what_strings_gave_are_marked(tmp_path):
+    """Strings reach 1 to 2; a quantity cannot exceed what the classes of a census can hold."""
+    data = measurements([2.6, 1.5], [0.02, 0.05])
+    emulated = linear_emulator(tmp_path, np.eye(2), data, noise=0.3)
+    emulated.lengths = 0.5, 2.2
+    found = single_threaded(posterior_of)(emulated)
+    first, second = found.predictions
+    assert (first.outside, second.outside) == (True, False)
+    assert first.draws.max() <= 2.2
+    assert found.as_dict()["data"][0]["outside"] is True
+    assert first.verdict
+    assert not second.outside
+
+
+def test_no_measurement_is_proposed_where_no_string_fits(tmp_path):
+    slopes = np.array([[1.0, 0.0], [1.0, 0.0]])
+    data = measurements([1.2, 1.8], [0.05, 0.05])
+    found = single_threaded(posterior_of)(linear_emulator(tmp_path, slopes, data))
+    with pytest.raises(PosteriorError, match="p ="):
+        dataclasses.replace(found, file=object()).next_measurements()
+
+
+def test_ends_of_the_box_that_a_posterior_touches_are_named(tmp_path):
+    """The first variable piles up at its lower end; of the second nothing is measured."""
+    data = measurements([1.0], [0.1])
+    emulated = linear_emulator(tmp_path, np.array([[1.0, 0.0]]), data)
+    found = single_threaded(posterior_of)(emulated)
+    first, second = found.of.box.own
+    assert found.touches == {first.name: ("lower",), second.name: ()}
+    assert f"{first.lower:.4g} of {first.name}" in found.warning
+    assert second.name not in found.warning
+    assert found.as_dict()["touches"] == {first.name: ["lower"], second.name: []}
+    assert found.as_dict()["warning"] == found.warning
+
+
 def test_an_arviz_file_has_each_datum_with_its_predictions(posterior):
     pytest.importorskip("xarray")
     groups = posterior.groups(draws=500, seed=2)
-    assert groups["posterior"].sizes == {"chain": 1, "draw": 500}
+    assert groups["posterior"].sizes == {"chain": 4, "draw": 125}
     for i, (value, error) in enumerate(zip(1.0 + SLOPES @ TRUTH, ERRORS, strict=True)):
         name = f"datum_{i}_mean_diameter"
         assert float(groups["observed_data"][name][0]) == pytest.approx(value)
         assert float(groups["constant_data"][f"{name}_standard_error"][0]) == pytest.approx(error)
         drawn = groups["posterior_predictive"][name].to_numpy()
         # A further measurement has its own error, and that of what is known.
-        assert drawn.shape == (1, 500, 1)
+        assert drawn.shape == (4, 125, 1)
         assert error * 0.9 < drawn.std() < error * np.sqrt(2.0) * 1.2
         assert groups["prior_predictive"][name].to_numpy().std() > drawn.std()
 

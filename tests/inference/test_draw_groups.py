@@ -1,11 +1,19 @@
 import importlib.util
+import sys
+import types
 import warnings
 
 import numpy as np
 import pytest
 
 from agglom_mpi.errors import MissingLibraryError
-from agglom_mpi.inference.draw_groups import PRIOR_DRAWS
+from agglom_mpi.inference.draw_groups import (
+    CHAINS,
+    PRIOR_DRAWS,
+    arviz_data,
+    in_chains,
+    independent_draws,
+)
 
 NAMES = {"relative_speed", "hardness", "friction"}
 
@@ -29,16 +37,71 @@ def test_draws_have_the_mean_of_the_weighted_strings(posterior, data):
     for name in NAMES:
         values, weights = draws[name].to_numpy(), draws["weight"].to_numpy()
         mean = weights @ values
-        error = np.sqrt(weights @ (values - mean) ** 2 / 3000)
         found = data.posterior[name]
-        assert found.shape == (1, 3000)
+        error = np.sqrt(weights @ (values - mean) ** 2 / found.size)
         assert abs(float(found.mean()) - mean) < 4.0 * error
         assert found.attrs["units"] == draws.attrs["units"][name]
 
 
+def test_draws_are_distinct_and_no_more_than_the_effective_size(data, posterior):
+    found = data.posterior["hardness"].to_numpy()
+    assert found.shape[0] == CHAINS
+    assert len(np.unique(found)) == found.size <= data.posterior.attrs["effective_size"]
+    assert found.size > 0.9 / posterior.weights.max()
+
+
+def test_arviz_takes_the_draws_for_independent_ones(data):
+    """R-hat of independent draws is 1; their effective size is their number within a fifth."""
+    arviz = pytest.importorskip("arviz")
+    for group in ("posterior", "prior"):
+        found = arviz.summary(data, group=group)
+        assert found["r_hat"].max() < 1.03
+        assert found["ess_bulk"].min() > 0.8 * data[group].sizes["draw"] * CHAINS
+
+
+def test_strings_are_drawn_with_their_weights():
+    """The number of draws of half of the weight is its expectation, within one."""
+    weights = np.array([0.05, 0.15, 0.1, 0.2, 0.05, 0.25, 0.1, 0.1])
+    counts = np.zeros(8)
+    for seed in range(400):
+        chosen = independent_draws(weights, 100, seed)
+        assert len(chosen) == len(set(chosen)) == 4
+        counts[chosen] += 1
+    expected = 400 * 4 * weights
+    assert np.all(np.abs(counts - expected) <= 4.5 * np.sqrt(400 * 4 * weights * (1 - 4 * weights)))
+
+
+@pytest.mark.parametrize(("draws", "shape"), [(1, (1, 1)), (15, (1, 15)), (19, (4, 4))])
+def test_few_draws_are_one_chain(draws, shape):
+    assert in_chains(np.arange(draws)).shape == shape
+
+
+@pytest.mark.parametrize("later", [False, True])
+def test_groups_become_what_the_line_of_arviz_has(monkeypatch, later):
+    """From ArviZ 1 on InferenceData is no attribute of the module, but DataTree with a warning."""
+    xarray = pytest.importorskip("xarray")
+    pytest.importorskip("arviz")
+    module = types.ModuleType("arviz")
+    module.__spec__ = importlib.util.find_spec("arviz")
+
+    def getter(name):
+        warnings.warn(f"{name} is DataTree", FutureWarning, stacklevel=1)
+        return xarray.DataTree
+
+    if later:
+        module.__getattr__ = getter
+    else:
+        module.InferenceData = lambda attrs, **groups: types.SimpleNamespace(attrs=attrs, **groups)
+    monkeypatch.setitem(sys.modules, "arviz", module)
+    found = arviz_data({"posterior": xarray.Dataset({"a": ("draw", [1.0, 2.0])})}, {"seed": 3})
+    assert isinstance(found, xarray.DataTree) is later
+    assert found.attrs["seed"] == 3
+    assert found.posterior["a"].to_numpy().tolist() == [1.0, 2.0]
+
+
 def test_groups_are_those_of_arviz(data, posterior):
     assert set(data.posterior.data_vars) == set(data.prior.data_vars) == NAMES
-    assert data.prior.sizes == {"chain": 1, "draw": PRIOR_DRAWS}
+    assert data.prior.sizes == {"chain": CHAINS, "draw": PRIOR_DRAWS // CHAINS}
     assert float(data.observed_data["mean_radius_ratio"][0]) == 2.0
     assert float(data.constant_data["mean_radius_ratio_standard_error"][0]) == 0.05
     assert data.sample_stats["weight"].max() <= posterior.weights.max()

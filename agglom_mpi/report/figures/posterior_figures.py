@@ -248,8 +248,7 @@ def predicted_data(data: CampaignData, posterior: "DataPosterior") -> list[Compa
     found = []
     for each in posterior.predictions:
         shown = unit_of_datum(data, each.datum)
-        verdict = ", disagrees" if each.disagrees else ""
-        note = f"p = {each.p_value:.2g}{verdict}"
+        note = ", ".join(filter(None, (f"p = {each.p_value:.2g}", each.verdict)))
         found.append(ComparedDatum(each.datum, [DrawnValues("posterior", each.draws)], shown, note))
     return found
 

@@ -66,7 +66,7 @@ def posterior(campaign):
         300.25 + 0.01 * random.normal(size=(50, 1)),
     ]
     predictions = [
-        SimpleNamespace(datum=datum, draws=each, p_value=p, disagrees=p < 0.05)
+        SimpleNamespace(datum=datum, draws=each, p_value=p, verdict="disagrees" * (p < 0.05))
         for datum, each, p in zip((CURVE, HEAT), draws, (0.4, 0.01), strict=True)
     ]
     return SimpleNamespace(
