@@ -105,6 +105,13 @@ class Restitution(Law):
         """Whether the pair is still in its last contact, so that it parts without any loss."""
         return False
 
+    def dissipative_time(self, modulus: float) -> float:
+        """Return A in s, by which viscosity adds A dF/dt to the elastic force F; 0 without it.
+
+        `modulus` is the contact modulus E* in Pa.
+        """
+        return 0.0
+
     def lets_particles_bond(self) -> bool:
         """Whether grains may bond, as far as it is known when a kernel is compiled."""
         return True
@@ -269,6 +276,7 @@ class Solver(Law):
 
 solve_restitution = formula(Restitution, Restitution.solve_restitution)
 is_still_in_contact = formula(Restitution, Restitution.is_still_in_contact)
+dissipative_time = formula(Restitution, Restitution.dissipative_time)
 lets_particles_bond = formula(Restitution, Restitution.lets_particles_bond)
 solve_pressure_law = formula(Solver, Solver.solve_pressure_law)
 

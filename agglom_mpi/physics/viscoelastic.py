@@ -57,6 +57,13 @@ def scaled_deficit(scale: float, pair: ContactPair) -> float:
     return pade_deficit(math.sqrt(scale) * rate**0.2)
 
 
+@inlined
+def measured_rate(density: float, radius: float, speed: float) -> float:
+    """√R*/m* √w of two equal spheres, from kg/m³, m and m/s."""
+    mass = 2.0 / 3.0 * math.pi * density * radius * radius * radius
+    return math.sqrt(0.5 * radius * speed) / mass
+
+
 class ViscoelasticRestitution(Restitution):
     """e(w) of viscoelastic spheres, by β w^⅕ with β = (3/2) A (ρ/m*)^⅖, ρ = (4/3) E* √R*.
 
@@ -90,6 +97,10 @@ class ViscoelasticRestitution(Restitution):
         """(3/2) A ((4/3) E*)^⅖, in s Pa^⅖."""
         modulus = contact_modulus(self.youngs_modulus, self.poisson_ratio)
         return 1.5 * self.dissipative_constant * (4.0 / 3.0 * modulus) ** 0.4
+
+    def dissipative_time(self, modulus):
+        """Return A as given."""
+        return self.dissipative_constant
 
     def solve_restitution(self, laws, pair):
         """1 − e by the Padé form."""
@@ -147,9 +158,13 @@ class MeasuredViscoelasticRestitution(Restitution):
             low, high = (middle, high) if above else (low, middle)
         return 0.5 * (low + high)
 
+    def dissipative_time(self, modulus):
+        """Return A by v*² = (3/2) A ((4/3) E* √R*/m* √w)^⅖ of the measurement."""
+        rate = measured_rate(self.density, self.radius, self.speed)
+        return self.root * self.root / (1.5 * (4.0 / 3.0 * modulus * rate) ** 0.4)
+
     def solve_restitution(self, laws, pair):
         """1 − e by the Padé form, scaled from the measurement."""
-        mass = 2.0 / 3.0 * math.pi * self.density * self.radius * self.radius * self.radius
-        rate = math.sqrt(0.5 * self.radius * self.speed) / mass
+        rate = measured_rate(self.density, self.radius, self.speed)
         ratio = stiffness_rate(pair) * math.sqrt(pair.approach_speed) / rate
         return RestitutionSolution(pade_deficit(self.root * ratio**0.2), False, 0.0, False)

@@ -51,6 +51,48 @@ def largest_pull():
     return brentq(slope, 1e-3, no_force(), xtol=1e-14)
 
 
+def adhesive_restitution(speed, damping):
+    """e by integrating a viscous JKR contact, δ'' = −(F + A F'), in units of R* = E* = Γ = m* = 1.
+
+    It starts at the first touch with `speed` w and ends at the least overlap, or in a bond, e = 0;
+    A is `damping`. The total pull is at most the largest one of JKR, as a contact without adhesion
+    cannot pull. The variable is τ, dt = (dδ/da) dτ, in which nothing is singular where the contact
+    breaks.
+    """
+    least, pull = least_overlap(), -jkr_force(largest_pull())
+
+    def rates(time, state):
+        a, speed = max(state[0], 0.3 * least), state[1]
+        slope, rate = jkr_overlap_slope(a), 4.0 * a * a - 1.5 * math.sqrt(8.0 * math.pi * a)
+        return speed, -max(jkr_force(a) * slope + damping * speed * rate, -pull * slope)
+
+    def stuck(time, state):
+        return state[1]
+
+    def parted(time, state):
+        return state[0] - least
+
+    stuck.terminal, stuck.direction = True, 1
+    parted.terminal, parted.direction = True, -1
+    start, events = (first_touch(), speed), (stuck, parted)
+    found = solve_ivp(rates, (0.0, 1e6), start, "DOP853", events=events, rtol=1e-9, atol=1e-12)
+    assert found.status == 1
+    return 0.0 if len(found.t_events[0]) else -found.y[1, -1] / speed
+
+
+def adhesive_sticking_speed(damping, near):
+    """Speed up to which an integrated contact bonds, to 1e-4 of it; `near` is within a third."""
+    low, high = near / 1.5, near * 1.5
+    assert adhesive_restitution(low, damping) == 0.0 < adhesive_restitution(high, damping)
+    while high > (1.0 + 1e-4) * low:
+        middle = math.sqrt(low * high)
+        if adhesive_restitution(middle, damping) == 0.0:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
 def viscoelastic_restitution(damping):
     """e by integrating ξ'' = −√ξ (ξ + g ξ') from ξ = 0, ξ' = 1 until the force is zero.
 
