@@ -75,7 +75,7 @@ class CampaignFile(CampaignPlots):
 
     def status(self) -> Status:
         """Return the state of the campaign, the time of the last change (Unix, s), and a reason."""
-        return self._snapshot().status()
+        return self._snapshot().live_status()
 
     @property
     def damaged(self) -> int:
