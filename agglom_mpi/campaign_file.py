@@ -54,7 +54,9 @@ class CampaignFile(CampaignPlots):
                 (len(data.generation_rows()), "generation"),
                 (len(data.string_rows()), "string"),
             )
-            return ", ".join([f"; {data.status().state}", *(pluralise(*each) for each in counts)])
+            return ", ".join(
+                [f"; {data.live_status().state}", *(pluralise(*each) for each in counts)]
+            )
         except (OSError, UserError):
             return ""
 

@@ -1,6 +1,7 @@
 """Reading a campaign file, finished or not, also while it is being written."""
 
 import os
+import socket
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -121,7 +122,7 @@ class CampaignData(CampaignHeader):
     def live_status(self) -> Status:
         """Return the state of the campaign; `stopped` if the run was killed, as its lock shows.
 
-        With `--database parallel` MPI may need the lock, and the file alone decides.
+        With `--database parallel` MPI may need the lock, and another machine may not see it.
         """
         status, legs = self.status(), self.legs()
         if status.state != "running" or not len(legs) or legs[-1]["database"] != b"gathered":
@@ -133,7 +134,9 @@ class CampaignData(CampaignHeader):
             now = status_of(Rows(file["status"], self.path).read_all())
         if now.state != "running" or is_locked(self.path):
             return status
-        return now._replace(state="stopped", reason=KILLED)
+        if legs[-1]["host"].decode() == (here := socket.gethostname())[:64]:
+            return now._replace(state="stopped", reason=KILLED)
+        return now._replace(reason=f"no lock is seen on {here}: the run may have been killed")
 
     def variable_rows(self) -> np.ndarray:
         """Return the variables and their box, (k,); nan bounds where one is unused."""

@@ -88,6 +88,13 @@ def test_a_run_that_was_killed_is_stopped_and_one_that_has_the_lock_is_not(begun
     assert collect_summary(read_campaign(begun)).state == "running", "it may have no lock"
 
 
+def test_another_machine_may_see_no_lock(begun, monkeypatch):
+    monkeypatch.setattr("socket.gethostname", lambda: "elsewhere")
+    status = open_campaign(begun).status()
+    assert status.state == "running"
+    assert "elsewhere" in status.reason
+
+
 def test_a_campaign_that_has_not_begun_has_a_summary(path, monkeypatch, capsys):
     summary = collect_summary(read_campaign(path))
     assert (summary.state, summary.reason) == ("stopped", "not started yet")
@@ -99,7 +106,7 @@ def test_a_campaign_that_has_not_begun_has_a_summary(path, monkeypatch, capsys):
 
 def test_an_unfinished_file_shows_what_is_judged_best_first(begun):
     summary = collect_summary(read_campaign(begun))
-    assert summary.state == "running"
+    assert summary.state == "stopped"
     assert summary.strings == 3
     assert [entry["string"] for entry in summary.best] == [0, 1]
     assert summary.samples_used == 30
