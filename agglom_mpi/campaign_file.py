@@ -54,7 +54,9 @@ class CampaignFile(CampaignPlots):
                 (len(data.generation_rows()), "generation"),
                 (len(data.string_rows()), "string"),
             )
-            return ", ".join([f"; {data.status().state}", *(pluralise(*each) for each in counts)])
+            return ", ".join(
+                [f"; {data.live_status().state}", *(pluralise(*each) for each in counts)]
+            )
         except (OSError, UserError):
             return ""
 
@@ -75,7 +77,7 @@ class CampaignFile(CampaignPlots):
 
     def status(self) -> Status:
         """Return the state of the campaign, the time of the last change (Unix, s), and a reason."""
-        return self._snapshot().status()
+        return self._snapshot().live_status()
 
     @property
     def damaged(self) -> int:

@@ -2,15 +2,19 @@
 
 import os
 from dataclasses import fields
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from agglom_mpi.config import loading
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.own_components import own_of
+from agglom_mpi.config.yaml_source import ArgumentError
 
 if TYPE_CHECKING:
     from agglom_mpi.campaign_file import CampaignFile
     from agglom_mpi.config.searcher import Searcher
+
+RANKS_PER_CORE: Final = 4
+"""Maximum number of ranks per core that `run` starts, unless it is asked to oversubscribe."""
 
 __all__ = ["RunnableCampaign", "load_campaign"]
 
@@ -24,6 +28,7 @@ class RunnableCampaign(Campaign):
         ranks: int | None = None,
         progress: bool = True,
         max_walltime: float | None = None,
+        oversubscribe: bool = False,
     ) -> "CampaignFile":
         """Run the campaign, or continue it where its file ends, as `agglom-invert` does.
 
@@ -35,11 +40,14 @@ class RunnableCampaign(Campaign):
         output
             File to write; None: that of the campaign.
         ranks
-            Number of ranks, started by the installed `mpirun`; None: this process simulates.
+            Number of ranks, started by the installed `mpirun`; None: this process simulates. At
+            most four for each core of this process.
         progress
             Whether to show how the run goes, on standard error.
         max_walltime
             Time after which to stop cleanly, in s.
+        oversubscribe
+            Whether more ranks may be started than the cores allow.
 
         Returns
         -------
@@ -76,7 +84,13 @@ class RunnableCampaign(Campaign):
         if ranks is None:
             path = run_here(self, options)
         else:
-            path = run_by_ranks(self, options, self._count("ranks", ranks, least=1))
+            ranks = self._count("ranks", ranks, least=1)
+            most = RANKS_PER_CORE * len(os.sched_getaffinity(0))
+            if ranks > most and not oversubscribe:
+                why = f"is {ranks}; must be at most {most}, {RANKS_PER_CORE} for each core here"
+                allowed = ValueError(f"{why}; oversubscribe=True allows more")
+                raise ArgumentError.of(self.name, "ranks", allowed)
+            path = run_by_ranks(self, options, ranks)
         return open_campaign(path, options.allow_code)
 
     def searcher(self) -> "Searcher":

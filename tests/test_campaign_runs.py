@@ -2,16 +2,37 @@
 
 import os
 import signal
+import sys
 import threading
 
 import pytest
-from campaign_runs import SMALL, assert_same, assert_sound, decisions, need_mpirun, write_campaign
+from campaign_runs import (
+    SMALL,
+    Gate,
+    assert_same,
+    assert_sound,
+    decisions,
+    environment,
+    need_mpirun,
+    state,
+    wait_until,
+    write_campaign,
+)
+from processes import program, wait_until_gone
 
 import agglom_mpi
 from agglom_mpi.campaign_file import CampaignFile
+from agglom_mpi.campaign_runs import RANKS_PER_CORE
+from agglom_mpi.runtime import python_runs
+from agglom_mpi.runtime.coordinator import IDLE_LEGS
 from agglom_mpi.runtime.python_runs import RunFailedError
 from agglom_mpi.runtime.stop_request import stop_signals
 from agglom_mpi.storage.lock import CampaignLock
+
+RUNS_SMALL = """
+import agglom_mpi
+agglom_mpi.load_campaign("small.yaml").run(ranks=2, progress=False)
+"""
 
 
 @pytest.fixture
@@ -82,6 +103,45 @@ def test_what_is_wrong_is_raised_and_nothing_is_left(campaign, tmp_path, ranks):
 def test_a_wrong_number_of_ranks_is_named(campaign, ranks):
     with pytest.raises(ValueError, match="ranks: is "):
         campaign.run(ranks=ranks)
+
+
+@pytest.mark.parametrize("ranks", [10**9, 1 + RANKS_PER_CORE * len(os.sched_getaffinity(0))])
+def test_more_ranks_than_the_cores_allow_are_refused(campaign, ranks):
+    with pytest.raises(ValueError, match=f"ranks: is {ranks}; must be at most"):
+        campaign.run(ranks=ranks)
+
+
+def test_more_ranks_start_if_that_is_asked_for(campaign, tmp_path, monkeypatch):
+    begun = []
+    monkeypatch.setattr(python_runs, "find_launcher", lambda *_, **__: "mpirun")
+    monkeypatch.setattr(python_runs, "follow", lambda words: begun.append(words) or (1, ["x"]))
+    with pytest.raises(RunFailedError, match="x"):
+        campaign.run(tmp_path / "own.h5", ranks=4000, oversubscribe=True)
+    assert begun[0][:3] == ["mpirun", "-n", "4000"]
+
+
+def test_runs_that_never_finish_a_sample_fail_in_the_end(campaign, expected, tmp_path):
+    path = tmp_path / "own.h5"
+    for _ in range(IDLE_LEGS):
+        assert campaign.run(path, progress=False, max_walltime=1e-9).status().state == "stopped"
+    with pytest.raises(RunFailedError, match="without a finished sample"):
+        campaign.run(path, progress=False, max_walltime=1e-9)
+    assert campaign.run(path, progress=False).status().state == "finished"
+    assert_same(path, expected)
+
+
+def test_ranks_stop_when_the_process_that_started_them_is_killed(tmp_path):
+    need_mpirun()
+    write_campaign(tmp_path / "small.yaml", **SMALL)
+    gate = Gate(tmp_path / "gate")
+    words = [sys.executable, "-c", RUNS_SMALL]
+    with program(words, cwd=tmp_path, env=environment(gate.folder)) as process:
+        wait_until(lambda: gate.held(0) and gate.held(1), process)
+        ranks = [gate.held(0), gate.held(1)]
+        process.kill()
+        wait_until_gone(ranks)
+    assert state(tmp_path / "small.h5")[0] == "stopped"
+    assert_sound(tmp_path / "small.h5")
 
 
 def test_a_scene_alone_cannot_be_run(tmp_path):

@@ -118,7 +118,7 @@ def failure_lines(data: "CampaignData") -> list[str]:
 
 def state_lines(data: "CampaignData") -> list[str]:
     """Return lines on the state of a campaign: that no string has a result, and why it ended."""
-    state, _, reason = data.status()
+    state, _, reason = data.live_status()
     missing = no_result(data)
     if reason.startswith(NO_RESULT):  # cut to fit into the file
         return [f"{state}: {missing or reason}"]

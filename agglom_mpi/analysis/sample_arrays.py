@@ -95,7 +95,7 @@ def _attributes(data: "CampaignData") -> dict[str, str | int]:
         "seed": data.seed,
         "campaign": data.campaign_text,
         "campaign_sha256": str(data.attributes["campaign_sha256"]),
-        "state": data.status().state,
+        "state": data.live_status().state,
         "fresh_from": data.fresh_from,
         "with_unused": int(data.with_unused),
         "source": f"agglom_mpi {__version__}",

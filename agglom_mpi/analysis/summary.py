@@ -75,7 +75,7 @@ def collect_summary(file: CampaignData, best: int = 6) -> Summary:
         Number of the best strings to include. Each has a `reestimate` on its fresh samples, None if
         it has none.
     """
-    results, legs, status = file.result_rows(), file.legs(), file.status()
+    results, legs, status = file.result_rows(), file.legs(), file.live_status()
     samples = file.all_sample_rows()
     estimates = rank_strings(file).estimates
     fresh = int((samples["sample"] >= file.fresh_from).sum())

@@ -141,7 +141,7 @@ def report(
     _check_names(out, {"--draws": draws, "--grid": grid, "--what-next-table": what_next_table})
     from agglom_mpi.storage.reader import read_inversion
 
-    code = _follow(read_inversion(files[0], allow_code)) if follow else FINISHED
+    code = _follow(files[0], allow_code) if follow else FINISHED
     if code == INTERRUPTED:
         return code
     opened = [read_inversion(file, allow_code) for file in files]
@@ -200,11 +200,15 @@ def _mention_damage(file: "CampaignData") -> int:
     return FAILURE
 
 
-def _follow(file: "CampaignData") -> int:
+def _follow(name: str, allow_code: bool) -> int:
     """Show the progress of a run until it ends; return its exit code, or `INTERRUPTED`."""
-    from agglom_mpi.report.follow import follow
+    from agglom_mpi.report.follow import follow, wait_for_file
+    from agglom_mpi.storage.reader import read_inversion
 
-    return follow(file)
+    path = Path(name)
+    if path.parent.is_dir() and not wait_for_file(path):
+        return INTERRUPTED
+    return follow(read_inversion(name, allow_code))
 
 
 def _write_page(

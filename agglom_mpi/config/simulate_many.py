@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 Floats = npt.NDArray[np.float64]
 
+THREADS_PER_CORE: Final = 4
+"""Maximum number of threads per core; more are of no use, and the system may refuse thousands."""
 PARTS_PER_WORKER: Final = 8
 """Number of parts of the work per thread, so that all threads end at about the same time."""
 
@@ -151,7 +153,8 @@ def simulate_many(
     abort = np.zeros(1, np.uint8)
     work = _Work(campaign, strings, samples.start, engine, rows, {}, abort)
     if rows.size:
-        _run(work, workers or len(os.sched_getaffinity(0)))
+        cores = len(os.sched_getaffinity(0))
+        _run(work, min(workers or cores, THREADS_PER_CORE * cores))
     failed = rows["state"] != COMPLETED
     columns = {
         name: np.where(failed, np.nan, rows[name]) if rows[name].dtype.kind == "f" else rows[name]

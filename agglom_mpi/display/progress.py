@@ -101,7 +101,8 @@ def _time_phrases(progress: RunProgress) -> list[Phrase]:
     if progress.elapsed:
         found.append((format_clock(progress.elapsed), ""))
     if progress.remaining is not None:
-        bound = "at most " if progress.may_end_sooner else ""
+        bounded = progress.may_end_sooner or progress.remaining.is_bound
+        bound = "at most " if bounded else ""
         found.append((f"left {bound}{progress.remaining}", ""))
     return found
 

@@ -31,11 +31,22 @@ class RemainingTime(NamedTuple):
     seconds: float
     half_width: float
 
+    @property
+    def is_bound(self) -> bool:
+        """Whether only a maximum is known: the interval reaches down to zero."""
+        return self.seconds <= self.half_width
+
     def __str__(self) -> str:
-        """Return both, rounded to what the error leaves of them: `3 min 20 s ± 20 s`."""
+        """Return both, rounded to half of the error: `3 min 20 s ± 20 s`; of a bound the upper end.
+
+        Coarser steps would shift the time by as much as its error.
+        """
         step = max(
-            (step for step in ROUNDING_STEPS if step <= self.half_width), default=ROUNDING_STEPS[0]
+            (step for step in ROUNDING_STEPS if step <= self.half_width / 2.0),
+            default=ROUNDING_STEPS[0],
         )
+        if self.is_bound:
+            return format_rounded(math.ceil((self.seconds + self.half_width) / step) * step, step)
         error = max(self.half_width, step)
         return f"{format_rounded(self.seconds, step)} ± {format_rounded(error, step)}"
 

@@ -1,6 +1,7 @@
 """Progress of a campaign that another process runs, read from its file."""
 
 import time
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -35,6 +36,18 @@ READING_SHARE: Final = 0.05
 
 SILENCE: Final = 10.0
 """Time, beyond three times the longest sample, for which a run may write nothing, s."""
+
+
+def wait_for_file(path: Path) -> bool:
+    """Wait until a run has made its file; return False after Ctrl-C."""
+    try:
+        if not path.exists():
+            Display().message(f"{path} does not exist yet: waiting for the run to begin")
+        while not path.exists():
+            time.sleep(MIN_INTERVAL)
+    except KeyboardInterrupt:
+        return False
+    return True
 
 
 def follow(file: CampaignData) -> int:
@@ -127,7 +140,8 @@ class FileProgress:
             progress = progress._replace(rate=len(ours) / elapsed, busy=busy)
         progress = self._in_phase(progress, ours, elapsed)
         if silent and status.state == "running":
-            progress = progress._replace(note=silence_note(changed, now), remaining=None)
+            note = silence_note(changed, now, killed=data.live_status().state != "running")
+            progress = progress._replace(note=note, remaining=None)
         return progress
 
     def _best(self) -> Best | None:
@@ -203,10 +217,11 @@ class FileProgress:
         )
 
 
-def silence_note(since: float, now: float) -> str:
-    """Return the note that nothing has changed between two Unix times, s."""
+def silence_note(since: float, now: float, *, killed: bool = False) -> str:
+    """Return the note that nothing has changed between two Unix times, s; or that it was killed."""
     clock = time.strftime(
         "%H:%M:%S" if now - since < 43200.0 else "%Y-%m-%d %H:%M", time.localtime(since)
     )
     duration = format_rounded(now - since, 1)
-    return f"nothing has changed since {clock}, for {duration}: was it killed?"
+    cause = "the run was killed" if killed else "was it killed?"
+    return f"nothing has changed since {clock}, for {duration}: {cause}"

@@ -224,7 +224,7 @@ class PageBuilder:
         return {
             "title": data.title or data.path.stem,
             "file_name": data.path.name,
-            "status": data.status(),
+            "status": data.live_status(),
             "generations": len(data.generation_rows()),
             "judged": len(data.result_rows()),
             "no_result": no_result(data),

@@ -5,6 +5,8 @@ from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Final, NamedTuple
 
+import numpy as np
+
 from agglom_mpi.analysis.failed_samples import no_result
 from agglom_mpi.analysis.replay import stored_outcomes
 from agglom_mpi.display.progress import RunProgress
@@ -29,6 +31,10 @@ from agglom_mpi.storage.writer import CampaignWriter
 
 FIRST_MESSAGES: Final = 50
 """Number of messages whose costs do not count: what is done for the first time takes longer."""
+
+IDLE_LEGS: Final = 3
+"""Number of earlier legs without a finished sample after which a stop is a failure: a batch script
+that starts the run again and again would never end."""
 
 TICK: Final = 0.5
 """Seconds between updates of the display."""
@@ -116,7 +122,7 @@ class Coordinator:
     def run(self, pool: WorkerPool, stop: StopRequest) -> RunEnd:
         """Simulate until the experiment is finished or something asks to stop."""
         self._pool = pool
-        self._watch = RankWatch(pool.size, pool.hosts, self._listener.error)
+        self._watch = RankWatch(pool.size, pool.hosts, self._listener.error, pool.gone)
         self._last_tick = self._watch.now()
         self._hanging = HangingSamples(
             float(self._stored.all_sample_rows()["seconds"].max(initial=0.0)),
@@ -172,15 +178,29 @@ class Coordinator:
         self.recorder.finish()
         if end.complete:
             return self.end  # what ranks had not written before is in the file now
-        return self._failed() if end.code == FAILURE else end
+        return self._failed() if end.state == "failed" else end
 
     def _end(self, stop: StopRequest) -> RunEnd | None:
         """Return how to end before all is done, if there is a reason."""
         if stop.reason:
-            return RunEnd(STOPPED, "stopped", stop.reason)
+            return self._stopped(stop.reason)
+        if self._pool.gone.suspended:
+            return self._stopped("rank 0 was suspended, and ranks on other hosts may have ended")
+        if self._pool.deserted:
+            host = self._pool.hosts[min(self._pool.deserted)]
+            return self._stopped(f"the launcher's process on {host} is gone")
         if self._failures.incomplete or self._failures.count >= self._experiment.max_failures:
             return self._failed()
         return None
+
+    def _stopped(self, reason: str) -> RunEnd:
+        """Return the end of a run that can go on; as failed if it would never get further."""
+        legs = self._stored.legs()[-IDLE_LEGS:]
+        idle_legs = (legs["samples"] == 0) & (legs["exit_code"] == STOPPED)  # killed: -1
+        if self.recorder.tally.samples or np.count_nonzero(idle_legs) < IDLE_LEGS:
+            return RunEnd(STOPPED, "stopped", reason)
+        idle = f"{IDLE_LEGS + 1} runs in turn have ended without a finished sample"
+        return RunEnd(FAILURE, "stopped", f"{reason}; {idle}: they need more time")
 
     def _failed(self) -> RunEnd:
         if self._failures.incomplete:

@@ -2,10 +2,12 @@
 
 import threading
 import time
+from collections.abc import Collection
 from typing import TYPE_CHECKING, Any, Final
 
 from numpy.typing import NDArray
 
+from agglom_mpi.runtime.gone_ranks import GoneRanks
 from agglom_mpi.runtime.messages import ALIVE, heartbeat
 
 if TYPE_CHECKING:
@@ -30,11 +32,22 @@ class Heart:
     threaded
         Whether a thread may call MPI while the main thread does something else; that is not so
         where HDF5 calls MPI, too. Without it, `beat_if_due` has to be called.
+    remote
+        Ranks on other hosts.
+
+    Attributes
+    ----------
+    gone
+        Ranks to which nothing is sent any more.
     """
 
-    def __init__(self, world: "Intracomm", lock: Any, *, threaded: bool) -> None:
+    def __init__(
+        self, world: "Intracomm", lock: Any, *, threaded: bool, remote: Collection[int] = ()
+    ) -> None:
         from mpi4py import MPI
 
+        threaded = threaded and may_call_in_turn()
+        self.gone = GoneRanks(remote, beats=threaded, beat_every=BEAT_EVERY)
         self._world, self._byte, self._lock = world, MPI.BYTE, lock
         self._record: NDArray[Any] = heartbeat(b"")
         self._last = [time.monotonic()] * world.size
@@ -42,7 +55,7 @@ class Heart:
         self._looked = time.monotonic()
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
-        if threaded and may_call_in_turn():
+        if threaded:
             self._thread = threading.Thread(target=self._work, name="heart", daemon=True)
             self._thread.start()
 
@@ -65,7 +78,7 @@ class Heart:
         with self._lock:
             now = time.monotonic()
             for rank in range(1, self._world.size):
-                if now - self._last[rank] < BEAT_EVERY:
+                if self.gone.include(rank) or now - self._last[rank] < BEAT_EVERY:
                     continue
                 if rank in self._pending and not self._pending[rank].Test():
                     continue

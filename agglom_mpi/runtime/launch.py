@@ -40,8 +40,9 @@ def connect(environment: Mapping[str, str] = os.environ) -> "Intracomm | None":
     Raises
     ------
     LaunchError
-        If no MPI library loads, or the size of the world is not that of the launch: launcher and
-        library are then of different MPIs, and every process would run the campaign for itself.
+        If no MPI library loads, or launcher and library are of different MPIs: the library cannot
+        start, or the world has another size than the launch, and every process would run the
+        campaign for itself.
     InheritedRankError
         If a rank has started this process: to connect would end in errors of MPI, or never.
     """
@@ -56,7 +57,8 @@ def connect(environment: Mapping[str, str] = os.environ) -> "Intracomm | None":
         )
     import mpi4py
 
-    mpi4py.rc.thread_level = "serialized"  # rank 0 has a thread for heartbeats
+    # The library is asked before it starts, and started below.
+    mpi4py.rc.initialize, mpi4py.rc.finalize = False, True
     # It warns on every rank; the error below is shown once.
     warnings.filterwarnings("ignore", "suspicious MPI execution", RuntimeWarning)
     try:
@@ -66,14 +68,25 @@ def connect(environment: Mapping[str, str] = os.environ) -> "Intracomm | None":
             f"launched as {launched} MPI rank(s), but no MPI library can be loaded ({error}); "
             "install one, for example: pip install 'agglom_mpi[mpi]'"
         ) from None
+    vendor, about = MPI.get_vendor()[0], MPI.Get_library_version().lower()
+    only_pmix = "PMIX_NAMESPACE" in environment and not {"PMI_FD", "PMI_PORT"} & environment.keys()
+    if only_pmix and vendor == "MPICH" and "pmix" not in about:  # it would abort
+        raise LaunchError(
+            f"the launcher speaks PMIx, as Open MPI's does, which {vendor} does not{NOT_TOGETHER}"
+        )
+    if not MPI.Is_initialized():  # as h5py starts it that was built for MPI
+        MPI.Init_thread(MPI.THREAD_SERIALIZED)  # rank 0 has a thread for heartbeats
     world = MPI.COMM_WORLD
     if launched != world.size:
-        raise LaunchError(
-            f"the launcher started {launched} processes, but {MPI.get_vendor()[0]}"
-            f" sees {world.size}: launcher and MPI library do not belong together; use the mpirun "
-            "of this library, or one that it speaks: srun --mpi=pmi2 for MPICH, pmix for Open MPI"
-        )
+        seen = f"the launcher started {launched} processes, but {vendor} sees {world.size}"
+        raise LaunchError(f"{seen}{NOT_TOGETHER}")
     return world
+
+
+NOT_TOGETHER: Final = (
+    ": launcher and MPI library do not belong together; use the mpirun of this library, or one "
+    "that it speaks: srun --mpi=pmi2 for MPICH, pmix for Open MPI"
+)
 
 
 def taken_input(count: int) -> str:
@@ -122,6 +135,8 @@ class Nodes(NamedTuple):
     """Whether rank 0 is on the node of this rank."""
     speaks: bool = False
     """Whether this rank is the first one of its node, not counting rank 0."""
+    neighbours: tuple[int, ...] = ()
+    """Ranks on the node of this rank."""
 
 
 def find_nodes(world: "Intracomm | None") -> Nodes:
@@ -132,8 +147,9 @@ def find_nodes(world: "Intracomm | None") -> Nodes:
 
     node = world.Split_type(MPI.COMM_TYPE_SHARED, key=world.rank)
     first = node.rank == 0
-    has_rank_zero = node.bcast(world.rank) == 0
+    neighbours = tuple(node.allgather(world.rank))
+    has_rank_zero = neighbours[0] == 0
     speaks = node.rank == int(has_rank_zero)
     node.Free()
     number = world.allreduce(int(first))
-    return Nodes(number, first and world.rank > 0, has_rank_zero, speaks)
+    return Nodes(number, first and world.rank > 0, has_rank_zero, speaks, neighbours)

@@ -61,15 +61,16 @@ def run_leg(
         _announce(display, request, ranks, coordinator.inversion)
         runner = SampleRunner(request.experiment, 0)
         warm_up(runner, world, display.message, stop)
-        nodes = find_nodes(world).number
+        nodes = find_nodes(world)
         if database == PARALLEL and world is not None:
             writer.reopen_parallel(world)
         begun = time.monotonic()
-        start = leg_start(ranks, mpi_version(world), nodes=nodes, database=database)
+        start = leg_start(ranks, mpi_version(world), nodes=nodes.number, database=database)
         leg = writer.log.begin_leg(start)
         writer.set_status("running")
-        pool = WorkerPool(runner, world, heart_thread=not writer.parallel)
-        if nodes > 1 and writer.parallel:
+        remote = frozenset(range(1, ranks)).difference(nodes.neighbours)
+        pool = WorkerPool(runner, world, heart_thread=not writer.parallel, remote=remote)
+        if nodes.number > 1 and writer.parallel:
             recorder.synced = pool.sync
         end = coordinator.run(pool, stop)
     end = coordinator.shut_down(pool, end)

@@ -54,11 +54,13 @@ HEARTBEAT: Final = np.dtype(
         ("sample", "i8"),
         ("seconds", "f8"),
         ("writes", "?"),
+        ("alone", "?"),
     ]
 )
 """The host of a rank, and the name that it is woken by; the sample under way, string -1 if there is
-none, and its time so far in s; whether the rank is about to write to the campaign file. Rank 0
-answers with its own to those that it can wake, and to all where it has nothing else to send."""
+none, and its time so far in s; whether the rank is about to write to the campaign file, and
+whether its launcher is gone. Rank 0 answers with its own to those that it can wake, and to all
+where it has nothing else to send."""
 
 GOODBYE: Final = np.dtype([("database_seconds", "f8")])
 """Last message of a rank that has stopped: time that it spent on the campaign file, in s."""
@@ -185,11 +187,15 @@ def decoded(rank: int, tag: int, records: NDArray[np.void]) -> RankMessage:
 
 
 def heartbeat(
-    wakeup: bytes, under_way: SampleUnderWay | None = None, *, writes: bool = False
+    wakeup: bytes,
+    under_way: SampleUnderWay | None = None,
+    *,
+    writes: bool = False,
+    alone: bool = False,
 ) -> NDArray[np.void]:
     """Return the `HEARTBEAT` record, shape (1,), of this rank."""
     sample = (-1, -1, 0.0) if under_way is None else under_way
-    return np.array([(own_host(), wakeup, *sample, writes)], HEARTBEAT)
+    return np.array([(own_host(), wakeup, *sample, writes, alone)], HEARTBEAT)
 
 
 def failed_sample(

@@ -19,6 +19,15 @@ from agglom_mpi.runtime.stop_request import StopRequest, handlers_kept
 
 LAST_LINES: Final = 20
 """Number of last lines of ranks that failed which the error has."""
+ENDS_WITH_PARENT: Final = """
+import ctypes, os, signal, sys
+if sys.platform == "linux":
+    ctypes.CDLL(None).prctl(1, signal.SIGINT)  # PR_SET_PDEATHSIG
+    if os.getppid() != int(sys.argv[1]):
+        sys.exit(1)
+os.execv(sys.argv[2], sys.argv[2:])
+"""
+"""Program that becomes the one of its arguments, which is asked to stop when its parent ends."""
 COMMAND: Final = "from agglom_mpi.cli import invert; invert()"
 
 
@@ -87,11 +96,11 @@ class Told(Display):
 def follow(words: list[str]) -> tuple[int, list[str]]:
     """Run a command, passing its standard error on; its exit code and the last lines of that.
 
-    An interrupt is passed on as a request to stop.
+    An interrupt is passed on as a request to stop, and so is the end of this process.
     """
     last: deque[str] = deque(maxlen=LAST_LINES)
     process = subprocess.Popen(
-        words,
+        [sys.executable, "-ISc", ENDS_WITH_PARENT, str(os.getpid()), *words],
         env=without_rank_variables(os.environ),  # this process may be a rank itself
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,

@@ -87,6 +87,8 @@ def run_on_all_ranks(
     int
         The exit code.
     """
+    if world is not None and world.rank > 0:
+        stop = StopRequest()  # for the end of the launcher alone; rank 0 sends the others
     stop = stop or StopRequest(max_walltime)
     if world is None:
         return run_this_rank(read, display, finish, stop, world)
@@ -106,7 +108,7 @@ def run_this_rank(
     """Run this rank; return the exit code."""
     try:
         if world is not None and world.rank > 0:
-            return run_worker(world)
+            return run_worker(world, stop)
         code = run_rank_zero(read, display, finish, stop, world)
         if world is not None and (unread := unread_input()):
             display.error(f"warning: {taken_input(unread)}")  # also if quiet: work is left out
@@ -136,8 +138,8 @@ def end_job_by(error: BaseException, world: "Intracomm") -> None:
     end_job(world, STOPPED if isinstance(error, KeyboardInterrupt) else FAILURE)
 
 
-def run_worker(world: "Intracomm") -> int:
-    """Run a rank other than 0; return the exit code that rank 0 sends."""
+def run_worker(world: "Intracomm", stop: StopRequest) -> int:
+    """Run a rank other than 0, which reports a `stop`; return the exit code that rank 0 sends."""
     ignore_signals()
     check_programs(world)
     try:
@@ -152,7 +154,7 @@ def run_worker(world: "Intracomm") -> int:
     warm_up(runner, world)
     nodes = find_nodes(world)
     file = None if path is None else open_with_rank_zero(path, world, nodes)
-    code = serve_coordinator(world, runner, file, nodes)
+    code = serve_coordinator(world, runner, file, nodes, stop)
     if file is not None:
         file.close()
     return int(code)

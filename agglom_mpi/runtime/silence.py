@@ -7,6 +7,7 @@ from typing import Final, NamedTuple, Self
 import numpy as np
 
 from agglom_mpi.runtime.active_clock import ActiveClock
+from agglom_mpi.runtime.gone_ranks import GoneRanks
 from agglom_mpi.runtime.messages import RankMessage
 from agglom_mpi.runtime.programs import name_ranks
 from agglom_mpi.scheduling.scheduler import Scheduler
@@ -65,6 +66,8 @@ class RankWatch:
         Host of each rank, as far as it is known.
     show
         Shows one line.
+    gone
+        Ranks to which nothing is sent any more; this adds to them.
 
     Attributes
     ----------
@@ -72,7 +75,10 @@ class RankWatch:
         Ranks that have been named and not been heard since.
     """
 
-    def __init__(self, ranks: int, hosts: Mapping[int, str], show: Callable[[str], None]) -> None:
+    def __init__(
+        self, ranks: int, hosts: Mapping[int, str], show: Callable[[str], None], gone: GoneRanks
+    ) -> None:
+        self._gone = gone
         self.silent: set[int] = set()
         self._hosts = hosts
         self._show = show
@@ -97,9 +103,11 @@ class RankWatch:
         messages: Sequence[RankMessage],
         now: float,
     ) -> None:
-        """Take into account who has sent messages."""
+        """Take into account who has sent messages; a rank that is gone gets no work again."""
         for message in messages:
             rank = message.rank
+            if self._gone.include(rank):
+                continue
             self._heard[rank] = now
             if rank:
                 self._patience[rank] = STALLED_AFTER if message.writes else self._intervals.named
@@ -114,6 +122,9 @@ class RankWatch:
         for rank in np.flatnonzero(present & (self._patience > self._intervals.named)).tolist():
             scheduler.heartbeat(rank, now)  # it may write for long, or is this rank
         scheduler.mark_silent(now, self._intervals.reassigned)
+        limits = np.maximum(self._patience, self._gone.after)
+        if gone := self._gone.add(np.flatnonzero(self._heard <= now - limits).tolist()):
+            self._show(f"{name_ranks(gone)} may have ended: this run sends nothing there any more")
         late = set(np.flatnonzero(~present).tolist()) - self.silent
         if not late:
             return []

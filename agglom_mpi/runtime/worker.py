@@ -30,6 +30,7 @@ from agglom_mpi.runtime.pending_sends import PendingSends
 from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.runtime.silence import Intervals
 from agglom_mpi.runtime.simulation_thread import SimulationThread
+from agglom_mpi.runtime.stop_request import StopRequest
 from agglom_mpi.runtime.under_way import SampleClock, SampleUnderWay
 from agglom_mpi.runtime.wakeup import PollBackoff, Wakeup, message_waits
 from agglom_mpi.scheduling.interface import MOST_SAMPLES, task_type
@@ -44,6 +45,7 @@ def serve_coordinator(
     runner: SampleRunner,
     file: RankWriter | None,
     nodes: Nodes = Nodes(1, False),  # noqa: B008  (it is a constant)
+    stop: StopRequest | None = None,
 ) -> int:
     """Serve rank 0 until it sends a stop; return the exit code that comes with it.
 
@@ -57,6 +59,8 @@ def serve_coordinator(
         The campaign file, where this rank writes its samples itself; None if rank 0 does.
     nodes
         Place of this rank.
+    stop
+        Requested when the launcher of this rank is gone.
 
     Raises
     ------
@@ -66,7 +70,7 @@ def serve_coordinator(
     beats = file is None and may_call_in_turn()
     patience = Patience.of(same_host=nodes.has_rank_zero, beats=beats)
     watch = CoordinatorWatch(world.rank, patience, speaks=nodes.speaks)
-    worker = Worker(world, runner, file, watch)
+    worker = Worker(world, runner, file, watch, stop or StopRequest())
     try:
         worker.send_heartbeat()  # before anything else, so that rank 0 can name this host
         while worker.exit_code is None:
@@ -96,6 +100,7 @@ class Worker:
         runner: SampleRunner,
         file: RankWriter | None,
         watch: CoordinatorWatch,
+        stop: StopRequest,
     ) -> None:
         from mpi4py import MPI
 
@@ -111,6 +116,7 @@ class Worker:
         self._alive_every = Intervals.of(world.size).alive
         self._sample_clock = SampleClock(runner.abort_flag)
         self._watch = watch
+        self._stop_request, self._alone = stop, False
         if file is not None:
             file.before_write = self._announce_write
         self._sends = PendingSends()
@@ -137,14 +143,16 @@ class Worker:
             self._file.samples.flush_due()
             self._report_written(self._file)
         under_way = self._sample_clock.read()
-        if time.monotonic() - self._last_sent >= self._alive_every:
+        news = not self._alone and bool(self._stop_request.reason)
+        self._alone |= news
+        if news or time.monotonic() - self._last_sent >= self._alive_every:
             self.send_heartbeat(under_way)
 
     def send_heartbeat(
         self, under_way: SampleUnderWay | None = None, *, writes: bool = False
     ) -> None:
         """Send the names of this host and of its wake-up, and what this rank is doing."""
-        self._send(heartbeat(self._wakeup.name, under_way, writes=writes), ALIVE)
+        self._send(heartbeat(self._wakeup.name, under_way, writes=writes, alone=self._alone), ALIVE)
 
     def report_write_error(self, error: OSError) -> None:
         """Report that this rank cannot write, and leave it to rank 0 to end the job."""

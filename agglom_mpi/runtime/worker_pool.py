@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.runtime.gone_ranks import GoneRanks
 from agglom_mpi.runtime.heart import Heart
 from agglom_mpi.runtime.messages import (
     ALIVE,
@@ -49,26 +50,38 @@ class WorkerPool:
         The MPI world; None for a plain run.
     heart_thread
         Whether a thread sends heartbeats; not where HDF5 calls MPI, too.
+    remote
+        Ranks on other hosts.
 
     Attributes
     ----------
     size
         Number of ranks.
+    gone
+        Ranks that may have ended: they are sent nothing any more.
     hosts
         Hosts of the ranks, as far as they have reported.
     database_seconds
         Time that ranks which have stopped spent on the campaign file, in s.
     missing
-        Ranks that did not stop when they were asked to.
+        Ranks that did not stop when they were asked to, or that the launcher has lost.
+    deserted
+        Ranks on other hosts whose launcher is gone.
     """
 
     def __init__(
-        self, runner: SampleRunner, world: "Intracomm | None", *, heart_thread: bool = True
+        self,
+        runner: SampleRunner,
+        world: "Intracomm | None",
+        *,
+        heart_thread: bool = True,
+        remote: Collection[int] = (),
     ) -> None:
         self.size = 1 if world is None else world.size
         self.hosts: dict[int, str] = {0: own_host().decode()}
         self.database_seconds = 0.0
         self.missing: set[int] = set()
+        self.deserted: set[int] = set()
         self._shutting_down = False
         self._backoff = PollBackoff()
         self._wakeup = Wakeup()
@@ -83,10 +96,11 @@ class WorkerPool:
         self._mpi = threading.RLock()  # held by whoever calls MPI
         self._heart: Heart | None = None
         if world is not None:
-            self._heart = Heart(world, self._mpi, threaded=heart_thread)
+            self._heart = Heart(world, self._mpi, threaded=heart_thread, remote=remote)
             from mpi4py import MPI
 
             self._any_rank, self._byte, self._status = MPI.ANY_SOURCE, MPI.BYTE, MPI.Status()
+        self.gone = GoneRanks() if self._heart is None else self._heart.gone
         self._record_types = record_types(runner.grains, runner.result_dtype)
 
     def send(self, rank: int, tasks: NDArray[np.void]) -> None:
@@ -160,6 +174,7 @@ class WorkerPool:
             return
         self._heart.stop()
         working = set(range(1, self.size))
+        silent = {*silent, *filter(self.gone.include, working)}
         # To send to a host that is lost may end this process. Ranks there end by themselves.
         lost = {rank for rank in silent if self.hosts.get(rank) != self.hosts[0]}
         for rank in sorted(working - lost):
@@ -172,7 +187,7 @@ class WorkerPool:
                 if message.stopped:
                     working.discard(message.rank)
             time.sleep(LONGEST)
-        self.missing = working
+        self.missing = working | self.deserted
         if not working:
             self._sends.wait()
 
@@ -180,6 +195,8 @@ class WorkerPool:
         assert self._world is not None
         assert self._heart is not None
         with self._mpi:
+            if self.gone.include(rank):
+                return
             self._forget_sent()
             request = self._world.Isend([records, self._byte], dest=rank, tag=tag)
         self._sends.add(request, records)
@@ -231,6 +248,8 @@ class WorkerPool:
     def _register(self, rank: int, record: NDArray[np.void]) -> None:
         """Keep the host of a rank, and the name that it is woken by if that is in reach."""
         self.hosts[rank] = record["host"][0].decode()
+        if record["alone"][0] and self.hosts[rank] != self.hosts[0]:
+            self.deserted.add(rank)
         wakeup = bytes(record["wakeup"][0])
         if rank not in self._wakeups and self._wakeup.ring_at(wakeup):
             self._wakeups[rank] = wakeup

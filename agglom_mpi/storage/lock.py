@@ -22,6 +22,19 @@ _DATA_LOCK: Final = struct.pack("@hhqqi4x", fcntl.F_WRLCK, os.SEEK_SET, _LOCKED_
 """A `struct flock` for writing."""
 
 
+def is_locked(path: Path) -> bool:
+    """Return whether a process holds the lock of a campaign file itself, without taking it.
+
+    It counts as held where the file system has no such locks.
+    """
+    try:
+        with path.open("rb") as file:
+            found = fcntl.fcntl(file, fcntl.F_OFD_GETLK, _DATA_LOCK)
+    except OSError:
+        return True
+    return bool(struct.unpack_from("h", found)[0] != fcntl.F_UNLCK)
+
+
 class CampaignInUse(UserError, RuntimeError):  # noqa: N818 - the name states the condition
     """Another process is writing to this campaign file."""
 
@@ -59,7 +72,8 @@ class CampaignLock:
             holder = os.read(descriptor, 400).decode(errors="replace").strip()
             os.close(descriptor)
             raise CampaignInUse(
-                f"{self.path}: in use by {holder or 'another process'} (lock {self.lock_path})"
+                f"{self.path}: in use by {holder or 'another process'} (lock {self.lock_path}); "
+                "wait for its end, or stop it with everything saved: kill -TERM and its number"
             ) from None
         except OSError as error:
             if error.errno not in _NO_LOCKS:

@@ -1,6 +1,7 @@
 """Reading a campaign file, finished or not, also while it is being written."""
 
 import os
+import socket
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -13,7 +14,9 @@ from agglom_mpi.scheduling.volume_strings import number_in_volume
 from agglom_mpi.search.proposals import ORIGINS, Proposals, restored
 from agglom_mpi.storage.access import NotACampaign, open_file, read_attributes
 from agglom_mpi.storage.header import CampaignHeader
+from agglom_mpi.storage.lock import is_locked
 from agglom_mpi.storage.particle_tables import StoredParticles
+from agglom_mpi.storage.rows import Rows
 from agglom_mpi.storage.schema import INVERSION, TOOK_TOO_LONG, parameters_of, volume_table
 from agglom_mpi.storage.snapshot import TableSnapshot, read_only
 from agglom_mpi.storage.table import Table
@@ -30,6 +33,9 @@ class Status(NamedTuple):
     updated: float
     reason: str
 
+
+KILLED: Final = "the run was killed: no process holds the file"
+"""Reason of the state of a run that could not write one."""
 
 REWRITE_SECONDS: Final = 0.1
 """Longer than a row that is rewritten in place takes to be whole again."""
@@ -123,6 +129,25 @@ class CampaignData(CampaignHeader):
     def status(self) -> Status:
         """Return the state of the campaign at the time of the snapshot; it is read first."""
         return status_of(self.rows("status"))
+
+    def live_status(self) -> Status:
+        """Return the state of the campaign; `stopped` if the run was killed, as its lock shows.
+
+        With `--database parallel` MPI may need the lock, and another machine may not see it.
+        """
+        status, legs = self.status(), self.legs()
+        if status.state != "running" or not len(legs) or legs[-1]["database"] != b"gathered":
+            return status
+        # A run that ends just now writes its status first, and one that begins takes the lock.
+        if is_locked(self.path):
+            return status
+        with open_file(self.path, thorough=False) as file:
+            now = status_of(Rows(file["status"], self.path).read_all())
+        if now.state != "running" or is_locked(self.path):
+            return status
+        if legs[-1]["host"].decode() == (here := socket.gethostname())[:64]:
+            return now._replace(state="stopped", reason=KILLED)
+        return now._replace(reason=f"no lock is seen on {here}: the run may have been killed")
 
     def variable_rows(self) -> np.ndarray:
         """Return the variables and their box, (k,); nan bounds where one is unused."""

@@ -13,7 +13,8 @@ from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import prepare
 from agglom_mpi.runtime.provenance import leg_start
 from agglom_mpi.search.decisions import GenerationSummary
-from agglom_mpi.storage.reader import read_campaign
+from agglom_mpi.storage.lock import CampaignLock
+from agglom_mpi.storage.reader import KILLED, read_campaign
 from agglom_mpi.storage.schema import RESULTS, sample_dtype
 from agglom_mpi.storage.table import checksums, make_row
 from agglom_mpi.storage.writer import CampaignWriter
@@ -75,6 +76,25 @@ def printed(content, monkeypatch, capsys):
     return capsys.readouterr().out
 
 
+def test_a_run_that_was_killed_is_stopped_and_one_that_has_the_lock_is_not(begun):
+    with CampaignLock(begun):
+        assert collect_summary(read_campaign(begun)).state == "running"
+    summary = collect_summary(read_campaign(begun))
+    assert (summary.state, summary.reason) == ("stopped", KILLED)
+    assert open_campaign(begun).status().state == "stopped"
+    with CampaignWriter(begun) as writer:
+        writer.log.begin_leg(leg_start(2, "", database="parallel"))
+        writer.set_status("running")
+    assert collect_summary(read_campaign(begun)).state == "running", "it may have no lock"
+
+
+def test_another_machine_may_see_no_lock(begun, monkeypatch):
+    monkeypatch.setattr("socket.gethostname", lambda: "elsewhere")
+    status = open_campaign(begun).status()
+    assert status.state == "running"
+    assert "elsewhere" in status.reason
+
+
 def test_a_campaign_that_has_not_begun_has_a_summary(path, monkeypatch, capsys):
     summary = collect_summary(read_campaign(path))
     assert (summary.state, summary.reason) == ("stopped", "not started yet")
@@ -86,7 +106,7 @@ def test_a_campaign_that_has_not_begun_has_a_summary(path, monkeypatch, capsys):
 
 def test_an_unfinished_file_shows_what_is_judged_best_first(begun):
     summary = collect_summary(read_campaign(begun))
-    assert summary.state == "running"
+    assert summary.state == "stopped"
     assert summary.strings == 3
     assert [entry["string"] for entry in summary.best] == [0, 1]
     assert summary.samples_used == 30

@@ -31,11 +31,12 @@ def folder(tmp_path):
     return tmp_path
 
 
-def job(folder, name, *words):
-    """Start a script as Slurm does."""
+def job(folder, name, *words, seconds=60):
+    """Start a script as Slurm does, which takes it for as old as that."""
     own = environment()
     variables = {
         "PATH": f"{folder / 'bin'}:{own['PATH']}",
+        "SECONDS": str(seconds),
         "SLURM_JOB_ID": "7",
         "SLURM_NTASKS": "4",
         "SLURM_ARRAY_JOB_ID": "5",
@@ -102,6 +103,22 @@ def test_a_signal_is_handed_on_and_the_job_requeued(folder, name, task):
     assert (folder / "requeued").read_text().strip() == task
 
 
+@pytest.mark.parametrize("name", ["campaign", "array"])
+def test_a_signal_at_the_very_beginning_ends_nothing(folder, name):
+    """Slurm sends it at once in a job that is shorter than the time that it is asked for."""
+    (folder / "bin" / "squeue").write_text("#!/bin/bash\nwhile [ ! -e go ]; do sleep 0.01; done\n")
+    with job(folder, f"{name}.sbatch", "a.yaml", seconds=0) as process:
+        wait_for(lambda: takes(process, signal.SIGUSR1), "trap", process)
+        process.send_signal(signal.SIGUSR1)
+        (folder / "go").touch()
+        started(folder, process)
+        process.send_signal(signal.SIGUSR1)
+        (folder / "end").write_text("0")
+        output_of(process)
+    assert process.returncode == 0
+    assert not (folder / "signalled").exists()
+
+
 def test_the_tasks_of_an_array_have_other_seeds_or_other_campaigns(folder):
     (folder / "end").write_text("0")
     begun = []
@@ -110,7 +127,7 @@ def test_the_tasks_of_an_array_have_other_seeds_or_other_campaigns(folder):
     for words in (["a.yaml"], several, ["a.yaml", *options], [*several, *options]):
         with job(folder, "array.sbatch", *words) as process:
             output_of(process)
-        begun.append((folder / "started").read_text().strip())
+        begun.append((folder / "started").read_text().partition(" --max-walltime ")[0])
     said = " ".join(options)
     assert begun == [
         "-n 4 agglom-invert a.yaml --seed 3",

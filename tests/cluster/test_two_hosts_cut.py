@@ -1,15 +1,32 @@
-"""A link between two hosts that is cut: rank 0 names the host it has lost, and does the rest.
+"""A link that is cut, a rank that is stopped: rank 0 names who is lost, and does the rest.
 
 Unless the launcher, told to by its keepalives, is faster and ends the job, as Open MPI's does.
 """
 
+import os
+import signal
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
-from campaign_runs import assert_same, assert_sound, finish
+from campaign_runs import (
+    SMALL,
+    Gate,
+    assert_same,
+    assert_sound,
+    decisions,
+    finish,
+    need_mpirun,
+    state,
+    wait_until,
+    write_campaign,
+)
 from processes import output_of
-from two_host_runs import GONE, OPEN_MPI
-from two_hosts import NAMES
+from two_host_runs import GONE, OPEN_MPI, Launch
+from two_hosts import CACHES, NAMES, TwoHosts, need_two_hosts
+
+from agglom_mpi.runtime.coordinator_watch import CUT_OFF_AFTER
+from agglom_mpi.runtime.heart import BEAT_EVERY
 
 pytestmark = pytest.mark.parallel_hdf5 if OPEN_MPI else pytest.mark.slow
 
@@ -50,6 +67,69 @@ def test_a_launcher_with_keepalives_ends_all_ranks_within_a_minute_of_a_cut(
     finish(tmp_path, "small.yaml")
     assert_same(tmp_path / "small.h5", undisturbed)
     assert_sound(tmp_path / "small.h5")
+
+
+LINK = "link"
+DISTURBANCES = [
+    *((LINK, seconds) for seconds in (20, 40, 48, 52, 60, 75, 120)),
+    *((f"rank {rank}", seconds) for rank in (0, 1) for seconds in (20, 60, 120)),
+]
+"""What is cut or stopped, and for how long, s."""
+
+
+@pytest.fixture(scope="module")
+def disturbed(tmp_path_factory):
+    """Disturb each of several campaigns, side by side, every one on two hosts of its own.
+
+    Return the exit codes and the campaign files.
+    """
+    need_two_hosts()
+    need_mpirun()
+    folders = [tmp_path_factory.mktemp("disturbed") for _ in DISTURBANCES]
+    with ThreadPoolExecutor(len(DISTURBANCES)) as pool:
+        found = pool.map(disturb, folders, *zip(*DISTURBANCES, strict=True))
+        return dict(zip(DISTURBANCES, found, strict=True))
+
+
+def disturb(folder, what, seconds):
+    """Run the small campaign while the link is cut, or a rank is stopped; code and file."""
+    hosts = TwoHosts(folder / "shared")
+    try:
+        launch, gate = Launch("mpirun", hosts, folder), Gate(folder / "gate")
+        write_campaign(folder / "small.yaml", **SMALL)
+        compiled = {name: os.environ[name] for name in ("HOME", *CACHES) if name in os.environ}
+        for host in hosts:
+            host.set_variables(inject=gate.folder, **compiled)
+        with launch.start("small.yaml") as process:
+            wait_until(lambda: gate.held(0) and gate.held(1), process)
+            first, second = hosts
+            if what == LINK:
+                first.cut()
+                time.sleep(seconds)
+                first.mend()
+            else:
+                (rank,) = (first if what == "rank 0" else second).ranks()
+                rank.send_signal(signal.SIGSTOP)
+                time.sleep(seconds)
+                rank.send_signal(signal.SIGCONT)
+            time.sleep(2.0 * BEAT_EVERY)  # there would be heartbeats to those that have left
+            gate.open()
+            output_of(process)
+            launch.wait_for_end_of_ranks()
+        return process.returncode, folder / "small.h5"
+    finally:
+        hosts.end()
+
+
+@pytest.mark.skipif(OPEN_MPI, reason="the launcher ends the job meanwhile")
+@pytest.mark.parametrize(("what", "seconds"), DISTURBANCES)
+def test_rank_0_outlives_ranks_that_have_left(disturbed, what, seconds, shared_campaign):
+    code, path = disturbed[what, seconds]
+    stopped = what == "rank 0" and seconds > CUT_OFF_AFTER
+    assert (code, state(path)[0]) == ((75, "stopped") if stopped else (0, "finished"))
+    assert_sound(path)
+    finish(path.parent, "small.yaml")
+    assert_same(path, decisions(shared_campaign("small") / "small.h5"))
 
 
 def line_with(process, words):

@@ -8,6 +8,7 @@ import h5py
 import pytest
 from campaign_runs import (
     SMALL,
+    assert_killed,
     assert_same,
     finish,
     inject,
@@ -185,7 +186,7 @@ def test_a_continued_campaign_that_is_killed_before_it_begins_is_sound(folder, t
     injected = inject(tmp_path / "inject", KILLED_WHILE_COMPILING)
     assert invert(folder, "small.yaml", inject=injected).returncode == -signal.SIGKILL
     assert len(read_campaign(path).string_rows()) > strings
-    assert state(path)[0] == "running"
+    assert_killed(path)
     assert_sound(path)
     finish(folder, "small.yaml")
     assert_sound(path)

@@ -7,6 +7,7 @@ import signal
 import pytest
 from campaign_runs import (
     TINY,
+    assert_killed,
     assert_same,
     assert_sound,
     decisions,
@@ -14,7 +15,6 @@ from campaign_runs import (
     need_mpirun,
     need_parallel_hdf5,
     running,
-    state,
     wait_until,
     write_campaign,
 )
@@ -61,7 +61,7 @@ def test_a_kill_among_fresh_samples_leads_to_the_same_bytes(undisturbed, tmp_pat
         os.kill(chance.choice(living), signal.SIGKILL)
         output_of(process)
     wait_until_gone(living)
-    assert state(path)[0] == "running"
+    assert_killed(path)
     assert enough <= len(fresh_rows(path)) < STRINGS * SAMPLES
     before = final_rows(path)
     assert_sound(path)

@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 import pytest
 from campaign_runs import (
+    assert_killed,
     assert_same,
     decisions,
     finish,
@@ -74,7 +75,7 @@ def test_a_killed_campaign_goes_on_to_the_same_end(folder, wanted, ranks, kills)
         assert len(rows) > len(kept)
         kept = rows
         assert_nothing_is_lost(path, rows)
-        assert state(path)[0] == "running"
+        assert_killed(path)
         assert len(read_campaign(path).legs()) == kill + 1
     finish(folder, "small.yaml", ranks=ranks)
     assert_nothing_is_lost(path, kept)

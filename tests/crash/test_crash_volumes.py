@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from campaign_runs import (
     TINY,
+    assert_killed,
     assert_same,
     assert_sound,
     decisions,
@@ -16,7 +17,6 @@ from campaign_runs import (
     need_mpirun,
     need_parallel_hdf5,
     running,
-    state,
     wait_until,
     write_campaign,
 )
@@ -78,7 +78,7 @@ def test_a_kill_among_larger_volumes_leads_to_the_same_bytes(
         os.kill(chance.choice(living), signal.SIGKILL)
         output_of(process)
     wait_until_gone(living)
-    assert state(path)[0] == "running"
+    assert_killed(path)
     before = final_bytes(path)
     assert enough <= len(before) < len(VOLUMES) * STRINGS * SAMPLES
     assert_sound(path)

@@ -43,9 +43,9 @@ def test_an_estimate_of_the_search_is_told_from_what_the_table_shows():
 
 def test_all_that_is_known_is_shown():
     assert log_line(FULL) == (
-        "12/100 generations, 3:21, left at most 3 min ± 20 s, best 0.0123 ± 0.0045 (string 762), "
-        "mean of top 0.0201, 3 samples failed, 129619 samples, 705/s, 97% busy, 5 strings open, "
-        "24 in flight, a note"
+        "12/100 generations, 3:21, left at most 3 min 10 s ± 20 s, best 0.0123 ± 0.0045 "
+        "(string 762), mean of top 0.0201, 3 samples failed, 129619 samples, 705/s, 97% busy, "
+        "5 strings open, 24 in flight, a note"
     )
 
 
@@ -53,7 +53,7 @@ def test_what_is_not_known_is_left_out():
     assert log_line(RunProgress(0, 100, "generations", 0.0, 0)) == "0/100 generations"
     worst = FULL._replace(best=Best(3, math.inf, math.nan, math.inf))
     assert "best no result (string 3), 3 samples failed" in log_line(worst)
-    assert "left 3 min ± 20 s" in log_line(FULL._replace(may_end_sooner=False))
+    assert "left 3 min 10 s ± 20 s" in log_line(FULL._replace(may_end_sooner=False))
 
 
 @pytest.mark.parametrize("width", [*range(1, 130), 500])
@@ -78,7 +78,7 @@ def test_the_bar_shows_how_much_is_done(done, full):
 
 def test_ascii_is_enough():
     found = shown(FULL, 80, "ascii")
-    assert "left at most 3 min +- 20 s" in found[0]
+    assert "left at most 3 min 10 s +- 20 s" in found[0]
     assert "#" in found[0]
     assert all(line.isascii() for line in found)
     assert max(map(len, found)) < 80

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from agglom_mpi.display.remaining_time import (
+    UNITS,
     DurationStatistics,
     RemainingTime,
     format_rounded,
@@ -12,6 +13,7 @@ from agglom_mpi.display.remaining_time import (
 )
 
 REPEATS = 4000
+SECONDS = {unit: size for size, unit in UNITS}
 TOLERANCE = 4.0 * math.sqrt(0.95 * 0.05 / REPEATS)
 """Four standard errors of a share of 95 %."""
 
@@ -85,17 +87,33 @@ def test_statistics_are_the_mean_and_the_deviation_of_the_durations():
 @pytest.mark.parametrize(
     ("seconds", "error", "text"),
     [
-        (187.0, 23.0, "3 min ± 20 s"),
-        (195.0, 12.0, "3 min 20 s ± 10 s"),
+        (187.0, 23.0, "3 min 10 s ± 20 s"),
+        (195.0, 12.0, "3 min 15 s ± 10 s"),
         (4.4, 0.3, "4 s ± 1 s"),
         (3700.0, 250.0, "1 h 2 min ± 4 min"),
-        (86400.0 * 3.2, 7300.0, "3 d 4 h ± 2 h"),
-        (5.0, 40.0, "0 s ± 30 s"),
+        (86400.0 * 3.2, 7300.0, "3 d 5 h ± 2 h"),
+        (5.0, 40.0, "1 min"),
+        (0.0, 10.0, "10 s"),
+        (105.0, 300.0, "8 min"),
+        (105.0, 90.0, "2 min ± 1 min 30 s"),
         (59.7, 0.0, "1 min ± 1 s"),
     ],
 )
 def test_a_time_is_rounded_to_what_its_error_leaves_of_it(seconds, error, text):
     assert str(RemainingTime(seconds, error)) == text
+
+
+@pytest.mark.parametrize("seconds", [3.0, 105.0, 4000.0])
+@pytest.mark.parametrize("relative", [0.05, 0.3, 0.9, 1.0, 5.0])
+def test_rounding_moves_a_time_by_at_most_a_quarter_of_its_error(seconds, relative):
+    remaining = RemainingTime(seconds, relative * seconds)
+    words = str(remaining).split(" ± ")[0].split()
+    shown = sum(int(n) * SECONDS[unit] for n, unit in zip(words[::2], words[1::2], strict=True))
+    most = max(0.5, remaining.half_width / 4.0)
+    if remaining.is_bound:
+        assert 0.0 <= shown - (seconds + remaining.half_width) < 2.0 * most
+    else:
+        assert abs(shown - seconds) <= most
 
 
 def test_a_time_has_two_units():

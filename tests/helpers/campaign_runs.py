@@ -359,6 +359,14 @@ def assert_same(path, wanted):
     assert [name for name in wanted if found[name] != wanted[name]] == []
 
 
+def assert_killed(path):
+    """Check that a file shows that its run was killed: it says so itself, if one lock is enough."""
+    file = read_campaign(path)
+    assert file.status().state == "running"
+    gathered = file.legs()[-1]["database"] == b"gathered"
+    assert state(path)[0] == ("stopped" if gathered else "running")
+
+
 def state(path):
     """State and reason as stored."""
     status = open_campaign(path).status()

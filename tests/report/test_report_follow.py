@@ -182,6 +182,14 @@ def test_a_run_is_followed_on_a_terminal(tmp_path):
         assert process.poll() is None, "whoever is followed does not notice"
 
 
+def test_a_run_that_has_not_begun_is_waited_for(folder, followed):
+    path = folder / "brief.h5"
+    path.rename(folder / "later.h5")
+    watch = followed(path, lambda: finish(folder, "brief.yaml"))
+    assert_followed_to_its_end(watch)
+    assert "does not exist yet" in watch.stderr
+
+
 def test_a_stopped_run_ends_with_its_exit_code(folder, followed):
     def stop():
         with CampaignWriter(folder / "brief.h5") as writer:
@@ -209,7 +217,7 @@ def test_of_a_killed_run_the_time_of_silence_is_shown_and_its_successor_is_follo
     assert at_once.note == ""
     clock = time.strftime("%H:%M:%S", time.localtime(last))
     assert re.match(
-        rf"nothing has changed since {clock}, for [45] min( \d+ s)?: was it killed\?", later.note
+        rf"nothing has changed since {clock}, for [45] min( \d+ s)?: the run was killed", later.note
     )
     assert later.remaining is None
     assert later.rate == pytest.approx(at_once.rate), "silence is no time of work"

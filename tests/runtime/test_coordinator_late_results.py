@@ -10,6 +10,7 @@ from agglom_mpi.display.run_display import Display
 from agglom_mpi.runtime.coordinator import Coordinator
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import prepare
+from agglom_mpi.runtime.gone_ranks import GoneRanks
 from agglom_mpi.runtime.messages import RankMessage, failed_sample
 from agglom_mpi.runtime.stop_request import StopRequest
 from agglom_mpi.scheduling.estimators import ROUND_TRIP_SECONDS
@@ -21,7 +22,7 @@ from agglom_mpi.storage.writer import CampaignWriter
 class Pool:
     """One rank that first tells of an exception from the search, and then does its picture."""
 
-    size = 1
+    size, gone, deserted = 1, GoneRanks(), frozenset()
     round_trip = ROUND_TRIP_SECONDS
 
     def __init__(self, grains):

@@ -10,6 +10,7 @@ from agglom_mpi.runtime import recorder
 from agglom_mpi.runtime.coordinator import Coordinator
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import prepare
+from agglom_mpi.runtime.gone_ranks import GoneRanks
 from agglom_mpi.runtime.stop_request import StopRequest
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.writer import CampaignWriter
@@ -18,7 +19,7 @@ from agglom_mpi.storage.writer import CampaignWriter
 class Pool:
     """One rank that must not be asked for anything."""
 
-    size = 1
+    size, gone, deserted = 1, GoneRanks(), frozenset()
     hosts = MappingProxyType({})
 
     def send(self, rank, tasks):

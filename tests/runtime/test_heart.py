@@ -65,6 +65,15 @@ def test_a_rank_that_takes_none_in_gets_no_other(clock):
     assert world.sent[4:] == [1, 2]
 
 
+def test_a_rank_that_may_have_ended_gets_none(clock):
+    world = World()
+    heart = Heart(world, threading.RLock(), threaded=False, remote={1, 2})
+    heart.gone.add([1])
+    clock.now += BEAT_EVERY
+    heart.beat()
+    assert world.sent == [2]
+
+
 def test_without_a_thread_whoever_serves_messages_sends_them(clock):
     world = World()
     heart = Heart(world, threading.RLock(), threaded=False)

@@ -130,9 +130,12 @@ def test_a_plain_program_is_what_remains_without_the_variables():
 def mpi(monkeypatch):
     """Replace the MPI library by one that sees a world of one process."""
     package, module = ModuleType("mpi4py"), ModuleType("mpi4py.MPI")
-    package.rc, package.MPI = SimpleNamespace(thread_level="multiple"), module
+    package.rc, package.MPI = SimpleNamespace(initialize=True), module
     module.COMM_WORLD = SimpleNamespace(size=1)
     module.get_vendor = lambda: ("MPICH", (4, 3, 0))
+    module.Get_library_version = lambda: "MPICH configure: --with-pm=hydra"
+    module.Is_initialized, module.THREAD_SERIALIZED, module.started = lambda: False, 2, []
+    module.Init_thread = module.started.append
     monkeypatch.setitem(sys.modules, "mpi4py", package)
     monkeypatch.setitem(sys.modules, "mpi4py.MPI", module)
     return module
@@ -144,12 +147,37 @@ def test_a_plain_run_has_no_world(mpi):
 
 def test_a_world_as_large_as_promised_is_taken(mpi):
     assert connect({"PMI_SIZE": "1"}) is mpi.COMM_WORLD
-    assert sys.modules["mpi4py"].rc.thread_level == "serialized"
+    assert not sys.modules["mpi4py"].rc.initialize
+    assert mpi.started == [mpi.THREAD_SERIALIZED]
 
 
 def test_a_world_of_another_size_is_refused(mpi):
     with pytest.raises(LaunchError, match=r"started 4 processes, but MPICH sees 1"):
         connect({"OMPI_COMM_WORLD_SIZE": "4"})
+
+
+BY_PMIX = {"OMPI_COMM_WORLD_SIZE": "1", "PMIX_NAMESPACE": "prterun-1@1"}
+
+
+def test_a_library_that_does_not_speak_the_launchers_language_is_not_started(mpi):
+    with pytest.raises(LaunchError, match="do not belong together"):
+        connect(BY_PMIX)
+    assert mpi.started == []
+
+
+@pytest.mark.parametrize(
+    ("vendor", "about", "more"),
+    [
+        ("MPICH", "MPICH configure: --with-pmi=pmix", {}),
+        ("MPICH", "MPICH configure: --with-pm=hydra", {"PMI_FD": "7", "PMI_SIZE": "1"}),
+        ("Open MPI", "Open MPI v5.0.11", {}),
+    ],
+)
+def test_a_library_that_may_speak_it_is_started(mpi, monkeypatch, vendor, about, more):
+    monkeypatch.setattr(mpi, "get_vendor", lambda: (vendor, (5, 0, 2)))
+    monkeypatch.setattr(mpi, "Get_library_version", lambda: about)
+    monkeypatch.setattr("agglom_mpi.runtime.launch.started_by_a_rank", lambda environment: False)
+    assert connect(BY_PMIX | more) is mpi.COMM_WORLD
 
 
 def test_a_missing_library_is_named_when_it_is_needed(monkeypatch):

@@ -6,6 +6,8 @@ from types import SimpleNamespace
 import pytest
 
 from agglom_mpi.runtime import active_clock
+from agglom_mpi.runtime.gone_ranks import GoneRanks
+from agglom_mpi.runtime.heart import BEAT_EVERY
 from agglom_mpi.runtime.messages import RankMessage
 from agglom_mpi.runtime.silence import (
     ALIVE_EVERY,
@@ -26,7 +28,8 @@ class Ranks:
     def __init__(self, monkeypatch, hosts=HOSTS):
         self.time, self.shown, self.marks = 100.0, [], []
         monkeypatch.setattr(active_clock, "time", SimpleNamespace(monotonic=lambda: self.time))
-        self.watch = RankWatch(len(hosts), hosts, self.shown.append)
+        self.gone = GoneRanks({3, 4} if hosts is HOSTS else (), beat_every=BEAT_EVERY)
+        self.watch = RankWatch(len(hosts), hosts, self.shown.append, self.gone)
         self.present = set(hosts)
 
     def heartbeat(self, rank, now):
@@ -89,9 +92,21 @@ def test_several_ranks_of_a_host_that_is_not_lost_are_one_line(ranks):
 
 def test_a_rank_that_was_never_heard_is_named_without_a_host(monkeypatch):
     ranks = Ranks(monkeypatch)
-    ranks.watch = RankWatch(3, {0: "a"}, ranks.shown.append)
+    ranks.watch = RankWatch(3, {0: "a"}, ranks.shown.append, GoneRanks())
     assert ranks.wait(NAMED_AFTER, 1) == [2]
     assert ranks.shown == ["rank 2 has not been heard of for 15 s; others do its work"]
+
+
+def test_a_rank_elsewhere_that_was_silent_for_long_gets_no_work_again(ranks):
+    ranks.wait(ranks.gone.after - 0.5, 2, 4)
+    assert not ranks.gone.include(3)
+    ranks.wait(0.5, 2, 4)
+    assert [ranks.gone.include(rank) for rank in (1, 3, 4)] == [False, True, False]
+    ranks.present.clear()
+    ranks.hear(1, 3)
+    assert ranks.present == {1}
+    assert ranks.watch.silent == {3}
+    assert ranks.shown[-1] == "rank 1 on a is back"
 
 
 def test_nobody_is_silent_while_rank_0_does_not_listen(ranks):

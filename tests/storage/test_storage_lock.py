@@ -9,7 +9,8 @@ import sys
 import h5py
 import pytest
 
-from agglom_mpi.storage.lock import CampaignInUse, CampaignLock
+from agglom_mpi.storage import lock as module
+from agglom_mpi.storage.lock import CampaignInUse, CampaignLock, is_locked
 
 HOLD = """
 import sys
@@ -36,6 +37,22 @@ def test_the_name_of_the_holder_leaves_its_machine_at_once(tmp_path, monkeypatch
     monkeypatch.setattr(os, "fsync", lambda descriptor: told.append(os.pread(descriptor, 400, 0)))
     with CampaignLock(tmp_path / "grains.h5"):
         assert told == [f"process {os.getpid()} on {socket.gethostname()}\n".encode()]
+
+
+def test_whether_a_file_is_locked_is_asked_without_taking_the_lock(tmp_path, monkeypatch):
+    path = tmp_path / "grains.h5"
+    path.touch()
+    assert not is_locked(path)
+    with CampaignLock(path):
+        assert is_locked(path)
+    path.chmod(0o444)
+    assert not is_locked(path)
+
+    def without_locks(*_):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(module.fcntl, "fcntl", without_locks)
+    assert is_locked(path), "it may be"
 
 
 def test_a_second_name_of_the_file_does_not_help(tmp_path):

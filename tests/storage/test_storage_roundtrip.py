@@ -199,7 +199,7 @@ def test_failures_keep_the_end_of_a_long_text(path, writer):
 def test_status(path, writer):
     assert open_campaign(path).status().state == "stopped"
     writer.set_status("running", "ä" * 100)
-    status = open_campaign(path).status()
+    status = read_campaign(path).status()
     assert status.state == "running"
     assert status.reason == "ä" * 64
     assert abs(status.updated - time.time()) < 60
