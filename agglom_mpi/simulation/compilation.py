@@ -228,6 +228,7 @@ def engine_compiled_elsewhere(scene: Scene) -> Iterator[Callable[[], object]]:
         with suppress(OSError):  # what it was to compile is compiled here
             process = subprocess.Popen(
                 python_command(CHILD_PROGRAM),
+                env=os.environ | {"NUMBA_CACHE_DIR": str(cache_folder().parent)},
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
