@@ -3,7 +3,7 @@
 import base64
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from keyword import iskeyword
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -142,6 +142,16 @@ def own_of(campaign: "CampaignSections") -> Iterator[Component]:
             yield from (each for each in components_within(section) if each.own is not None)
 
 
+def permitted_modules(campaign: "CampaignSections") -> frozenset[tuple[str, str]]:
+    """Return file and digest of the modules that a campaign names, and that may be executed."""
+    found = (component.own for component in own_of(campaign))
+    modules = {(own.file, own.sha256) for own in found if own is not None and own.source}
+    function = campaign.user_function
+    if function is not None and function.source is not None:
+        modules.add((function.file, function.sha256))
+    return frozenset(modules)
+
+
 def _as_text(source: bytes) -> dict[str, str]:
     """Return a source as text, or where it is not in UTF-8 by base64."""
     try:
@@ -184,30 +194,6 @@ def recorded_source(texts: Mapping[str, Any], file: str, sha256: str) -> bytes |
     return own.source if own is not None and own.sha256 == sha256 else None
 
 
-class RecordedModules(OwnComponents):
-    """Classes of the modules that a file records, which may be executed.
-
-    Parameters
-    ----------
-    texts
-        Attributes of the file.
-    identity
-        Identity of its campaign, which has the digests of the modules.
-    """
-
-    def __init__(self, texts: Mapping[str, Any], identity: Mapping[str, Any]) -> None:
-        self._texts = texts
-        self._digests = {v for k, v in identity.items() if k.endswith(f".{SOURCE_SHA256}")}
-
-    def find(self, name: str, kind: type[Any]) -> type[Any]:
-        """Return the class `FILE.py:Class`; see `OwnComponents.find`."""
-        file, own_class = read_own_name(name)
-        own = recorded_module(self._texts, file)
-        if own is not None and own.sha256 in self._digests:
-            return class_in(own, own_class)
-        raise ValueError(f"is {quoted(name)}, of which the file has no source with the same digest")
-
-
 class RecordedComponents(OwnComponents):
     """Stand-ins for the components of one's own that a file records; no code is executed.
 
@@ -235,25 +221,41 @@ class RecordedComponents(OwnComponents):
         return self._made[name]
 
 
+class RecordedModules(RecordedComponents):
+    """Classes of the modules that a file records, which may be executed; stand-ins for others.
+
+    Parameters
+    ----------
+    texts
+        Attributes of the file.
+    identity
+        Identity of its campaign, which has the digests of the modules.
+    may_run
+        Whether a module may be executed, by its file name and digest.
+    """
+
+    def __init__(
+        self,
+        texts: Mapping[str, Any],
+        identity: Mapping[str, Any],
+        may_run: Callable[[str, str], bool],
+    ) -> None:
+        super().__init__(texts)
+        self._digests = {v for k, v in identity.items() if k.endswith(f".{SOURCE_SHA256}")}
+        self._may_run = may_run
+
+    def find(self, name: str, kind: type[Any]) -> type[Any]:
+        """Return the class `FILE.py:Class`; see `OwnComponents.find`."""
+        file, own_class = read_own_name(name)
+        own = recorded_module(self._texts, file)
+        if own is None or own.sha256 not in self._digests:
+            message = "of which the file has no source with the same digest"
+            raise ValueError(f"is {quoted(name)}, {message}")
+        return class_in(own, own_class) if self._may_run(*own[:2]) else super().find(name, kind)
+
+
 def _parsed(text: str) -> Any:
     try:
         return json.loads(text)
     except (RecursionError, ValueError):
         raise ValueError("the file's description of own components is damaged") from None
-
-
-def recorded_components(
-    texts: Mapping[str, Any], identity: Mapping[str, Any], allow_code: bool
-) -> OwnComponents:
-    """Return what finds the own components of a recorded campaign.
-
-    Parameters
-    ----------
-    texts
-        Attributes of its file.
-    identity
-        Its identity.
-    allow_code
-        Whether the modules in the file may be executed.
-    """
-    return RecordedModules(texts, identity) if allow_code else RecordedComponents(texts)
