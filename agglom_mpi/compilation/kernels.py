@@ -25,8 +25,17 @@ from numba.core import event
 from numba.extending import intrinsic, overload
 
 from agglom_mpi.compilation import stages
-from agglom_mpi.compilation.kernel_cache import cache_of, report_folder
-from agglom_mpi.compilation.kernel_linking import COMPILER
+from agglom_mpi.errors import MissingLibraryError
+
+_NOT_TRIED: Final = (
+    f"numba {numba.__version__} is not a version that kernels were tried with: "
+    "pip install 'numba>=0.62,<0.69'"
+)
+try:
+    from agglom_mpi.compilation.kernel_cache import cache_of, report_folder
+    from agglom_mpi.compilation.kernel_linking import COMPILER
+except ImportError as _error:  # what Numba does not document may be absent
+    raise MissingLibraryError(_NOT_TRIED) from _error
 
 _PACKAGE: Final = Path(__file__).parents[1]
 _KERNEL_SOURCES: Final = (
@@ -222,6 +231,10 @@ def compile_ahead(compiled: Any, arguments: tuple[Any, ...]) -> bool:
     try:
         with _FIRST_CALLS.muted():
             compiled.compile(tuple(numba.typeof(argument) for argument in arguments))
+    except Exception as error:  # Numba raises many kinds
+        if (0, 62) <= numba.version_info.short <= (0, 68):
+            raise
+        raise MissingLibraryError(_NOT_TRIED) from error
     finally:
         if collecting:
             gc.enable()
