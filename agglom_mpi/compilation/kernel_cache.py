@@ -35,7 +35,7 @@ from numba.core.caching import (
 from numba.core.serialize import dumps
 from numba.core.types import BaseTuple, NamedTuple, NamedUniTuple
 
-from agglom_mpi.compilation.stages import OWN_PREFIX
+from agglom_mpi.compilation.stages import OWN_PREFIX, module_key
 
 LOG: Final = logging.getLogger(__name__)
 """Receives one line on the first file of a folder that cannot be read, or not be written."""
@@ -210,7 +210,7 @@ class KernelCache(FunctionCache):
     def _choose_folder(self, sig: Any) -> None:
         """Choose the folder for the types of arguments; Numba's lock is held meanwhile."""
         modules = own_modules_of(sig)
-        digest = hashlib.sha256(" ".join(modules).encode()).hexdigest()[:16]
+        digest = hashlib.sha256(" ".join(map(module_key, modules)).encode()).hexdigest()[:16]
         folder = self._folder / f"{OWN_PREFIX}{digest}" if modules else self._folder
         if folder != self._cache_file.folder:
             self._cache_file = self._files_in(folder)

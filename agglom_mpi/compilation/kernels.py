@@ -25,7 +25,6 @@ from numba.core import event
 from numba.extending import intrinsic, overload
 
 from agglom_mpi.compilation import stages
-from agglom_mpi.errors import MissingLibraryError
 
 _NOT_TRIED: Final = (
     f"numba {numba.__version__} is not a version that kernels were tried with: "
@@ -35,7 +34,7 @@ try:
     from agglom_mpi.compilation.kernel_cache import cache_of, report_folder
     from agglom_mpi.compilation.kernel_linking import COMPILER
 except ImportError as _error:  # what Numba does not document may be absent
-    raise MissingLibraryError(_NOT_TRIED) from _error
+    raise ImportError(_NOT_TRIED, name="numba") from _error
 
 _PACKAGE: Final = Path(__file__).parents[1]
 _KERNEL_SOURCES: Final = (
@@ -234,7 +233,7 @@ def compile_ahead(compiled: Any, arguments: tuple[Any, ...]) -> bool:
     except Exception as error:  # Numba raises many kinds
         if (0, 62) <= numba.version_info.short <= (0, 68):
             raise
-        raise MissingLibraryError(_NOT_TRIED) from error
+        raise ImportError(_NOT_TRIED, name="numba") from error
     finally:
         if collecting:
             gc.enable()

@@ -19,6 +19,7 @@ from agglom_mpi.declaration.reading import (
     SOURCE_SHA256,
     OwnComponents,
     sections_of_own,
+    values_in,
 )
 from agglom_mpi.declaration.stand_ins import record_of, stand_in
 from agglom_mpi.declaration.units import quoted
@@ -67,7 +68,9 @@ class BesideCampaign(OwnComponents):
             raise ValueError(f"is {quoted(name)}; see {self._failed[file]} on {file}")
         try:
             if file not in self._modules:
-                self._modules[file] = OwnModule.of(file, read_source(self._folder / file, name))
+                self._modules[file] = OwnModule.of(
+                    file, read_source(self._folder / file, name), self._folder
+                )
             executed(self._modules[file])
         except ValueError as error:
             self._failed[file] = name
@@ -94,7 +97,7 @@ def recorded_texts(campaign: "CampaignSections") -> dict[str, str]:
     modules = {each.own.file: each.own for each in found.values() if each.own is not None}
     function = campaign.user_function
     if campaign.objective.code_of_means and function is not None and function.source is not None:
-        modules.setdefault(function.file, OwnModule.of(function.file, function.source))
+        modules.setdefault(function.file, function.module)
     if not modules:
         return {}
     sources = [
@@ -232,6 +235,8 @@ class RecordedModules(RecordedComponents):
         Identity of its campaign, which has the digests of the modules.
     may_run
         Whether a module may be executed, by its file name and digest.
+    folder
+        Folder of the file.
     """
 
     def __init__(
@@ -239,19 +244,25 @@ class RecordedModules(RecordedComponents):
         texts: Mapping[str, Any],
         identity: Mapping[str, Any],
         may_run: Callable[[str, str], bool],
+        folder: Path,
     ) -> None:
         super().__init__(texts)
-        self._digests = {v for k, v in identity.items() if k.endswith(f".{SOURCE_SHA256}")}
-        self._may_run = may_run
+        end = f".{SOURCE_SHA256}"
+        sections = {v: k.removesuffix(end) for k, v in identity.items() if k.endswith(end)}
+        self._values = {digest: values_in(identity, each) for digest, each in sections.items()}
+        self._may_run, self._folder = may_run, folder
 
     def find(self, name: str, kind: type[Any]) -> type[Any]:
         """Return the class `FILE.py:Class`; see `OwnComponents.find`."""
         file, own_class = read_own_name(name)
         own = recorded_module(self._texts, file)
-        if own is None or own.sha256 not in self._digests:
+        if own is None or own.sha256 not in self._values:
             message = "of which the file has no source with the same digest"
             raise ValueError(f"is {quoted(name)}, {message}")
-        return class_in(own, own_class) if self._may_run(*own[:2]) else super().find(name, kind)
+        if not self._may_run(own.file, own.sha256):
+            return super().find(name, kind)
+        own = OwnModule.of(file, own.source, self._folder)
+        return class_in(own._replace(values=self._values[own.sha256]), own_class)
 
 
 def _parsed(text: str) -> Any:

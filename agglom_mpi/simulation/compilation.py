@@ -21,7 +21,7 @@ from typing import Any, Final
 import numpy as np
 
 from agglom_mpi.compilation.kernels import cache_folder, code_key, compile_ahead, runs_compiled
-from agglom_mpi.compilation.stages import law_of, laws_in
+from agglom_mpi.compilation.stages import law_of, laws_in, module_key
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.launcher import python_command
 from agglom_mpi.physics.pair import ContactPair
@@ -77,7 +77,7 @@ def kind_of(scene: Scene) -> str:
     parts = [*scene[:2], *scene.laws, scene.cooling, scene.engine]
     parts += [] if scene.sizes is None else [True]
     parts += [inner for part in parts if isinstance(part, tuple) for inner in laws_in(part)]
-    names = [f"{type(part).__module__}.{type(part).__name__}" for part in parts]
+    names = [f"{module_key(type(part).__module__)}.{type(part).__name__}" for part in parts]
     prefetches = law_of(scene.engine).uses_linked_cells and new_winners(scene.particles) is not None
     return " ".join([*names, "prefetching"] if prefetches else names)
 

@@ -151,7 +151,7 @@ class CampaignHeader:
 
         if not self.allow_code:
             return Reading(recorded=True, own=RecordedComponents(self.attributes))
-        own = RecordedModules(self.attributes, self.identity, self._may_run)
+        own = RecordedModules(self.attributes, self.identity, self._may_run, self.path.parent)
         return Reading(recorded=True, own=own)
 
     def _may_run(self, file: str, sha256: str) -> bool:
@@ -167,12 +167,16 @@ class CampaignHeader:
             return None
         from agglom_mpi.config.own_components import recorded_source
         from agglom_mpi.config.user_function import recorded_function
+        from agglom_mpi.declaration.own_modules import OwnModule
 
         function = recorded_function(self.identity)
         if function is None or not self._may_run(function.file, function.sha256):
             return None
         source = recorded_source(self.attributes, function.file, function.sha256)
-        return None if source is None else function._replace(source=source)
+        if source is None:
+            return None
+        folder = OwnModule.of(function.file, source, self.path.parent).folder
+        return function._replace(source=source, folder=folder)
 
     @property
     def may_simulate(self) -> bool:
