@@ -126,7 +126,7 @@ class RunnableCampaign(Campaign):
 
         log_narrow(self)
         check_search_library(self)
-        return Searcher(self, warm_start(self, allow_code=self._has_code).strings)
+        return Searcher(self, warm_start(self).strings)
 
     @property
     def _has_code(self) -> bool:

@@ -56,6 +56,17 @@ def _tasks_of_srun(environment: Mapping[str, str]) -> int | None:
     return None if tasks == 1 else tasks
 
 
+def python_command(program: str) -> list[str]:
+    """Return the words that start this Python with a program: how all children are started.
+
+    The current folder comes last where Python looks for modules, and only if the package itself is
+    found there: a folder with files of a stranger has modules of any name.
+    """
+    # `-I` would leave out PYTHONPATH and the packages of the user, where MPI may be installed.
+    found = f"import sys; sys.path.append({str(Path(__file__).parents[1])!r})\n"
+    return [sys.executable, "-P", "-c", found + program]
+
+
 def launched_size(environment: Mapping[str, str] = os.environ) -> int | None:
     """Return the number of ranks that were launched; None without a launcher."""
     size = _first(_SIZES, environment)

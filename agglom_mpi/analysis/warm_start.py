@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.own_components import permitted_modules
 from agglom_mpi.config.yaml_source import CampaignError, Problem, parse
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.storage.access import NotACampaign
@@ -41,13 +42,12 @@ class WarmStart(NamedTuple):
     warnings: tuple[Problem, ...] = ()
 
 
-def warm_start(
-    campaign: Campaign, output: Path | None = None, allow_code: bool = False
-) -> WarmStart:
+def warm_start(campaign: Campaign, output: Path | None = None) -> WarmStart:
     """Return the strings that a campaign is given to begin with, in its box.
 
     Strings of an earlier campaign that are not in the box, break a constraint or repeat one that
-    ranks before them are left out, and those that follow take their places.
+    ranks before them are left out, and those that follow take their places. Of code of one's own
+    that the earlier file has, only modules that this campaign names, too, are executed.
 
     Parameters
     ----------
@@ -55,8 +55,6 @@ def warm_start(
         The campaign. The name of the earlier file is relative to its own file.
     output
         Its own file. If it holds those strings already, the earlier file is not read.
-    allow_code
-        Whether code of one's own that the earlier file has may be executed.
 
     Raises
     ------
@@ -75,7 +73,7 @@ def warm_start(
     source, place = parse(campaign.text, campaign.name), ("search", "start")
     path = Path(campaign.name).parent / earlier.file
     try:
-        ranked = _ranked_strings(campaign, path, allow_code)
+        ranked = _ranked_strings(campaign, path)
         strings, left_out = _chosen(campaign, earlier.strings, *ranked)
         if begun is not None:
             _check_begun(begun, strings)
@@ -89,9 +87,7 @@ def warm_start(
     return WarmStart(strings, (source.problem(place, message),) if left_out else ())
 
 
-def _ranked_strings(
-    campaign: Campaign, path: Path, allow_code: bool
-) -> tuple[NDArray[np.int64], Floats]:
+def _ranked_strings(campaign: Campaign, path: Path) -> tuple[NDArray[np.int64], Floats]:
     """Return the judged strings of another campaign, ranked as in a report.
 
     Returns
@@ -100,10 +96,11 @@ def _ranked_strings(
         Their numbers, shape (n,), and the campaign's variables of them, shape (n, k), nan
         where the other campaign lacks one.
     """
-    data = read_inversion(str(path), allow_code)
+    data = read_inversion(str(path), permitted_modules(campaign))
     strings, order = data.string_rows(), np.asarray(rank_strings(data).order, np.int64)
     if data.left_out:
-        raise ValueError(f"needs code of one's own for its {data.left_out[0]}: --allow-code")
+        what = f"needs code of one's own for its {data.left_out[0]}"
+        raise ValueError(f"{what}, which runs only if this campaign names the same module")
     parameters = parameters_of(strings[np.searchsorted(strings["string"], order)])
     return order, campaign.variables.table.of_other(parameters, data.variables)
 

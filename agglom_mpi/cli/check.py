@@ -63,7 +63,7 @@ def check(file: str, allow_code: bool, strict: bool, as_json: bool) -> int:
         sizes = table_sizes(loaded)
         check_room(loaded, sizes)
         size = file_bytes(sizes)
-    warnings = [*loaded.warnings(), *narrow, *_of_start(loaded, allow_code)]
+    warnings = [*loaded.warnings(), *narrow, *_of_start(loaded)]
     warn(warnings, strict, lambda line: say(line, error=True))
     promises = promises_of(loaded, allow_code)
     tried = loaded.try_function() if allow_code else None
@@ -94,7 +94,7 @@ def _function_lines(tried: "Outcome", units: Mapping[str, str]) -> Iterator[str]
         yield in_unit(f"    {name} {value:.6g}", units[name])
 
 
-def _of_start(campaign: "Campaign", allow_code: bool) -> tuple["Problem", ...]:
+def _of_start(campaign: "Campaign") -> tuple["Problem", ...]:
     """Return warnings about the earlier campaign that a search begins with, as a run reads it.
 
     Raises
@@ -106,4 +106,4 @@ def _of_start(campaign: "Campaign", allow_code: bool) -> tuple["Problem", ...]:
         return ()
     from agglom_mpi.analysis.warm_start import warm_start
 
-    return warm_start(campaign, Path(campaign.file_name), allow_code).warnings
+    return warm_start(campaign, Path(campaign.file_name)).warnings

@@ -35,7 +35,7 @@ from numba.core.caching import (
 from numba.core.serialize import dumps
 from numba.core.types import BaseTuple, NamedTuple, NamedUniTuple
 
-from agglom_mpi.compilation.stages import OWN_PREFIX
+from agglom_mpi.compilation.stages import OWN_PREFIX, module_key
 
 LOG: Final = logging.getLogger(__name__)
 """Receives one line on the first file of a folder that cannot be read, or not be written."""
@@ -47,7 +47,7 @@ _DIGEST: Final = hashlib.sha256().digest_size
 _REPORTED: Final[set[str]] = set()
 
 
-def _report(folder: Path, text: str) -> None:
+def report_folder(folder: Path, text: str) -> None:
     """Log a warning about a folder, once in a process for each folder."""
     if str(folder) not in _REPORTED:
         _REPORTED.add(str(folder))
@@ -210,7 +210,7 @@ class KernelCache(FunctionCache):
     def _choose_folder(self, sig: Any) -> None:
         """Choose the folder for the types of arguments; Numba's lock is held meanwhile."""
         modules = own_modules_of(sig)
-        digest = hashlib.sha256(" ".join(modules).encode()).hexdigest()[:16]
+        digest = hashlib.sha256(" ".join(map(module_key, modules)).encode()).hexdigest()[:16]
         folder = self._folder / f"{OWN_PREFIX}{digest}" if modules else self._folder
         if folder != self._cache_file.folder:
             self._cache_file = self._files_in(folder)
@@ -225,7 +225,7 @@ class KernelCache(FunctionCache):
         except Exception as error:  # whatever reading machine code raises
             key = self._index_key(sig, target_context.codegen())
             bad = self._cache_file.drop(key)
-            _report(
+            report_folder(
                 bad.parent,
                 f"{bad.name} cannot be read ({_reason(error)}); what cannot be read is "
                 "dropped and compiled again",
@@ -239,7 +239,7 @@ class KernelCache(FunctionCache):
             self._cache_file.folder.mkdir(exist_ok=True)
             super().save_overload(sig, data)
         except OSError as error:
-            _report(self._cache_file.folder, f"cannot be written ({_reason(error)})")
+            report_folder(self._cache_file.folder, f"cannot be written ({_reason(error)})")
 
 
 def cache_of(function: Callable[..., Any], folder: Path) -> Any:
@@ -249,5 +249,5 @@ def cache_of(function: Callable[..., Any], folder: Path) -> Any:
     try:
         return KernelCache(function)
     except RuntimeError:  # no locator
-        _report(folder, f"those of {function.__module__} cannot be kept there")
+        report_folder(folder, f"those of {function.__module__} cannot be kept there")
         return NullCache()

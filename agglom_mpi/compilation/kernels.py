@@ -4,12 +4,14 @@ Numba does not notice an edit in a file that a cached kernel only calls into, so
 keyed by a hash of every source that can end up in a kernel.
 """
 
+import atexit
 import functools
 import gc
 import hashlib
 import logging
 import os
 import shutil
+import stat
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
@@ -23,8 +25,16 @@ from numba.core import event
 from numba.extending import intrinsic, overload
 
 from agglom_mpi.compilation import stages
-from agglom_mpi.compilation.kernel_cache import cache_of
-from agglom_mpi.compilation.kernel_linking import COMPILER
+
+_NOT_TRIED: Final = (
+    f"numba {numba.__version__} is not a version that kernels were tried with: "
+    "pip install 'numba>=0.62,<0.69'"
+)
+try:
+    from agglom_mpi.compilation.kernel_cache import cache_of, report_folder
+    from agglom_mpi.compilation.kernel_linking import COMPILER
+except ImportError as _error:  # what Numba does not document may be absent
+    raise ImportError(_NOT_TRIED, name="numba") from _error
 
 _PACKAGE: Final = Path(__file__).parents[1]
 _KERNEL_SOURCES: Final = (
@@ -110,13 +120,44 @@ def _copy_folder(source: Path, target: Path) -> None:
                 copy.rename(target)
 
 
+def others_may_write(folder: Path) -> bool:
+    """Return whether users of no relation to this one may have put files into a folder.
+
+    Kernels in it are unpickled, which runs what they say. A group that shares a folder is trusted.
+    """
+    ours = {0, os.geteuid()}
+    for path in (Path(os.path.abspath(folder)), folder.resolve()):  # links, and where they lead
+        for place, above in zip((path, *path.parents), path.parents, strict=False):
+            mode = above.stat().st_mode
+            is_kept_apart = mode & stat.S_ISVTX and place.lstat().st_uid in ours
+            if mode & stat.S_IWOTH and not is_kept_apart:
+                return True
+    return bool(folder.stat().st_mode & stat.S_IWOTH)
+
+
+def _temporary_parent() -> Path:
+    """Return this user's folder in the temporary directory, or one for this process alone."""
+    parent = Path(tempfile.gettempdir()) / f"agglom_mpi-{os.getuid()}"
+    with suppress(OSError):
+        with suppress(FileExistsError):
+            parent.mkdir(mode=0o700)
+        found = parent.lstat()
+        is_private = stat.S_ISDIR(found.st_mode) and not found.st_mode & 0o077
+        if is_private and found.st_uid == os.geteuid():
+            return parent
+    alone = Path(tempfile.mkdtemp(prefix="agglom_mpi-"))
+    atexit.register(shutil.rmtree, alone, ignore_errors=True)
+    report_folder(parent, f"others can write there; this process keeps its own in {alone}")
+    return alone
+
+
 @functools.cache
 def cache_folder() -> Path:
     """Return the folder of the compiled kernels of exactly these sources; create it if needed.
 
     `NUMBA_CACHE_DIR` names the parent folder if set, else `XDG_CACHE_HOME` or `~/.cache`; where
-    that cannot be written, a folder of this user in the temporary directory, which begins as a copy
-    of what was compiled there before.
+    that cannot be written, or where any user can, a private folder in the temporary directory. It
+    begins as a copy of what was compiled in a folder that is closed to others.
 
     Raises
     ------
@@ -126,14 +167,21 @@ def cache_folder() -> Path:
     key = sources_digest()[:16]
     chosen = os.environ.get("NUMBA_CACHE_DIR")
     home = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
-    parents = [Path(chosen)] if chosen else [Path(home).expanduser() / "agglom_mpi"]
-    parents.append(Path(tempfile.gettempdir()) / f"agglom_mpi-{os.getuid()}")
-    for parent in parents:
-        if parent is not parents[0]:
-            _copy_folder(parents[0] / key, parent / key)
-        if _writable(parent / key):
-            return parent / key
-    raise OSError(f"no writable folder for compiled kernels, tried: {', '.join(map(str, parents))}")
+    first = None
+    with suppress(RuntimeError):  # a container may run as a user without a home
+        first = Path(chosen) if chosen else Path(home).expanduser() / "agglom_mpi"
+    is_usable = first is not None and _writable(first / key)
+    is_shared = first is not None and (first / key).is_dir() and others_may_write(first / key)
+    if first is not None and is_usable and not is_shared:
+        return first / key
+    parent = _temporary_parent()
+    if first is not None and is_shared:
+        report_folder(first, f"any user can write there; kept in {parent} instead")
+    elif first is not None:
+        _copy_folder(first / key, parent / key)
+    if _writable(parent / key):
+        return parent / key
+    raise OSError(f"no writable folder for compiled kernels, tried: {first}, {parent}")
 
 
 def kernel(function: F) -> F:
@@ -182,6 +230,10 @@ def compile_ahead(compiled: Any, arguments: tuple[Any, ...]) -> bool:
     try:
         with _FIRST_CALLS.muted():
             compiled.compile(tuple(numba.typeof(argument) for argument in arguments))
+    except Exception as error:  # Numba raises many kinds
+        if (0, 62) <= numba.version_info.short <= (0, 68):
+            raise
+        raise ImportError(_NOT_TRIED, name="numba") from error
     finally:
         if collecting:
             gc.enable()

@@ -7,6 +7,7 @@ it.
 
 import functools
 import os
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any, Final, TypeAlias, TypeVar
 
@@ -21,6 +22,15 @@ AS_PLAIN_PYTHON: Final = os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0
 
 OWN_PREFIX: Final = "agglom_own_"
 """Beginning of the names of modules of one's own, whose laws kernels may be compiled for."""
+
+
+def module_key(name: str) -> str:
+    """Return the name of a module; of one's own with the values that it has read."""
+    found: str = (
+        getattr(sys.modules.get(name), "key", name) if name.startswith(OWN_PREFIX) else name
+    )
+    return found
+
 
 _LAWS: Final[dict[type, type]] = {}
 _WAITING: Final[list[Callable[[Any], None]]] = []

@@ -5,8 +5,6 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any, Final
 
-from agglom_mpi.declaration.reading import SOURCE_SHA256
-
 if TYPE_CHECKING:
     from agglom_mpi.config.bounds import Bounds
     from agglom_mpi.config.campaign_sections import CampaignSections
@@ -67,7 +65,7 @@ def objective(campaign: "CampaignSections") -> dict[str, object]:
     if campaign.objective.code is not None:
         if campaign.user_function is None:
             raise campaign.function_error("is a function whose source was not read")
-        entries[SOURCE_SHA256] = campaign.user_function.sha256
+        entries |= campaign.user_function.module.entries()
     return entries
 
 

@@ -17,6 +17,7 @@ from agglom_mpi.config.user_function import (
     recorded_function,
 )
 from agglom_mpi.config.yaml_source import read_text
+from agglom_mpi.declaration.own_modules import executed
 from agglom_mpi.declaration.reading import NO_OWN, OwnComponents, Reading
 from agglom_mpi.variables import TEN, VOLUME_FRACTION, VariableTable
 
@@ -94,4 +95,6 @@ def _with_function(
             check(function._replace(call=of_means))
         except ValueError as error:
             raise campaign.function_error(str(error), "of_means") from None
+    if check is load_function:
+        function = function._replace(values=executed(function.module).own.values or None)
     return replace(campaign, user_function=function)

@@ -3,7 +3,7 @@
 import base64
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from keyword import iskeyword
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -19,6 +19,7 @@ from agglom_mpi.declaration.reading import (
     SOURCE_SHA256,
     OwnComponents,
     sections_of_own,
+    values_in,
 )
 from agglom_mpi.declaration.stand_ins import record_of, stand_in
 from agglom_mpi.declaration.units import quoted
@@ -67,7 +68,9 @@ class BesideCampaign(OwnComponents):
             raise ValueError(f"is {quoted(name)}; see {self._failed[file]} on {file}")
         try:
             if file not in self._modules:
-                self._modules[file] = OwnModule.of(file, read_source(self._folder / file, name))
+                self._modules[file] = OwnModule.of(
+                    file, read_source(self._folder / file, name), self._folder
+                )
             executed(self._modules[file])
         except ValueError as error:
             self._failed[file] = name
@@ -94,7 +97,7 @@ def recorded_texts(campaign: "CampaignSections") -> dict[str, str]:
     modules = {each.own.file: each.own for each in found.values() if each.own is not None}
     function = campaign.user_function
     if campaign.objective.code_of_means and function is not None and function.source is not None:
-        modules.setdefault(function.file, OwnModule.of(function.file, function.source))
+        modules.setdefault(function.file, function.module)
     if not modules:
         return {}
     sources = [
@@ -142,6 +145,16 @@ def own_of(campaign: "CampaignSections") -> Iterator[Component]:
             yield from (each for each in components_within(section) if each.own is not None)
 
 
+def permitted_modules(campaign: "CampaignSections") -> frozenset[tuple[str, str]]:
+    """Return file and digest of the modules that a campaign names, and that may be executed."""
+    found = (component.own for component in own_of(campaign))
+    modules = {(own.file, own.sha256) for own in found if own is not None and own.source}
+    function = campaign.user_function
+    if function is not None and function.source is not None:
+        modules.add((function.file, function.sha256))
+    return frozenset(modules)
+
+
 def _as_text(source: bytes) -> dict[str, str]:
     """Return a source as text, or where it is not in UTF-8 by base64."""
     try:
@@ -184,30 +197,6 @@ def recorded_source(texts: Mapping[str, Any], file: str, sha256: str) -> bytes |
     return own.source if own is not None and own.sha256 == sha256 else None
 
 
-class RecordedModules(OwnComponents):
-    """Classes of the modules that a file records, which may be executed.
-
-    Parameters
-    ----------
-    texts
-        Attributes of the file.
-    identity
-        Identity of its campaign, which has the digests of the modules.
-    """
-
-    def __init__(self, texts: Mapping[str, Any], identity: Mapping[str, Any]) -> None:
-        self._texts = texts
-        self._digests = {v for k, v in identity.items() if k.endswith(f".{SOURCE_SHA256}")}
-
-    def find(self, name: str, kind: type[Any]) -> type[Any]:
-        """Return the class `FILE.py:Class`; see `OwnComponents.find`."""
-        file, own_class = read_own_name(name)
-        own = recorded_module(self._texts, file)
-        if own is not None and own.sha256 in self._digests:
-            return class_in(own, own_class)
-        raise ValueError(f"is {quoted(name)}, of which the file has no source with the same digest")
-
-
 class RecordedComponents(OwnComponents):
     """Stand-ins for the components of one's own that a file records; no code is executed.
 
@@ -235,25 +224,49 @@ class RecordedComponents(OwnComponents):
         return self._made[name]
 
 
+class RecordedModules(RecordedComponents):
+    """Classes of the modules that a file records, which may be executed; stand-ins for others.
+
+    Parameters
+    ----------
+    texts
+        Attributes of the file.
+    identity
+        Identity of its campaign, which has the digests of the modules.
+    may_run
+        Whether a module may be executed, by its file name and digest.
+    folder
+        Folder of the file.
+    """
+
+    def __init__(
+        self,
+        texts: Mapping[str, Any],
+        identity: Mapping[str, Any],
+        may_run: Callable[[str, str], bool],
+        folder: Path,
+    ) -> None:
+        super().__init__(texts)
+        end = f".{SOURCE_SHA256}"
+        sections = {v: k.removesuffix(end) for k, v in identity.items() if k.endswith(end)}
+        self._values = {digest: values_in(identity, each) for digest, each in sections.items()}
+        self._may_run, self._folder = may_run, folder
+
+    def find(self, name: str, kind: type[Any]) -> type[Any]:
+        """Return the class `FILE.py:Class`; see `OwnComponents.find`."""
+        file, own_class = read_own_name(name)
+        own = recorded_module(self._texts, file)
+        if own is None or own.sha256 not in self._values:
+            message = "of which the file has no source with the same digest"
+            raise ValueError(f"is {quoted(name)}, {message}")
+        if not self._may_run(own.file, own.sha256):
+            return super().find(name, kind)
+        own = OwnModule.of(file, own.source, self._folder)
+        return class_in(own._replace(values=self._values[own.sha256]), own_class)
+
+
 def _parsed(text: str) -> Any:
     try:
         return json.loads(text)
     except (RecursionError, ValueError):
         raise ValueError("the file's description of own components is damaged") from None
-
-
-def recorded_components(
-    texts: Mapping[str, Any], identity: Mapping[str, Any], allow_code: bool
-) -> OwnComponents:
-    """Return what finds the own components of a recorded campaign.
-
-    Parameters
-    ----------
-    texts
-        Attributes of its file.
-    identity
-        Its identity.
-    allow_code
-        Whether the modules in the file may be executed.
-    """
-    return RecordedModules(texts, identity) if allow_code else RecordedComponents(texts)

@@ -5,23 +5,22 @@ execute them in a module of their own; nothing is imported by path. A campaign r
 file knows only the digest, and cannot call the function.
 """
 
-import hashlib
 import math
 import reprlib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from types import ModuleType
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from agglom_mpi.config.bounded_reading import clipped, read_bounded
-from agglom_mpi.declaration.reading import SOURCE_SHA256
+from agglom_mpi.declaration.frozen_values import Values
+from agglom_mpi.declaration.own_modules import OwnModule, executed
+from agglom_mpi.declaration.reading import SOURCE_SHA256, values_in
 from agglom_mpi.declaration.spelling import MAX_MAGNITUDE
-from agglom_mpi.declaration.users_code import EndedError, execute, users_code
-from agglom_mpi.errors import named_error
+from agglom_mpi.declaration.users_code import users_code
 
 NUMBERS: Final = (float, int, np.floating, np.integer)
 """Types of what a function may return, but for bool."""
@@ -38,11 +37,15 @@ class UserFunction(NamedTuple):
         SHA-256 of the module's source, hexadecimal.
     source
         Bytes of the module; None if unknown: the function then cannot be called.
+    folder, values
+        As of an `OwnModule`.
     """
 
     call: str
     sha256: str
     source: bytes | None = None
+    folder: str = ""
+    values: Values | None = None
 
     @property
     def file(self) -> str:
@@ -52,7 +55,12 @@ class UserFunction(NamedTuple):
     @property
     def without_source(self) -> "UserFunction":
         """The same function without its source, so that it cannot be called."""
-        return self._replace(source=None)
+        return self._replace(source=None, folder="")
+
+    @property
+    def module(self) -> OwnModule:
+        """The module; without its source where that is unknown."""
+        return OwnModule(self.file, self.sha256, self.source or b"", self.folder, self.values)
 
 
 MAX_BYTES: Final = 1 << 20
@@ -67,9 +75,9 @@ def read_function(folder: Path, call: str) -> UserFunction:
     ValueError
         If there is no such file, or it is not Python.
     """
-    function = UserFunction(call, "")
-    source = read_source(folder / function.file, call)
-    return UserFunction(call, hashlib.sha256(source).hexdigest(), source)
+    file = UserFunction(call, "").file
+    own = OwnModule.of(file, read_source(folder / file, call), folder)
+    return UserFunction(call, own.sha256, own.source, own.folder)
 
 
 def read_source(path: Path, named: str) -> bytes:
@@ -99,7 +107,9 @@ def read_source(path: Path, named: str) -> bytes:
 def recorded_function(identity: Mapping[str, Any]) -> UserFunction | None:
     """Return the function named by a stored campaign's identity, without source, or None."""
     call, digest = (identity.get(f"objective.{name}") for name in ("call", SOURCE_SHA256))
-    return UserFunction(str(call), str(digest)) if call is not None and digest is not None else None
+    if call is None or digest is None:
+        return None
+    return UserFunction(str(call), str(digest), values=values_in(identity, "objective") or None)
 
 
 @cache
@@ -113,35 +123,15 @@ def load_function(function: UserFunction) -> Callable[[Any], Any]:
     """
     if function.source is None:
         raise ValueError(f"the source of {function.call!r} is not known here")
-    module_name, _, name = function.call.partition(":")
+    name = function.call.partition(":")[2]
     try:
-        module = _load_module(function._replace(call=module_name))
+        module = executed(function.module)
     except ValueError as error:
         raise ValueError(f"is {function.call!r}, but {error}") from error.__cause__
     loaded = getattr(module, name, None)
     if not callable(loaded):
         raise ValueError(f"is {function.call!r}, but {function.file} defines no function {name!r}")
     return loaded
-
-
-@cache
-def _load_module(function: UserFunction) -> ModuleType:
-    """Execute the source of a module, which `call` names, once for all its functions.
-
-    Raises
-    ------
-    ValueError
-        If it cannot be executed.
-    """
-    assert function.source is not None
-    module = ModuleType(f"agglom_objective_{function.sha256[:16]}")
-    try:
-        execute(function.file, function.source, module)
-    except EndedError as error:
-        raise ValueError(str(error)) from error
-    except Exception as error:
-        raise ValueError(f"{function.file} raises {named_error(error)}") from error
-    return module
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from agglom_mpi.declaration.declared import Declared, DeclaredField, Reads
 from agglom_mpi.declaration.field_types import WholeNumber, named
 from agglom_mpi.declaration.needed import missing_methods, needed
 from agglom_mpi.declaration.own_modules import OwnModule, own_module
-from agglom_mpi.declaration.reading import PLAIN, SOURCE_SHA256, Reading, names_own
+from agglom_mpi.declaration.reading import PLAIN, Reading, names_own
 from agglom_mpi.declaration.units import quoted, to_si
 from agglom_mpi.errors import UserError
 from agglom_mpi.variables import Limits
@@ -237,12 +237,12 @@ class Component(Declared):
     def entries(self) -> dict[str, Any]:
         """Return the fields as plain values, the name first; see `Declared.entries`.
 
-        A component of one's own has the digest of its module, too.
+        A component of one's own has the digest of its module, too, and what that has read.
         """
         entries = super().entries()
         name = {key: entries[key] for key in (self.named_by,) if key in entries}
-        source = {} if self.own is None else {SOURCE_SHA256: self.own.sha256}
-        return name | entries | source
+        own = own_module(type(self).__module__) or self.own  # the former of executed code
+        return name | entries | ({} if own is None else own.entries())
 
     @classmethod
     def components(cls) -> dict[str, type[Self]]:

@@ -9,10 +9,13 @@ module. Its name has the digest of the bytes, so that two versions do not distur
 import hashlib
 import sys
 from functools import cache
+from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
 from agglom_mpi.compilation.stages import OWN_PREFIX
+from agglom_mpi.declaration.frozen_values import Values, frozen_values
+from agglom_mpi.declaration.reading import SOURCE_SHA256, SOURCE_VALUES
 from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.declaration.users_code import EndedError, execute
 from agglom_mpi.errors import named_error
@@ -29,40 +32,70 @@ class OwnModule(NamedTuple):
         SHA-256 of the source, hexadecimal.
     source
         Bytes of the file.
+    folder
+        Where the file is, if the source asks for it.
+    values
+        What it has read when it was executed, see `frozen_values`; None if that is not known.
     """
 
     file: str
     sha256: str
     source: bytes
+    folder: str = ""
+    values: Values | None = None
 
     @classmethod
-    def of(cls, file: str, source: bytes) -> "OwnModule":
+    def of(cls, file: str, source: bytes, folder: Path | None = None) -> "OwnModule":
         """Return the module of a file with this content."""
-        return cls(file, hashlib.sha256(source).hexdigest(), source)
+        asked = str(folder.absolute()) if folder is not None and b"__file__" in source else ""
+        return cls(file, hashlib.sha256(source).hexdigest(), source, asked)
+
+    def entries(self) -> dict[str, Any]:
+        """Return the entries of an identity: the digest, and the values if there are some."""
+        values = {SOURCE_VALUES: dict(self.values)} if self.values else {}
+        return {SOURCE_SHA256: self.sha256, **values}
 
     @property
     def name(self) -> str:
         """Name of the executed module, by file and content."""
-        return f"{OWN_PREFIX}{self.file.removesuffix('.py')}_{self.sha256[:16]}"
+        digest = hashlib.sha256((self.sha256 + self.folder).encode()).hexdigest()
+        digest = digest if self.folder else self.sha256
+        return f"{OWN_PREFIX}{self.file.removesuffix('.py')}_{digest[:16]}"
 
 
 class ExecutedModule(ModuleType):
-    """An executed module of one's own, which knows its source as `own`."""
+    """An executed module of one's own, which knows its source as `own`.
+
+    Its `key` keeps the machine code of its formulas apart from that with other values.
+    """
 
     own: OwnModule
+    key: str
 
 
-@cache
 def executed(own: OwnModule) -> ExecutedModule:
     """Execute a module, once in each process.
 
     Raises
     ------
     ValueError
-        If it cannot be executed, with the reason and its line.
+        If it cannot be executed, with the reason and its line; or if it has read other values than
+        those that `own` has.
     """
+    module = _executed(own._replace(values=None))
+    if own.values is not None and own.values != module.own.values:
+        changed = {name for name, _ in {*own.values} ^ {*(module.own.values or ())}}
+        named = ", ".join(sorted(changed))
+        raise ValueError(f"{own.file}: {named}: other values than the campaign was run with")
+    return module
+
+
+@cache
+def _executed(own: OwnModule) -> ExecutedModule:
+    """Execute a module, whose values are then known."""
     module = ExecutedModule(own.name)
     module.own = own
+    module.__file__ = str(Path(own.folder) / own.file)
     try:
         execute(own.file, own.source, module)
     except EndedError as error:
@@ -70,6 +103,8 @@ def executed(own: OwnModule) -> ExecutedModule:
     except Exception as error:
         place = line_in(own.file, error)
         raise ValueError(f"{place} raises {named_error(error)}") from error
+    module.own = own._replace(values=frozen_values(module, own.source, own.folder))
+    module.key = " ".join([own.name, *map(str, module.own.values or ())])
     return module
 
 

@@ -21,6 +21,9 @@ OWN_NAME: Final = re.compile(r"([^\W\d]\w*)\.py:([^\W\d]\w*)")
 SOURCE_SHA256: Final = "source_sha256"
 """Entry of an identity with the digest of code of one's own, beside those of its section."""
 
+SOURCE_VALUES: Final = "source_values"
+"""Entry of an identity with the values that this code has read, where there are some."""
+
 OWN_MODULES: Final = "own_modules"
 OWN_COMPONENTS: Final = "own_components"
 """Names of the two texts, JSON, that a file records of components of one's own."""
@@ -40,6 +43,14 @@ def sections_of_own(identity: Mapping[str, Any]) -> Iterator[str]:
         is_own = isinstance(name, str) and OWN_NAME.fullmatch(name)
         if is_own and f"{section}.{SOURCE_SHA256}" in identity:
             yield section
+
+
+def values_in(identity: Mapping[str, Any], section: str) -> tuple[tuple[str, str], ...]:
+    """Return the values that the code of a section of an identity has read, by name."""
+    start = f"{section}.{SOURCE_VALUES}."
+    return tuple(
+        sorted((k.removeprefix(start), str(v)) for k, v in identity.items() if k.startswith(start))
+    )
 
 
 class OwnComponents:

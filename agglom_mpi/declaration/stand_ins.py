@@ -20,7 +20,7 @@ from agglom_mpi.declaration.declared import (
     Reads,
     plain,
 )
-from agglom_mpi.declaration.own_modules import OwnModule
+from agglom_mpi.declaration.own_modules import OwnModule, own_module
 from agglom_mpi.declaration.users_code import users_code
 from agglom_mpi.errors import CodeNotAllowedError
 
@@ -46,7 +46,8 @@ def record_of(component: Component) -> Record:
     """Return the record of a component of one's own, plain values for JSON."""
     kind = type(component)
     base = kind.base()
-    assert kind.own is not None
+    own = own_module(kind.__module__) or kind.own
+    assert own is not None
     answers: Record = {}
     methods: Record = {}
     refused: list[str] = []
@@ -63,8 +64,13 @@ def record_of(component: Component) -> Record:
         else:
             answers[name] = plain(value)
     return {
-        "file": kind.own.file,
-        "sha256": kind.own.sha256,
+        "file": own.file,
+        "sha256": own.sha256,
+        **(
+            {"read": dict(own.values)}
+            if (own := own_module(kind.__module__)) and own.values
+            else {}
+        ),
         "base": f"{base.__module__}:{base.__qualname__}",
         "fields": {
             name: _field_record(field, getattr(component, name))
@@ -181,7 +187,8 @@ def stand_in(kind: type[Component], name: str, record: Mapping[str, Any]) -> typ
             namespace[key] = _Calculated(name, namespace[key], record["values"])
     metaclass: Any = type(base)
     made: type[Component] = metaclass(name.partition(":")[2], (base,), namespace)
-    made.own = OwnModule(record["file"], record["sha256"], b"")
+    values = tuple(sorted(record.get("read", {}).items()))
+    made.own = OwnModule(record["file"], record["sha256"], b"", values=values)
     made._call(name)
     return made
 

@@ -35,6 +35,10 @@ def users_code(name: str) -> Iterator[None]:
     owner, outer = os.getpid(), getattr(_INSIDE, "owner", None)
     _INSIDE.owner = owner
     try:
+        here = os.getcwd()
+    except OSError:  # it was removed
+        here = ""
+    try:
         yield
     except Exception:
         raise
@@ -44,6 +48,8 @@ def users_code(name: str) -> Iterator[None]:
             raise
         raise EndedError(f"{name} raised {type(error).__name__}, which would end a rank") from error
     finally:
+        if here:
+            os.chdir(here)  # names of files that the user gave are relative to it
         _INSIDE.owner = outer
         if os.getpid() != owner:
             _ENDINGS["_exit"](FAILURE)

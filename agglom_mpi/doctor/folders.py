@@ -41,7 +41,7 @@ def check_storage(folder: Path) -> Iterator[Finding]:
     kind = file_system(kernels)
     advice = ""
     if kind in SHARED_FILE_SYSTEMS:
-        advice = "slow where many ranks load it: export NUMBA_CACHE_DIR=/tmp/numba_$(id -u)"
+        advice = "slow where many ranks load it: export NUMBA_CACHE_DIR=$(mktemp -d)"
     compiled = sum(1 for _ in kernels.rglob("*.nbi"))
     state = f"{compiled} compiled" if compiled else "none compiled yet: a first run compiles them"
     yield Finding("kernel cache", f"{kernels} ({kind}), {state}", advice)

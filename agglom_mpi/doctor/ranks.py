@@ -5,14 +5,18 @@ import re
 import shutil
 import signal
 import subprocess
-import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
 from agglom_mpi.doctor.findings import Finding
 from agglom_mpi.formatting import pluralise
-from agglom_mpi.launcher import find_launcher, launched_size, without_rank_variables
+from agglom_mpi.launcher import (
+    find_launcher,
+    launched_size,
+    python_command,
+    without_rank_variables,
+)
 
 MPI_TIMEOUT: Final = 60.0
 """Time limit for two ranks to connect, s; a busy cluster may take a while."""
@@ -38,7 +42,7 @@ def check_mpi(environment: Mapping[str, str] = os.environ) -> Iterator[Finding]:
     if promised is not None:
         yield Finding("launched as", f"{promised} ranks", "run it without mpirun to see more")
         return
-    alone = _output_of([sys.executable, "-c", MPI_PROBE], environment)
+    alone = _output_of(python_command(MPI_PROBE), environment)
     if not _is_probe_output(alone):
         found = f"cannot be loaded: {_main_line(alone)}"
         yield Finding("MPI library", found, _advice_on(alone), broken=True)
@@ -53,7 +57,7 @@ def check_mpi(environment: Mapping[str, str] = os.environ) -> Iterator[Finding]:
 
 
 def _two_ranks(launcher: str, version: str, environment: Mapping[str, str]) -> Finding:
-    output = _output_of([launcher, "-n", "2", sys.executable, "-c", MPI_PROBE], environment)
+    output = _output_of([launcher, "-n", "2", *python_command(MPI_PROBE)], environment)
     if not _is_probe_output(output):
         return Finding(
             "mpirun", f"{launcher} fails: {_main_line(output)}", _advice_on(output), broken=True

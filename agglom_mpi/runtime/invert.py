@@ -77,7 +77,7 @@ def request_for(
     check_search_library(campaign)
     warn([*campaign.warnings(), *narrow], options.strict, show)
     path = output_path(campaign, options.output, options.seed)
-    start = warm_start(campaign, path, options.allow_code)
+    start = warm_start(campaign, path)
     warn(start.warnings, options.strict, show)
     experiment = InversionExperiment(campaign, start.strings)
     return RunRequest(experiment, path, options.accept_code_change, options.database)

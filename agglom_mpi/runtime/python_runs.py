@@ -11,7 +11,7 @@ from typing import Final
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.display.run_display import Display
 from agglom_mpi.errors import FINISHED, STOPPED, UserError
-from agglom_mpi.launcher import find_launcher, without_rank_variables
+from agglom_mpi.launcher import find_launcher, python_command, without_rank_variables
 from agglom_mpi.runtime.file_setup import output_path
 from agglom_mpi.runtime.invert import InvertOptions, request_for
 from agglom_mpi.runtime.run import run_this_rank
@@ -66,7 +66,7 @@ def run_by_ranks(campaign: Campaign, options: InvertOptions, ranks: int) -> Path
     )
     if launcher is None:
         raise RunFailedError("ranks need mpirun: pip install 'agglom_mpi[mpi]'")
-    invert = [sys.executable, "-c", COMMAND, campaign.name, "--output", path]
+    invert = [*python_command(COMMAND), campaign.name, "--output", path]
     words = [launcher, "-n", ranks, *invert]
     words += ["--quiet"] * options.quiet + ["--allow-code"] * options.allow_code
     if options.max_walltime is not None:

@@ -21,8 +21,9 @@ from typing import Any, Final
 import numpy as np
 
 from agglom_mpi.compilation.kernels import cache_folder, code_key, compile_ahead, runs_compiled
-from agglom_mpi.compilation.stages import law_of, laws_in
+from agglom_mpi.compilation.stages import law_of, laws_in, module_key
 from agglom_mpi.formatting import pluralise
+from agglom_mpi.launcher import python_command
 from agglom_mpi.physics.pair import ContactPair
 from agglom_mpi.simulation import census, initial_state, sample_kernels, sample_range, trajectory
 from agglom_mpi.simulation.census import EXAMPLE_LAYOUT
@@ -76,7 +77,7 @@ def kind_of(scene: Scene) -> str:
     parts = [*scene[:2], *scene.laws, scene.cooling, scene.engine]
     parts += [] if scene.sizes is None else [True]
     parts += [inner for part in parts if isinstance(part, tuple) for inner in laws_in(part)]
-    names = [f"{type(part).__module__}.{type(part).__name__}" for part in parts]
+    names = [f"{module_key(type(part).__module__)}.{type(part).__name__}" for part in parts]
     prefetches = law_of(scene.engine).uses_linked_cells and new_winners(scene.particles) is not None
     return " ".join([*names, "prefetching"] if prefetches else names)
 
@@ -208,8 +209,8 @@ def _nothing() -> None:
 
 
 CHILD_PROGRAM: Final = """
-import pickle, sys
-sys.path[:] = pickle.load(sys.stdin.buffer)
+import pickle
+sys.path[:] = [*pickle.load(sys.stdin.buffer), sys.path[-1]]
 from agglom_mpi.simulation.compilation import compile_for_parent
 compile_for_parent()
 """
@@ -226,13 +227,16 @@ def engine_compiled_elsewhere(scene: Scene) -> Iterator[Callable[[], object]]:
     if len(os.sched_getaffinity(0)) > 1:
         with suppress(OSError):  # what it was to compile is compiled here
             process = subprocess.Popen(
-                [sys.executable, "-c", CHILD_PROGRAM],
+                python_command(CHILD_PROGRAM),
+                env=os.environ | {"NUMBA_CACHE_DIR": str(cache_folder().parent)},
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
             )
             assert process.stdin is not None
-            process.stdin.write(pickle.dumps(sys.path) + pickle.dumps(scene))
+            # An interactive Python looks into the current folder first; the child must not.
+            path = [each for each in sys.path if each]
+            process.stdin.write(pickle.dumps(path) + pickle.dumps(scene))
             process.stdin.flush()
     try:
         yield process.wait if process is not None else _nothing

@@ -1,7 +1,7 @@
 """The attributes of a campaign file, which describe the campaign as a whole."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
@@ -26,6 +26,9 @@ if TYPE_CHECKING:
     from agglom_mpi.config.user_function import UserFunction
 
 T = TypeVar("T")
+
+Allowed = bool | Collection[tuple[str, str]]
+"""Whether code of one's own in a file may be executed: all, none, or modules by name and digest."""
 
 _TEXTS: Final = (
     *("campaign", "campaign_sha256", "code_version", "created"),
@@ -94,7 +97,7 @@ class CampaignHeader:
     attributes
         As h5py reads them, numbers as those of Python.
     allow_code
-        Whether the code of components of one's own, which the file has, may be executed.
+        Whether code of one's own that the file has may be executed.
 
     Attributes
     ----------
@@ -102,7 +105,7 @@ class CampaignHeader:
         What was left out, as that needs code which may not be executed.
     """
 
-    def __init__(self, path: Path, attributes: dict[str, Any], allow_code: bool = False) -> None:
+    def __init__(self, path: Path, attributes: dict[str, Any], allow_code: Allowed = False) -> None:
         self.path = path
         self.attributes = attributes
         self.allow_code = allow_code
@@ -144,10 +147,18 @@ class CampaignHeader:
         if OWN_COMPONENTS not in self.attributes:
             return Reading(recorded=True)
         # Imported here: the others are read without what reads modules.
-        from agglom_mpi.config.own_components import recorded_components
+        from agglom_mpi.config.own_components import RecordedComponents, RecordedModules
 
-        own = recorded_components(self.attributes, self.identity, self.allow_code)
+        if not self.allow_code:
+            return Reading(recorded=True, own=RecordedComponents(self.attributes))
+        own = RecordedModules(self.attributes, self.identity, self._may_run, self.path.parent)
         return Reading(recorded=True, own=own)
+
+    def _may_run(self, file: str, sha256: str) -> bool:
+        """Return whether a module may be executed."""
+        if isinstance(self.allow_code, bool):
+            return self.allow_code
+        return (file, sha256) in self.allow_code
 
     @cached_property
     def allowed(self) -> "UserFunction | None":
@@ -156,18 +167,22 @@ class CampaignHeader:
             return None
         from agglom_mpi.config.own_components import recorded_source
         from agglom_mpi.config.user_function import recorded_function
+        from agglom_mpi.declaration.own_modules import OwnModule
 
         function = recorded_function(self.identity)
-        if function is None:
+        if function is None or not self._may_run(function.file, function.sha256):
             return None
         source = recorded_source(self.attributes, function.file, function.sha256)
-        return None if source is None else function._replace(source=source)
+        if source is None:
+            return None
+        folder = OwnModule.of(function.file, source, self.path.parent).folder
+        return function._replace(source=source, folder=folder)
 
     @property
     def may_simulate(self) -> bool:
         """Whether no law of the scene is one's own, or its code may run."""
         sections = sections_of_own(self.identity)
-        return self.allow_code or not any(each.startswith("scene.") for each in sections)
+        return self.allow_code is True or not any(each.startswith("scene.") for each in sections)
 
     def unless_code(self, what: str, compute: Callable[[], T], otherwise: T) -> T:
         """Return `compute()`; where that needs code that may not run, `what` is left out."""

@@ -13,7 +13,7 @@ from agglom_mpi.formatting import printable, shortened
 from agglom_mpi.scheduling.volume_strings import number_in_volume
 from agglom_mpi.search.proposals import ORIGINS, Proposals, restored
 from agglom_mpi.storage.access import NotACampaign, open_file, read_attributes
-from agglom_mpi.storage.header import CampaignHeader
+from agglom_mpi.storage.header import Allowed, CampaignHeader
 from agglom_mpi.storage.lock import is_locked
 from agglom_mpi.storage.particle_tables import StoredParticles
 from agglom_mpi.storage.rows import Rows
@@ -81,7 +81,7 @@ class CampaignData(CampaignHeader):
         path: Path,
         attributes: dict[str, Any],
         sample_columns: Sequence[str] | None = None,
-        allow_code: bool = False,
+        allow_code: Allowed = False,
     ) -> None:
         super().__init__(path, attributes, allow_code)
         self.with_unused = False
@@ -95,7 +95,7 @@ class CampaignData(CampaignHeader):
         path: Path,
         attributes: dict[str, Any],
         tables: Mapping[str, np.ndarray],
-        allow_code: bool = False,
+        allow_code: Allowed = False,
     ) -> Self:
         """Return data of rows that have been read already, by table."""
         data = cls(path, attributes, allow_code=allow_code)
@@ -326,7 +326,7 @@ class CampaignData(CampaignHeader):
         return self._snapshot.frame_count
 
 
-def read_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> CampaignData:
+def read_campaign(path: str | os.PathLike[str], allow_code: Allowed = False) -> CampaignData:
     """Open a campaign file for reading; no rows are read yet.
 
     With `allow_code`, the code of components of one's own that the file has may be executed.
@@ -343,7 +343,7 @@ def read_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> Cam
         return CampaignData(path, read_attributes(file, path), allow_code=allow_code)
 
 
-def read_inversion(path: str | os.PathLike[str], allow_code: bool = False) -> CampaignData:
+def read_inversion(path: str | os.PathLike[str], allow_code: Allowed = False) -> CampaignData:
     """Open the file of a campaign that searched, for what only such a one has.
 
     `allow_code` as for `read_campaign`.

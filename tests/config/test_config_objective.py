@@ -175,7 +175,7 @@ def test_a_change_of_the_source_is_another_campaign(written: Path) -> None:
         (None, "shape.py cannot be read: No such file or directory"),
         ("def worth(sample)\n", "shape.py:1: expected ':'"),
         ("\0", "shape.py: source code string cannot contain null bytes"),
-        ("import not_there_at_all", "but shape.py raises ModuleNotFoundError: No module named"),
+        ("import not_there_at_all", "but shape.py:1 raises ModuleNotFoundError: No module named"),
         ("raise SystemExit(3)", "but shape.py raised SystemExit, which would end a rank"),
         ("def other(sample): return 1.0", "but shape.py defines no function 'worth'"),
         ("worth = 1.0", "but shape.py defines no function 'worth'"),

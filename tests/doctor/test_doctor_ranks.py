@@ -44,7 +44,7 @@ def test_two_ranks_of_this_machine_find_each_other():
 
 
 def test_a_launcher_of_another_library_is_recognised(launcher):
-    alone = f'shift 2; {sys.executable} "$2" "$3"; exec {sys.executable} "$2" "$3"'
+    alone = f'shift 2; {sys.executable} "$2" "$3" "$4"; exec {sys.executable} "$2" "$3" "$4"'
     found = last(launcher(alone))
     assert "2 processes that do not find each other" in found.found
     assert found.broken

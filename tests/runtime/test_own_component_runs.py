@@ -25,8 +25,12 @@ from own_components import (
 )
 
 from agglom_mpi import load_campaign, open_campaign
+from agglom_mpi.analysis.ranking import rank_strings
+from agglom_mpi.analysis.warm_start import warm_start
 from agglom_mpi.cli import main
+from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.storage.reader import read_campaign
+from agglom_mpi.storage.schema import parameters_of
 
 
 @pytest.fixture(scope="module")
@@ -92,6 +96,32 @@ def test_what_needs_no_code_works_where_the_module_is_not(moved, arguments, monk
 def refuse(own):
     """Stand for the execution of a module."""
     raise AssertionError(f"{own.file} is executed")
+
+
+def started_from(own, folder, copied):
+    """Return a campaign with some components of its own that begins with strings of `own.h5`."""
+    path = write_copies(folder, "next", copied, **NUMBERS_OF_COPIES)
+    start = f"start: {{file: {own / 'own.h5'}, strings: 2}}"
+    path.write_text(path.read_text().replace("search: {", f"search: {{{start}, "))
+    return path
+
+
+@pytest.mark.parametrize("edit", ["", "# another version\n"])
+def test_leave_for_own_code_is_no_leave_for_that_of_a_start_file(own, tmp_path, edit, monkeypatch):
+    path = started_from(own, tmp_path, ("objective",) if edit else ())
+    with (tmp_path / "mine.py").open("a") as file:
+        file.write(edit)
+    campaign = load_campaign(path, allow_code=bool(edit))
+    monkeypatch.setattr("agglom_mpi.declaration.own_modules.executed", refuse)
+    with pytest.raises(CampaignError, match=r"own\.h5: needs code of one's own"):
+        warm_start(campaign)
+
+
+def test_a_module_that_a_campaign_and_its_start_file_name_is_executed(own, tmp_path):
+    campaign = load_campaign(started_from(own, tmp_path, ("objective",)), allow_code=True)
+    stored = read_campaign(own / "own.h5", allow_code=True)
+    best = parameters_of(stored.string_rows()[rank_strings(stored).order[:2]])
+    assert np.array_equal(warm_start(campaign).strings, best, equal_nan=True)
 
 
 def test_a_check_verifies_rows_and_leaves_out_the_decisions(moved):

@@ -11,6 +11,7 @@ import pytest
 from processes import HANG, output_of, program
 from scenes import event_periodic
 
+from agglom_mpi.launcher import python_command
 from agglom_mpi.simulation import compilation
 from agglom_mpi.simulation.compilation import compile_kernels, ensure_compiled, is_compiled, kind_of
 from agglom_mpi.simulation.engines import EventDriven, FixedSteps
@@ -111,7 +112,7 @@ def test_where_no_process_can_be_started_all_is_compiled_here(unmarked, monkeypa
 def test_the_other_process_ends_with_its_parent(tmp_path):
     """Its standard input is closed then; a cold cache keeps it busy until after that."""
     with subprocess.Popen(
-        [sys.executable, "-c", compilation.CHILD_PROGRAM],
+        python_command(compilation.CHILD_PROGRAM),
         stdin=subprocess.PIPE,
         env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)},
     ) as process:
