@@ -192,8 +192,8 @@ def refuse_compact(file: h5py.File, path: Path) -> None:
     """Raise NotACampaign if a kill could tear a row that is written: rows lie in chunks."""
     if moved := tables_in_chunks(file):
         raise NotACampaign(
-            f"{path}: a copy with {moved[0]} in chunks, which can be read but not continued; "
-            "continue the file that it was made of, or start another with --output"
+            f"{path}: a compact copy, which can be read but not continued ({moved[0]} lies in "
+            "chunks); continue the file that it was made of, or start another with --output"
         )
 
 

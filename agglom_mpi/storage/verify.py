@@ -18,7 +18,12 @@ import numpy as np
 from agglom_mpi.formatting import printable
 from agglom_mpi.search.methods.method import SearchMethod
 from agglom_mpi.search.proposals import ORIGINS
-from agglom_mpi.storage.access import open_file, read_attributes, report_damage
+from agglom_mpi.storage.access import (
+    open_file,
+    read_attributes,
+    report_damage,
+    tables_in_chunks,
+)
 from agglom_mpi.storage.header import altered_parts
 from agglom_mpi.storage.reader import CampaignData, status_of
 from agglom_mpi.storage.rows import Rows
@@ -74,6 +79,8 @@ class VerificationReport:
         Rows that there is room for, by table.
     settled
         Whether no run was writing while the file was read, and the last one ended in order.
+    in_chunks
+        Tables that lie in chunks, so that no run continues the file.
     estimates
         Fresh samples that a finished campaign lacks, though a resume makes them again.
     """
@@ -88,6 +95,7 @@ class VerificationReport:
     generations: set[int] = field(default_factory=set)
     room: dict[str, int] = field(default_factory=dict)
     settled: bool = False
+    in_chunks: list[str] = field(default_factory=list)
     estimates: set[Key] = field(default_factory=set)
 
     def numbers(self, table: str) -> set[int]:
@@ -173,6 +181,7 @@ def _verify(file: h5py.File, path: Path, allow_code: bool) -> VerificationReport
     attributes, status = read_attributes(file, path), read_status(file, path)
     tables: dict[str, np.ndarray] = {"status": status}
     report = VerificationReport(CampaignData.of_rows(path, attributes, tables, allow_code))
+    report.in_chunks = tables_in_chunks(file)
     report.room = {schema.name: len(file[schema.name]) for schema in table_schemas(attributes)}
     for name in (*_READ, *map(volume_table, volumes_of_file(attributes))):
         tables[name] = _valid_rows(file, Table(file, name, path), report)
