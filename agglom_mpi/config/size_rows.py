@@ -21,7 +21,7 @@ PAN: Final = {"pan", "tray", "receiver", "boden", "siebboden", "schale", "pfanne
 _TOTAL: Final = {"total", "totals", "sum", "summe", "gesamt", "somme"}
 """Words at the beginning of a row with sums, which is left out."""
 _SIZE: Final = r"(\d[\d.,]*|[.,]\d+)"
-_RANGE: Final = re.compile(rf"{_SIZE}\s*(?:-|–|—|\.{{2,3}}|…|/|to|bis)\s*{_SIZE}", re.ASCII)
+_RANGE: Final = re.compile(rf"{_SIZE}\s*(?:-|–|—|\.{{2,3}}|…|to|bis)\s*{_SIZE}", re.ASCII)
 _OPEN: Final = re.compile(rf"([<>≤≥])\s*=?\s*{_SIZE}", re.ASCII)
 
 
