@@ -102,8 +102,6 @@ def _verified(report: VerificationReport, digests: int, replayed: Replayed | str
     if report.data.volumes and is_whole and not isinstance(replayed, str):
         yield from describe_finite_size(report.data, rank_strings(report.data).order)
     yield from state_lines(report.data)
-    if report.in_chunks:
-        yield f"a compact copy: {report.in_chunks[0]} lies in chunks, so no run continues it"
 
 
 def _remedies(report: VerificationReport) -> Iterator[str]:

@@ -11,7 +11,7 @@ from agglom_mpi.config.size_curve import Numbers, ShareWeight
 from agglom_mpi.config.size_headings import AMOUNTS, Role, SizeColumn
 from agglom_mpi.config.size_rows import SizeRow
 from agglom_mpi.config.table_layout import TableError
-from agglom_mpi.config.text_table import Heading, TextTable, parse_heading
+from agglom_mpi.config.text_table import TextTable, parse_heading
 from agglom_mpi.declaration.declared import FieldError
 from agglom_mpi.declaration.units import quoted, to_si
 
@@ -50,17 +50,6 @@ class CurveKeys(NamedTuple):
     error: float | None = None
     counted: int | None = None
     headings: Mapping[str, str] = {}
-
-    def known_heading(self, heading: Heading) -> Heading | None:
-        """Return the known heading that the entry gives for one of the file; None if it does not.
-
-        The title in the file may be given without its unit.
-        """
-        for text, known in self.headings.items():
-            own = parse_heading(text)
-            if own.title.lower() == heading.title.lower() and own.unit in (None, heading.unit):
-                return parse_heading(known)
-        return None
 
 
 class SizeTable(NamedTuple):

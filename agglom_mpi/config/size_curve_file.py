@@ -59,11 +59,17 @@ def read_size_curve(folder: Path, name: str, keys: CurveKeys) -> SizeCurve:
     """
     content = read_content(folder, name)
     try:
-        named = {parse_heading(text).title.lower() for text in keys.headings}
+        named = {parse_heading(own): parse_heading(text) for own, text in keys.headings.items()}
+        titles = {heading.title.lower() for heading in named}
         table = read_table(
-            content, lambda title: title in named or is_size_title(title), CURVE_EXAMPLE, MAX_ROWS
+            content, lambda title: title in titles or is_size_title(title), CURVE_EXAMPLE, MAX_ROWS
         )
-        headings = tuple(keys.known_heading(each) or each for each in table.headings)
+        if not set(named) <= set(table.headings) or len(size_columns([*named.values()])) < len(
+            named
+        ):
+            message = "must give headings of the file known ones, like `finer: passing (%)`"
+            raise FieldError((("headings",), message))
+        headings = tuple(named.get(heading, heading) for heading in table.headings)
         found = _curve(table._replace(headings=headings), keys)
         if len(found.shares) < 2:
             raise TableError(
@@ -182,15 +188,13 @@ def _refuse_contradiction(
             numbers, expected = found.numbers(rows, column), 1.0 - passing
             if column.role == "retained":
                 expected = np.diff(passing, append=1.0)
-            is_relative = not column.unit and numbers.max() <= 1.0
-            scale = 1.0 if is_relative else 0.01
-            if column.unit not in ("", "%"):  # masses
-                scale = expected.sum() / max(numbers.sum(), math.ulp(0.0))
-            if np.abs(numbers * scale - expected).max() <= MAX_SUM_DEVIATION:
-                continue
-            first, other = quoted_start(amount.title), quoted_start(column.title)
-            message = f"column {other} of the file contradicts {first}; name the one to read"
-            raise FieldError((("column",), message))
+            scale = 1.0 if not column.unit and numbers.max() <= 1.0 else 0.01
+            if column.unit not in ("", "%") and numbers.any():  # masses
+                scale = expected.sum() / numbers.sum()
+            if np.abs(numbers * scale - expected).max() > MAX_SUM_DEVIATION:
+                first, other = quoted_start(amount.title), quoted_start(column.title)
+                message = f"column {other} of the file contradicts {first}; name the one to read"
+                raise FieldError((("column",), message))
 
 
 # Histograms

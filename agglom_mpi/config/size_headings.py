@@ -77,7 +77,7 @@ _OTHER_AMOUNTS: Final = {
 }
 _BESIDE_AMOUNTS: Final = {
     *("by", "in", "of", "on", "than", "the", "each", "standard", "diff", "differential"),
-    *("sieve", "channel", "class", "distribution"),
+    *("sieve", "channel", "class", "distribution", "particle", "grain", "grains"),
 }
 """Words that may stand beside those of an amount."""
 _SIGN: Final = re.compile(r"(Q|[pP]|[dΔ]Q)([023])")

@@ -59,23 +59,14 @@ _BOX: Final = f"/{VARIABLE_TABLE.name}"
 
 
 def write_checksums(file: "h5py.File", changed: Iterable[str] | None = None) -> None:
-    """Write the attribute `checksums` of a file whose other attributes are there.
+    """Write the attribute `checksums` of a file: those that have `changed`, by default all.
 
-    Parameters
-    ----------
-    file
-        The file, open for writing.
-    changed
-        Names of those to replace; all by default. An altered attribute that is copied keeps its
-        checksum, which does not fit.
+    So the checksum of an altered attribute that is copied still does not fit.
     """
-    known: dict[str, int] = {}
-    if changed is None:
-        changed = [_BOX, *(key for key in file.attrs if key != CHECKSUMS)]
-        changed += [f"{name}/{key}" for name, part in file.items() for key in part.attrs]
-    else:
-        known = json.loads(file.attrs[CHECKSUMS])
-    file.attrs[CHECKSUMS] = json.dumps(known | {name: _checksum(file, name) for name in changed})
+    known = {} if changed is None else json.loads(file.attrs[CHECKSUMS])
+    every = [_BOX, *(f"{name}/{key}" for name, part in file.items() for key in part.attrs)]
+    names = [*every, *(file.attrs.keys() - {CHECKSUMS})] if changed is None else changed
+    file.attrs[CHECKSUMS] = json.dumps(known | {name: _checksum(file, name) for name in names})
 
 
 def altered_parts(file: "h5py.File") -> list[str]:
@@ -100,12 +91,8 @@ def _checksum(file: "h5py.File", name: str) -> int | None:
     table, _, key = name.rpartition("/")
     if (table and table not in file) or key not in file[table or "/"].attrs:
         return None
-    value = file[table or "/"].attrs[key]
-    return zlib.crc32(json.dumps(value, default=_plain).encode())
-
-
-def _plain(value: Any) -> Any:
-    return value.tolist() if isinstance(value, np.ndarray | np.generic) else repr(value)
+    value = np.asarray(file[table or "/"].attrs[key], object).tolist()
+    return zlib.crc32(json.dumps(value, default=repr).encode())
 
 
 def check_attributes(attributes: Mapping[str, Any]) -> None:

@@ -79,8 +79,6 @@ class VerificationReport:
         Rows that there is room for, by table.
     settled
         Whether no run was writing while the file was read, and the last one ended in order.
-    in_chunks
-        Tables that lie in chunks, so that no run continues the file.
     estimates
         Fresh samples that a finished campaign lacks, though a resume makes them again.
     """
@@ -95,7 +93,6 @@ class VerificationReport:
     generations: set[int] = field(default_factory=set)
     room: dict[str, int] = field(default_factory=dict)
     settled: bool = False
-    in_chunks: list[str] = field(default_factory=list)
     estimates: set[Key] = field(default_factory=set)
 
     def numbers(self, table: str) -> set[int]:
@@ -181,7 +178,6 @@ def _verify(file: h5py.File, path: Path, allow_code: bool) -> VerificationReport
     attributes, status = read_attributes(file, path), read_status(file, path)
     tables: dict[str, np.ndarray] = {"status": status}
     report = VerificationReport(CampaignData.of_rows(path, attributes, tables, allow_code))
-    report.in_chunks = tables_in_chunks(file)
     report.room = {schema.name: len(file[schema.name]) for schema in table_schemas(attributes)}
     for name in (*_READ, *map(volume_table, volumes_of_file(attributes))):
         tables[name] = _valid_rows(file, Table(file, name, path), report)
@@ -189,6 +185,8 @@ def _verify(file: h5py.File, path: Path, allow_code: bool) -> VerificationReport
     report.data = CampaignData.of_rows(path, attributes, tables, allow_code)
     if altered := altered_parts(file):
         report.faults.append(f"wrong checksums: {printable(', '.join(altered))}")
+    if file["samples"].chunks is None and (chunked := tables_in_chunks(file)):  # no compact copy
+        report.faults.append(f"layout: {chunked[0]} lies in chunks, so no run continues the file")
     if not checksum_ok(status).all():
         report.add_lost("status", {0}, "with a wrong checksum")
     check_particles(file, report)

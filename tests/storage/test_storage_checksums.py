@@ -114,8 +114,8 @@ def test_a_table_rewritten_in_chunks_is_read_but_not_continued(path, name):
     with h5py.File(path, "r+") as file:
         in_chunks(name)(file)
     report = verify_rows(path)
-    assert report.in_chunks == [f"/{name}"]
-    assert not report.faults
+    assert len(report.faults) == (name != "samples")  # or it is a compact copy
+    assert all(f"/{name} lies in chunks" in fault for fault in report.faults)
     with pytest.raises(NotACampaign, match=rf"grains\.h5: .*/{name} lies in chunks.*--output"):
         CampaignWriter(path)
 
