@@ -39,6 +39,7 @@ def recorded_inversion(data: "CampaignData") -> "Campaign | None":
     try:
         return recorded_campaign(data)
     except CampaignError:
+        data.note_altered(["campaign"])
         return None
 
 

@@ -21,6 +21,7 @@ REMEDIES: Final = {
     "results": "recompute the results of strings",
     "generations": "repeat the decisions of generations",
     "frames": "take again frames in rows",
+    "status": "write again the status in row",
 }
 """Remedy of a resume for lost rows, by table; rows of other tables stay lost."""
 

@@ -116,7 +116,7 @@ def report(
     fresh samples they are ranked as searched. Several files are compared by their best strings.
     With --out, only files with the names of the page and its figures are replaced in DIR.
 
-    Exit codes: 0 success; 1 if damaged rows are left out, or if a finished campaign lacks rows.
+    Exit codes: 0 success; 1 if the file is altered or lacks rows.
     With --follow: that of the run, or 130 after Ctrl-C, which does not stop the run.
     """
     options = {
@@ -187,7 +187,10 @@ def _warn(file: "CampaignData") -> None:
 
 
 def _mention_damage(file: "CampaignData") -> int:
-    """Say on standard error if rows are left out or absent; return the exit code."""
+    """Say on standard error if rows are left out or absent; return the exit code.
+
+    What is altered was said when it was read.
+    """
     from agglom_mpi.analysis.completeness import lacks_rows
 
     if file.damaged:
@@ -195,7 +198,7 @@ def _mention_damage(file: "CampaignData") -> int:
     elif lacks_rows(file):
         what = "is finished, but rows are absent"
     else:
-        return FINISHED
+        return FAILURE if file.altered else FINISHED
     say(f"{file.path}: {what}; agglom check {file.path} says which", error=True)
     return FAILURE
 

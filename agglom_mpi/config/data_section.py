@@ -24,7 +24,7 @@ SIZES_QUANTITY: Final = "sizes"
 """The quantity whose numbers are in a file."""
 MASS_QUANTITIES: Final = (SIZES_QUANTITY, "d10", "d50", "d90")
 """Quantities that are by mass unless something else is stated."""
-_OF_FILES: Final = ("file", "column", "unit", "counted")
+_OF_FILES: Final = ("file", "column", "unit", "headings", "counted")
 """Keys of an entry with a file."""
 
 
@@ -53,6 +53,8 @@ class DatumEntry(Section):
         Heading of the column to read, where a file has several.
     unit
         Unit of the sizes, where their heading has none.
+    headings
+        What headings of the file mean that are not known: `{finer wt: passing (%)}`.
     counted
         Number of grains that were counted for the shares in the file, in place of `error`. Columns
         of counts and lists of diameters count themselves.
@@ -85,6 +87,7 @@ class DatumEntry(Section):
     file: Line | None = None
     column: Line = ""
     unit: Line = ""
+    headings: dict[Line, Line] = Field(default_factory=dict)
     counted: Annotated[int, Whole(at_least=10)] | None = None
     _curve: SizeCurve | None = PrivateAttr(None)
 
@@ -147,7 +150,8 @@ class DatumEntry(Section):
     @property
     def curve_keys(self) -> CurveKeys:
         """What the entry states of its file."""
-        return CurveKeys(self.weight, self.column, self.unit, self.error, self.counted)
+        stated = self.weight, self.column, self.unit, self.error, self.counted
+        return CurveKeys(*stated, self.headings)
 
     def with_curve(self, curve: SizeCurve) -> Self:
         """Return the entry with what its file holds."""

@@ -1,5 +1,6 @@
 """Dimensions of quantities as powers of the base dimensions, which pint knows of units."""
 
+import math
 from collections.abc import Mapping
 from fractions import Fraction
 from functools import cache
@@ -14,7 +15,7 @@ PURE: Final[Dimension] = ()
 """The dimension of a pure number."""
 
 MAX_DENOMINATOR: Final = 1000
-"""Largest denominator of a power, so that the cube of a third power is the first."""
+"""Largest denominator of a simple power, so that the cube of a third power is the first."""
 
 BASE_UNITS: Final = {
     "[mass]": "kg",
@@ -53,7 +54,9 @@ def dimension_of(unit: str) -> Dimension:
 
 
 def _fraction(power: float) -> Fraction:
-    return Fraction(power).limit_denominator(MAX_DENOMINATOR)
+    """Return a power as a fraction: a simple one only if it is the same in float64."""
+    simple = Fraction(power).limit_denominator(MAX_DENOMINATOR)
+    return simple if math.isclose(simple, power, rel_tol=1e-14) else Fraction(repr(float(power)))
 
 
 def product(left: Dimension, right: Dimension) -> Dimension:

@@ -1,6 +1,6 @@
 """Tables of measured sizes: which columns are read, and the errors of their shares."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -40,6 +40,8 @@ class CurveKeys(NamedTuple):
         Standard error of each share, or of each value of a cumulative curve.
     counted
         Number of grains that were counted.
+    headings
+        Known headings, such as `passing (%)`, by those of the file.
     """
 
     weight: ShareWeight | None = None
@@ -47,6 +49,7 @@ class CurveKeys(NamedTuple):
     unit: str = ""
     error: float | None = None
     counted: int | None = None
+    headings: Mapping[str, str] = {}
 
 
 class SizeTable(NamedTuple):
@@ -118,7 +121,10 @@ class SizeTable(NamedTuple):
 
         Of columns that differ by their units alone, as masses and percentages, it is the first.
         """
-        if len({column.title.lower() for column in columns}) > 1:
+        titles = {column.title.lower() for column in columns}
+        if len({(column.title.lower(), column.unit) for column in columns}) < len(columns):
+            raise TableError(f"has the heading {_titles(columns[:1])} several times; keep one")
+        if len(titles) > 1:
             message = f"is missing; the file has {_titles(columns[:4])}, of which it must name one"
             raise FieldError((("column",), message))
         return columns[0]
@@ -236,8 +242,9 @@ class SizeTable(NamedTuple):
         for i in np.flatnonzero(needed).tolist():
             position = rows[i].position
             errors[i] = self.table.number(position, column.position) * scale
-            if not errors[i] > 0.0:
-                raise TableError(f"{self.shown(position, column)}; an error must be greater than 0")
+            if not 0.0 < errors[i] < 1.0:
+                shown = self.shown(position, column)
+                raise TableError(f"{shown}; an error must be greater than 0 and less than 100 %")
         return errors
 
     def required_count(self) -> float:

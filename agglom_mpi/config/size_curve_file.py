@@ -7,6 +7,7 @@ field (`text_table`).
 """
 
 import math
+from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 from typing import Final
@@ -34,7 +35,7 @@ from agglom_mpi.config.size_headings import (
 )
 from agglom_mpi.config.size_rows import SizeRow, classes_between, size_rows
 from agglom_mpi.config.table_layout import TableError
-from agglom_mpi.config.text_table import TextTable, read_table
+from agglom_mpi.config.text_table import TextTable, parse_heading, read_table
 from agglom_mpi.declaration.declared import FieldError
 from agglom_mpi.declaration.units import quoted, to_si
 
@@ -58,7 +59,18 @@ def read_size_curve(folder: Path, name: str, keys: CurveKeys) -> SizeCurve:
     """
     content = read_content(folder, name)
     try:
-        found = _curve(read_table(content, is_size_title, CURVE_EXAMPLE, MAX_ROWS), keys)
+        named = {parse_heading(own): parse_heading(text) for own, text in keys.headings.items()}
+        titles = {heading.title.lower() for heading in named}
+        table = read_table(
+            content, lambda title: title in titles or is_size_title(title), CURVE_EXAMPLE, MAX_ROWS
+        )
+        if not set(named) <= set(table.headings) or len(size_columns([*named.values()])) < len(
+            named
+        ):
+            message = "must give headings of the file known ones, like `finer: passing (%)`"
+            raise FieldError((("headings",), message))
+        headings = tuple(named.get(heading, heading) for heading in table.headings)
+        found = _curve(table._replace(headings=headings), keys)
         if len(found.shares) < 2:
             raise TableError(
                 "has fewer than two classes with grains, or with enough counted ones; must have two"
@@ -111,6 +123,8 @@ def _cumulative(found: SizeTable, amount: SizeColumn) -> SizeCurve:
     if is_oversize or (amount.role == "cumulative" and values[-1] < values[0]):
         values, is_oversize = 1.0 - values, True
     _check_ascent(found, amount, rows, values)
+    if not found.keys.column:
+        _refuse_contradiction(found, amount, rows, values)
     sizes = np.array([row.lower if is_oversize else row.upper for row in rows])
     errors = found.errors(amount, rows, scale, (values > 0.0) & (values < 1.0))
     if sizes[0] == 0.0:  # the pan, below which there is nothing
@@ -161,6 +175,26 @@ def _check_ascent(
             other = found.table.field(low.position, amount.position)
             message = f"{found.shown(high.position, amount)} contradicts {other} in line {line}"
             raise TableError(f"{message}; a cumulative curve must not turn back")
+
+
+def _refuse_contradiction(
+    found: SizeTable, amount: SizeColumn, rows: list[SizeRow], passing: Numbers
+) -> None:
+    """Raise a TableError if a column of retained shares differs from a curve, both (n,), by 2 %."""
+    for column in found.columns:
+        if column.role not in ("retained", "cumulative retained") or column is amount:
+            continue
+        with suppress(TableError):
+            numbers, expected = found.numbers(rows, column), 1.0 - passing
+            if column.role == "retained":
+                expected = np.diff(passing, append=1.0)
+            scale = 1.0 if not column.unit and numbers.max() <= 1.0 else 0.01
+            if column.unit not in ("", "%") and numbers.any():  # masses
+                scale = expected.sum() / numbers.sum()
+            if np.abs(numbers * scale - expected).max() > MAX_SUM_DEVIATION:
+                first, other = quoted_start(amount.title), quoted_start(column.title)
+                message = f"column {other} of the file contradicts {first}; name the one to read"
+                raise FieldError((("column",), message))
 
 
 # Histograms
@@ -266,7 +300,7 @@ def _listed(found: SizeTable) -> SizeCurve:
     """Return the curve of a file with one grain in each row."""
     column = found.grains()
     numbers = found.table.numbers(column.position)
-    _refuse_amounts(found.table, numbers)
+    _refuse_amounts(found.table, numbers, bool(found.keys.column))
     for name in ("error", "counted"):
         given = getattr(found.keys, name)
         if given is not None:
@@ -283,19 +317,20 @@ def _listed(found: SizeTable) -> SizeCurve:
     return curve_of_diameters(diameters, found.keys.weight or "mass")
 
 
-def _refuse_amounts(table: TextTable, diameters: list[float]) -> None:
+def _refuse_amounts(table: TextTable, diameters: list[float], is_named: bool) -> None:
     """Raise a TableError if a column seems to be the amount of each size, by none of the weights.
 
-    Sizes beside a single other column that are in order and all different are classes.
+    Sizes beside others that are in order and all different are classes, unless their column is
+    named as that of single grains.
     """
     others = [heading.title for heading in table.headings if names_other_amounts(heading)]
     steps = {(b > a) - (b < a) for a, b in pairwise(diameters)}
-    if not others and table.width == 2 and len(diameters) > 2 and steps in ({1}, {-1}):
+    if not others and not is_named and len(diameters) > 2 and steps in ({1}, {-1}):
         others = [
             heading.title for heading in table.headings if not is_size_title(heading.title.lower())
         ]
     if others:
         raise TableError(
-            f"has column {quoted_start(others[0])} beside the sizes, which is no amount by number, "
-            "by area or by mass; must have such a title"
+            f"has column {quoted_start(others[0])} beside the sizes, which is no known amount by "
+            "number, area or mass; name it in the entry, like `headings: {finer: passing (%)}`"
         )

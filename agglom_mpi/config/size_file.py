@@ -23,10 +23,17 @@ EXAMPLE: Final = "diameter (um)"
 """Heading that messages give as an example."""
 RELATIVE: Final = ("", "1", "-")
 """Units of diameters that are relative to each other."""
-_DIAMETER: Final = ("diameter", "durchmesser", "diamètre", "diametre", "diámetro", "diametro")
-"""Words that make a title that of a column of diameters, alone or among others."""
-_SIZE: Final = ("size", "sizes", "particle size", "particle sizes", "grain size", "grain sizes")
-"""Other titles of columns of diameters."""
+DIAMETERS: Final = {
+    *("diameter", "durchmesser", "diamètre", "diametre", "diámetro", "diametro", "size"),
+    *("diameters", "diamètres", "diametres", "diámetros", "diametros", "sizes"),
+}
+"""Words of titles of columns of diameters."""
+BESIDE_DIAMETERS: Final = {
+    *("particle", "particles", "grain", "grains", "equivalent", "circle", "circular", "sphere"),
+    *("spherical", "area", "volume", "projected", "feret", "martin", "mean", "min", "max"),
+    *("of", "the", "each"),
+}
+"""Words that may stand beside them; with any other one, a title may mean half or a logarithm."""
 _SIEVE: Final = ("sieve", "mesh", "aperture", "siebweite", "maschenweite", "tamis")
 """Words in titles of columns with the classes of a curve, which is refused by what it is."""
 _AMOUNT: Final = {
@@ -114,7 +121,8 @@ def read_content(folder: Path, name: str) -> bytes:
 
 def is_diameter(title: str) -> bool:
     """Return whether a column's title, in lower case and without its unit, is that of diameters."""
-    return title in _SIZE or any(word.removesuffix("s") in _DIAMETER for word in title.split())
+    words = set(title.replace("-", " ").split())
+    return bool(words & DIAMETERS) and words <= DIAMETERS | BESIDE_DIAMETERS
 
 
 def _is_size(title: str) -> bool:

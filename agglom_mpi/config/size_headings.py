@@ -1,7 +1,8 @@
 """Headings of tables of measured sizes, in the words of instruments and laboratories.
 
 A heading states the role of its column by its words, English or German and some French, and by the
-signs of ISO 9276: `Q3` is the cumulative share by volume, `p0` the share of a class by number.
+signs of ISO 9276: `Q3` is the cumulative share by volume, `p0` the share of a class by number. All
+of its words must be known: `half diameter` is no diameter, and `number density` no number.
 """
 
 import re
@@ -9,8 +10,8 @@ from collections.abc import Sequence
 from typing import Final, Literal, NamedTuple, TypeAlias
 
 from agglom_mpi.config.size_curve import ShareWeight
-from agglom_mpi.config.size_file import RELATIVE, is_diameter
-from agglom_mpi.config.text_table import Heading, parse_heading
+from agglom_mpi.config.size_file import BESIDE_DIAMETERS, DIAMETERS, RELATIVE
+from agglom_mpi.config.text_table import Heading
 from agglom_mpi.declaration.units import dimensions_of
 
 Role: TypeAlias = Literal[
@@ -33,18 +34,20 @@ CURVES: Final[tuple[Role, ...]] = ("passing", "cumulative", "cumulative retained
 AMOUNTS: Final[tuple[Role, ...]] = (*CURVES, "retained", "amount")
 
 _SIZE_WORDS: Final = {
-    *("size", "sizes", "sieve", "sieves", "mesh", "opening", "aperture", "x", "channel", "class"),
+    *("sieve", "sieves", "mesh", "opening", "aperture", "x", "channel", "class", "feret", "diam"),
     *("siebweite", "maschenweite", "korngröße", "korngrösse", "korngroesse", "partikelgröße"),
-    *("partikelgrösse", "kornklasse", "klasse", "tamis", "feret", "minferet", "diam"),
+    *("partikelgrösse", "kornklasse", "klasse", "tamis", "minferet", *DIAMETERS),
 }
 _BESIDE_SIZES: Final = {
-    *("particle", "grain", "of", "the", "edge", "limit", "bound", "range", "nominal", "equivalent"),
-    *("bin", "d", "min", "max", "interval", "no", "test"),
+    *("edge", "limit", "bound", "range", "nominal", "bin", "d", "interval", "no", "test"),
+    *BESIDE_DIAMETERS,
 }
 """Words that may stand beside those of a size."""
-_LOWER: Final = {"lower", "from", "von", "x1", "low"}
-_UPPER: Final = {"upper", "to", "bis", "x2", "high", "xo", "x0"}
-_MIDDLE: Final = {"mid", "middle", "centre", "center", "midpoint", "xm", "klassenmitte"}
+_EDGES: Final[dict[Role, set[str]]] = {
+    "lower": {"lower", "from", "von", "x1", "low"},
+    "upper": {"upper", "to", "bis", "x2", "high", "xo", "x0"},
+    "middle": {"mid", "middle", "centre", "center", "midpoint", "xm", "klassenmitte"},
+}
 _PASSING: Final = {
     *("passing", "passed", "pass", "undersize", "finer", "below", "under", "durchgang"),
     *("siebdurchgang", "passant", "passants", "tamisat", "tamisats"),
@@ -56,22 +59,28 @@ _CUMULATIVE: Final = {
 _RETAINED: Final = {"retained", "rückstand", "rueckstand", "siebrückstand", "refus"}
 _OVERSIZE: Final = {"oversize", "coarser", "above", "rückstandssumme", "rueckstandssumme"}
 _ERROR: Final = {
-    *("error", "errors", "sd", "std", "stdev", "sigma", "uncertainty", "deviation"),
+    *("error", "errors", "sd", "std", "stdev", "sigma", "uncertainty", "deviation", "±"),
     *("fehler", "unsicherheit", "standardabweichung"),
 }
 _WEIGHTS: Final[dict[ShareWeight, set[str]]] = {
     "number": {"number", "numbers", "count", "counts", "anzahl", "particles", "nombre"},
     "area": {"area", "surface", "oberfläche"},
     "mass": {
-        *("volume", "vol", "mass", "weight", "masse", "massenanteil", "volumen", "wt"),
-        *("volumenanteil", "gewicht", "poids"),
+        *("volume", "vol", "mass", "weight", "masse", "massenanteil", "volumen", "wt", "v/v"),
+        *("volumenanteil", "gewicht", "poids", "w/w"),
     },
 }
+_PERCENT: Final = {"%", "percent", "percentage", "prozent"}
 _OTHER_AMOUNTS: Final = {
-    *("frequency", "share", "shares", "fraction", "percent", "percentage", "amount", "anteil"),
-    *("häufigkeit", "chan", "histogram", "proportion", "relative"),
+    *("frequency", "share", "shares", "fraction", "amount", "anteil", "häufigkeit", "chan"),
+    *("histogram", "proportion", "relative", *_PERCENT),
 }
-_SIGN: Final = re.compile(r"(?<!\w)(Q|[pP]|[dΔ]Q)([023])(?!\w)")
+_BESIDE_AMOUNTS: Final = {
+    *("by", "in", "of", "on", "than", "the", "each", "standard", "diff", "differential"),
+    *("sieve", "channel", "class", "distribution", "particle", "grain", "grains"),
+}
+"""Words that may stand beside those of an amount."""
+_SIGN: Final = re.compile(r"(Q|[pP]|[dΔ]Q)([023])")
 """Cumulative shares and shares of classes by ISO 9276; q3, in lower case, is a density."""
 _SIGN_WEIGHTS: Final[dict[str, ShareWeight]] = {"0": "number", "2": "area", "3": "mass"}
 
@@ -117,7 +126,7 @@ def size_columns(headings: Sequence[Heading]) -> list[SizeColumn]:
 
 def is_size_title(title: str) -> bool:
     """Return whether a title, in lower case and without its unit, is that of a column of sizes."""
-    return _size_role(title, _words(title)) is not None
+    return _size_role(_words(title)) is not None
 
 
 def names_other_amounts(heading: Heading) -> bool:
@@ -128,52 +137,40 @@ def names_other_amounts(heading: Heading) -> bool:
 
 
 def _column(index: int, heading: Heading) -> SizeColumn | None:
-    if (heading.unit or "").lower() in _LOWER | _UPPER | _MIDDLE:  # `Diameter (Lower) um`
-        rest = parse_heading(heading.title)
-        heading = Heading(f"{rest.title} {heading.unit}", rest.unit)
-    text = f"{heading.title} {heading.unit or ''}"
-    words = _words(text)
-    is_percent = "%" in text or bool(words & {"percent", "percentage", "prozent"})
-    unit = "%" if is_percent else heading.unit or ""
+    words, unit = _words(heading.title), heading.unit or ""
+    if sign := _SIGN.fullmatch(heading.title.split()[0] if heading.title else ""):
+        words = words - {sign[0].lower()} | {"cumulative" if sign[1] == "Q" else "share"}
+    if (words | {unit.lower()}) & _PERCENT:
+        words, unit = words | {"%"}, "%"
     unit = "" if unit in RELATIVE else unit
-    role = None if is_percent else _size_role(heading.title.lower(), _words(heading.title))
-    sign = _SIGN.search(heading.title)
+    role = _size_role(words)
     weight = next((key for key, names in _WEIGHTS.items() if words & names), None)
-    if sign is not None:
-        role, weight = ("passing" if sign[1] == "Q" else "amount"), _SIGN_WEIGHTS[sign[2]]
-    elif role is None:
-        role = _amount_role(words, text)
-        if role in AMOUNTS and unit not in ("", "%") and not _is_mass(unit):
-            return None  # a density, in shares per length
-        if role is not None and _is_mass(unit):
-            weight = "mass"
+    if role is None and (unit in ("", "%") or _is_mass(unit)):  # not in shares per length
+        role = _amount_role(words)
+        weight = "mass" if _is_mass(unit) else weight
+    if sign and role in AMOUNTS:
+        role, weight = ("passing" if sign[1] == "Q" else role), _SIGN_WEIGHTS[sign[2]]
     return None if role is None else SizeColumn(index, role, weight, unit, heading.title)
 
 
-def _size_role(title: str, words: set[str]) -> Role | None:
+def _size_role(words: set[str]) -> Role | None:
     """Return the role of a column of sizes."""
-    if title == "area":  # that of a particle's picture
+    if words == {"area"}:  # that of a particle's picture
         return "projected area"
-    others = words - _SIZE_WORDS - _BESIDE_SIZES
-    is_size = bool(words & _SIZE_WORDS) or is_diameter(title)
-    if is_diameter(title):
-        others = {word for word in others if not is_diameter(word)}
-    roles: tuple[tuple[Role, set[str]], ...] = (
-        *(("lower", _LOWER), ("upper", _UPPER), ("middle", _MIDDLE)),
-    )
-    for role, names in roles:
-        if others & names and others <= names:
-            return role
-    if is_size and words & {"min", "max"}:
-        return "lower" if "min" in words else "upper"
-    is_alone = not others or (is_diameter(title) and not others & _ERROR)
-    return "size" if is_size and is_alone else None
+    others, is_size = words - _SIZE_WORDS - _BESIDE_SIZES, bool(words & _SIZE_WORDS)
+    if is_size and not others:
+        return "lower" if "min" in words else "upper" if "max" in words else "size"
+    return next((role for role, names in _EDGES.items() if others and others <= names), None)
 
 
-def _amount_role(words: set[str], text: str) -> Role | None:
+def _amount_role(words: set[str]) -> Role | None:
     """Return the role of a column of amounts, or of their errors."""
-    if words & _ERROR or "±" in text:
-        return "error"
+    named = _OTHER_AMOUNTS.union(*_WEIGHTS.values())
+    curves = _OVERSIZE | _RETAINED | _PASSING | _CUMULATIVE
+    if words - named - curves - _ERROR - _BESIDE_AMOUNTS:
+        return None
+    if words & _ERROR:
+        return None if "relative" in words else "error"
     if words & _OVERSIZE or (words & _RETAINED and words & _CUMULATIVE):
         return "cumulative retained"
     if words & _RETAINED:
@@ -182,14 +179,13 @@ def _amount_role(words: set[str], text: str) -> Role | None:
         return "passing"
     if words & _CUMULATIVE:
         return "cumulative"
-    if words & {"intensity", "intensität"}:
-        return None
-    named = _OTHER_AMOUNTS.union(*_WEIGHTS.values())
-    return "amount" if words & named or "%" in text else None
+    return "amount" if words & named else None
 
 
 def _words(text: str) -> set[str]:
-    return set(re.findall(r"[^\W_]+", text.lower()))
+    """Return the words of a title; a sign such as that of `dV/dlogD` belongs to its word."""
+    spaced = text.lower().replace("%", " % ")
+    return set(re.split(r"[\s.,:;()_-]+", spaced)) - {""}
 
 
 def _is_mass(unit: str) -> bool:

@@ -14,14 +14,13 @@ from agglom_mpi.config.bounded_reading import quoted_start
 from agglom_mpi.config.size_file import in_metres
 from agglom_mpi.config.table_layout import TableError
 from agglom_mpi.config.text_table import TextTable
-from agglom_mpi.declaration.spelling import MAX_MAGNITUDE
 
 PAN: Final = {"pan", "tray", "receiver", "boden", "siebboden", "schale", "pfanne", "fond"}
 """Words for what collects the grains that pass all sieves."""
 _TOTAL: Final = {"total", "totals", "sum", "summe", "gesamt", "somme"}
 """Words at the beginning of a row with sums, which is left out."""
 _SIZE: Final = r"(\d[\d.,]*|[.,]\d+)"
-_RANGE: Final = re.compile(rf"{_SIZE}\s*(?:-|–|—|\.{{2,3}}|…|/|to|bis)\s*{_SIZE}", re.ASCII)
+_RANGE: Final = re.compile(rf"{_SIZE}\s*(?:-|–|—|\.{{2,3}}|…|to|bis)\s*{_SIZE}", re.ASCII)
 _OPEN: Final = re.compile(rf"([<>≤≥])\s*=?\s*{_SIZE}", re.ASCII)
 
 
@@ -121,7 +120,7 @@ def _size(table: TextTable, row: int, column: int, text: str) -> float:
     if size is None and text != table.cell(row, column):
         raise TableError(f"{table.place(row, column)}: {quoted_start(text)} is not a number")
     size = table.number(row, column) if size is None else size
-    if not 0.0 <= size < MAX_MAGNITUDE:
+    if size < 0.0:
         raise TableError(f"{table.shown(row, column)}; must be a size of at least 0")
     return size
 

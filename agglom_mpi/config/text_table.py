@@ -6,6 +6,7 @@ than the start of one field, and none quotes a file without numbers: it may be a
 machine.
 """
 
+import math
 import re
 from collections.abc import Callable, Iterator, Sequence
 from typing import Final, NamedTuple
@@ -36,6 +37,8 @@ _BARE_UNIT: Final = re.compile(
 _SPACED_HEADING: Final = re.compile(r"[^\s\[(]+(?:\s*[\[(][^\[\]()]*[\])])?")
 """One heading in a line of headings that are separated by spaces."""
 
+MAGNITUDES: Final = (1e-30, 1e30)
+"""Smallest and largest magnitude of a number other than 0; cubes of ratios are far from inf."""
 POINT_REMEDY: Final = "write numbers with a decimal point and without separators of thousands"
 
 
@@ -90,9 +93,10 @@ class TextTable(NamedTuple):
         return found
 
     def number_of(self, cell: str) -> float | None:
-        """Return the number of a text that is written as those of the table; None of others."""
+        """Return the number of a text as the table writes them; None of others and extreme ones."""
         point = cell.replace(",", ".") if self.decimal_comma else cell
-        return float(as_python(point)) if NUMBER.fullmatch(point) else None
+        number = float(as_python(point)) if NUMBER.fullmatch(point) else math.nan
+        return number if number == 0.0 or MAGNITUDES[0] <= abs(number) <= MAGNITUDES[1] else None
 
     def cell(self, row: int, column: int) -> str:
         """Return the text of a field; empty where the row is shorter."""
@@ -118,6 +122,9 @@ class TextTable(NamedTuple):
 
 def _no_number(cell: str) -> str:
     """Return why a field is not a number, and what to write."""
+    if is_number(cell) and not _THOUSANDS.fullmatch(cell) and "e" in cell.lower():
+        low, high = MAGNITUDES
+        return f"{quoted_start(cell)} must be 0 or have a magnitude from {low:g} to {high:g}"
     if _THOUSANDS.fullmatch(cell):
         own, point = cell.replace(",", ""), cell.replace(",", ".")
         return f"{quoted_start(cell)} can be {own} or {point}; {POINT_REMEDY}"
@@ -220,13 +227,16 @@ def _titles(number: int, line: str, separator: str | None, width: int) -> list[s
 def parse_heading(text: str) -> Heading:
     """Return title and unit of `Diameter [um]`, `Diameter (um)`, `Diameter / um`, `diameter_um`."""
     text = " ".join(text[:MAX_HEADING].split())
-    if bracket := _BRACKETS.search(text):
+    units = (
+        found for found in _BRACKETS.finditer(text) if found[1] in ("%", "1") or is_unit(found[1])
+    )
+    if bracket := next(units, None):
         title = f"{text[: bracket.start()]} {text[bracket.end() :]}"
         unit: str | None = bracket[1].strip()
-    elif bare := _BARE_UNIT.search(text):
-        title, unit = text[: bare.start()], bare[1]
-    else:
-        title, unit = text, None
+    else:  # `Diameter (lower) um`
+        title, unit = _BRACKETS.sub(r" \1 ", text).strip(), None
+        if bare := _BARE_UNIT.search(title):
+            title, unit = title[: bare.start()], bare[1]
     return Heading(" ".join(title.replace("_", " ").split()).strip("/,:- "), unit)
 
 

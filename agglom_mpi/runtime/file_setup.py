@@ -96,6 +96,9 @@ def prepare(path: Path, experiment: Experiment, accept_code_change: bool) -> Cam
         create_campaign_file(path, record, sizes)
         return read_campaign(path, allow_code=True)  # the campaign has leave already
     stored = read_campaign(path, allow_code=True)
+    if stored.altered:
+        altered = f"a damaged campaign file ({', '.join(stored.altered)} altered)"
+        raise DamagedCampaign(f"{path}: {altered}; restore a copy, or start afresh with --output")
     check_same_campaign(path, stored.identity, experiment.identity())
     if stored.fresh_from != sizes.max_samples:  # or decisions would see other samples
         raise DamagedCampaign(f"{path}: a damaged campaign file (attribute fresh_from is altered)")

@@ -249,9 +249,9 @@ def run_rank_zero(
                     return conclude_without(missing, end, request, display, finish, world)
             writer.close()
         except OSError as error:
-            kept = "everything written before is whole, run again to go on"
-            rest = f"; {kept if path.exists() else 'it is lost'}"
-            display.error(error_text(error) + ("" if isinstance(error, AlteredFileError) else rest))
+            rest = "; everything written before is whole, run again to go on"
+            says_so = isinstance(error, AlteredFileError | FileNotFoundError)
+            display.error(error_text(error) + ("" if says_so else rest))
             writer.abandon(error_text(error))
             lock.release()
             if world is not None:

@@ -190,11 +190,18 @@ def _attributes(file: h5py.File) -> dict[str, Any]:
 
 def refuse_compact(file: h5py.File, path: Path) -> None:
     """Raise NotACampaign if a kill could tear a row that is written: rows lie in chunks."""
-    if file["samples"].chunks is not None:
+    if moved := tables_in_chunks(file):
         raise NotACampaign(
-            f"{path}: a compact copy, which can be read but not continued; continue the file "
-            "that it was made of, or start another with --output"
+            f"{path}: a compact copy, which can be read but not continued ({moved[0]} lies in "
+            "chunks); continue the file that it was made of, or start another with --output"
         )
+
+
+def tables_in_chunks(file: h5py.File) -> list[str]:
+    """Return the names of the tables that do not lie in a row, as in a compact copy."""
+    schemas = table_schemas(_attributes(file))
+    names = [name for each in schemas for name in (each.name, each.done)[: 1 + each.final]]
+    return [f"/{name}" for name in names if file[name].id.get_offset() is None]
 
 
 def with_path(error: OSError | RuntimeError, path: Path) -> OSError:

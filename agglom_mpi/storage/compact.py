@@ -11,6 +11,7 @@ import numpy as np
 
 from agglom_mpi.storage.access import DamagedCampaign, open_file, report_damage
 from agglom_mpi.storage.files import CheckedFile, atomic_file, new_file
+from agglom_mpi.storage.header import CHECKSUMS, write_checksums
 from agglom_mpi.storage.reader import REWRITE_SECONDS
 from agglom_mpi.storage.rows import Rows
 from agglom_mpi.storage.schema import (
@@ -59,6 +60,8 @@ def write_compact(source: Path, target: Path) -> CopyCounts:
         with new_file(temporary) as (new, checked):
             lengths = {name: len(final[name]) for name in ("strings", "frames") if name in final}
             new.attrs.update(attributes | lengths)
+            if CHECKSUMS in attributes:
+                write_checksums(new, lengths)
             for table in tables:
                 if not table.final:
                     _write_compressed(new, old[table.name], plain[table.name])

@@ -14,6 +14,7 @@ from h5py import h5d, h5p, h5s, h5t
 from agglom_mpi.storage.access import open_file, refuse_compact
 from agglom_mpi.storage.census_columns import census_attributes
 from agglom_mpi.storage.files import atomic_file, new_file
+from agglom_mpi.storage.header import CHECKSUMS, write_checksums
 from agglom_mpi.storage.room import TableSizes, capacities
 from agglom_mpi.storage.rows import Rows
 from agglom_mpi.storage.schema import (
@@ -34,7 +35,7 @@ from agglom_mpi.storage.schema import (
     volumes_of_file,
 )
 from agglom_mpi.storage.stored_variables import variable_attributes
-from agglom_mpi.storage.table import Table
+from agglom_mpi.storage.table import Table, make_row, sealed
 from agglom_mpi.variables import VariableTable
 
 _COPY_BYTES: Final = 1 << 25
@@ -128,10 +129,10 @@ def create_campaign_file(
         _lay_out(file, attributes, sizes.generations)
         box = _variable_rows(sizes.variables, campaign.lower, campaign.upper)
         Rows(file[VARIABLE_TABLE.name], path).write(0, box)
-        status = np.zeros(1, STATUS.dtype)
-        status["state"], status["reason"] = b"stopped", b"not started yet"
-        status["updated"] = datetime.now(UTC).timestamp()
-        Rows(file[STATUS.name], path).write(0, status)
+        now = datetime.now(UTC).timestamp()
+        status = make_row(STATUS.dtype, state="stopped", updated=now, reason="not started yet")
+        Rows(file[STATUS.name], path).write(0, sealed(status))
+        write_checksums(file)
 
 
 def enlarge_campaign_file(path: str | os.PathLike[str], sizes: TableSizes) -> bool:
@@ -174,6 +175,8 @@ def enlarge_campaign_file(path: str | os.PathLike[str], sizes: TableSizes) -> bo
             _lay_out(new, larger, max(sizes.generations, generations))
             for schema in kept:
                 _copy(old, new, schema, path)
+            if CHECKSUMS in attributes:
+                write_checksums(new)
         return True
 
 

@@ -238,14 +238,22 @@ def _sole_writer(temporary: Path, path: Path) -> Iterator[None]:
 
 
 def require_in_place(path: Path, descriptor: int) -> None:
-    """Raise FileNotFoundError if an open file is no longer the one under its name."""
-    try:
-        found = os.path.samestat(os.stat(path), os.fstat(descriptor))
-    except FileNotFoundError:
-        found = False
-    if not found:
-        message = "was removed or replaced while it was being written"
-        raise OSError(errno.ENOENT, message, str(path))
+    """Raise FileNotFoundError, which says what is left, unless an open file has its name."""
+
+    def is_at(name: str | Path) -> bool:
+        try:
+            return os.path.samestat(os.stat(name), os.fstat(descriptor))
+        except OSError:
+            return False
+
+    if is_at(path):
+        return
+    message = "was removed or replaced while it was being written; it is lost"
+    with suppress(OSError):
+        if is_at(now := os.readlink(f"/proc/self/fd/{descriptor}")):
+            kept = "everything written before is whole there: move it back and run again to go on"
+            message = f"was moved to {now} while it was being written; {kept}"
+    raise OSError(errno.ENOENT, message, str(path))
 
 
 def sync(path: Path) -> None:

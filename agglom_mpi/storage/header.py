@@ -1,10 +1,14 @@
 """The attributes of a campaign file, which describe the campaign as a whole."""
 
 import json
-from collections.abc import Callable, Collection, Mapping
+import logging
+import zlib
+from collections.abc import Callable, Collection, Iterable, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+import numpy as np
 
 from agglom_mpi.config.identity import SEPARATORS, STUDY_SEPARATORS, digest
 from agglom_mpi.declaration.reading import (
@@ -18,17 +22,27 @@ from agglom_mpi.errors import CodeNotAllowedError
 from agglom_mpi.formatting import shortened
 from agglom_mpi.measurements.layout import CensusLayout
 from agglom_mpi.storage.census_columns import CENSUS, census_of
-from agglom_mpi.storage.schema import fresh_from, quantities_of, volumes_of_file
+from agglom_mpi.storage.schema import (
+    CHECKED_SINCE,
+    VARIABLE_TABLE,
+    fresh_from,
+    quantities_of,
+    volumes_of_file,
+)
 from agglom_mpi.storage.stored_variables import variables_of
 from agglom_mpi.variables import VariableTable
 
 if TYPE_CHECKING:
+    import h5py
+
     from agglom_mpi.config.user_function import UserFunction
 
 T = TypeVar("T")
 
 Allowed = bool | Collection[tuple[str, str]]
 """Whether code of one's own in a file may be executed: all, none, or modules by name and digest."""
+
+LOG: Final = logging.getLogger(__name__)
 
 _TEXTS: Final = (
     *("campaign", "campaign_sha256", "code_version", "created"),
@@ -40,6 +54,48 @@ _LEAST_OPTIONAL: Final = {"fresh_from": 0, "grains": 0, "final_particles": 0, "f
 """Least values of numbers that older files lack."""
 _TEXTS_OPTIONAL: Final = ("purpose", "quantities", CENSUS, OWN_MODULES, OWN_COMPONENTS, OWN_SHA256)
 """Texts that older files lack, and those of campaigns without code of one's own."""
+
+CHECKSUMS: Final = "checksums"
+"""Attribute with the checksums of the others, and of `/variables`, by name."""
+_BOX: Final = f"/{VARIABLE_TABLE.name}"
+"""Name of the checksum of the rows of `/variables`."""
+
+
+def write_checksums(file: "h5py.File", changed: Iterable[str] | None = None) -> None:
+    """Write the attribute `checksums` of a file: those that have `changed`, by default all.
+
+    So the checksum of an altered attribute that is copied still does not fit.
+    """
+    known = {} if changed is None else json.loads(file.attrs[CHECKSUMS])
+    every = [_BOX, *(f"{name}/{key}" for name, part in file.items() for key in part.attrs)]
+    names = [*every, *(file.attrs.keys() - {CHECKSUMS})] if changed is None else changed
+    file.attrs[CHECKSUMS] = json.dumps(known | {name: _checksum(file, name) for name in names})
+
+
+def altered_parts(file: "h5py.File") -> list[str]:
+    """Return the names of attributes and tables that differ from their checksums, or are absent.
+
+    Files of versions before `CHECKED_SINCE` have none. Attributes that others have added do not
+    count.
+    """
+    if CHECKSUMS not in file.attrs:
+        return [CHECKSUMS] if file.attrs["format_version"] >= CHECKED_SINCE else []
+    try:
+        known = dict(json.loads(file.attrs[CHECKSUMS]))
+    except (RecursionError, TypeError, ValueError):
+        return [CHECKSUMS]
+    return [name for name, checksum in known.items() if _checksum(file, name) != checksum]
+
+
+def _checksum(file: "h5py.File", name: str) -> int | None:
+    """Return the CRC-32 of an attribute, as JSON, or of the rows of `/variables`; None: absent."""
+    if name == _BOX:
+        return zlib.crc32(file[name][...].tobytes())
+    table, _, key = name.rpartition("/")
+    if (table and table not in file) or key not in file[table or "/"].attrs:
+        return None
+    value = np.asarray(file[table or "/"].attrs[key], object).tolist()
+    return zlib.crc32(json.dumps(value, default=repr).encode())
 
 
 def check_attributes(attributes: Mapping[str, Any]) -> None:
@@ -103,6 +159,8 @@ class CampaignHeader:
     ----------
     left_out
         What was left out, as that needs code which may not be executed.
+    altered
+        Attributes and tables that are not as they were written.
     """
 
     def __init__(self, path: Path, attributes: dict[str, Any], allow_code: Allowed = False) -> None:
@@ -110,6 +168,7 @@ class CampaignHeader:
         self.attributes = attributes
         self.allow_code = allow_code
         self.left_out: list[str] = []
+        self.altered: list[str] = []
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {str(self.path)!r}: {self.title}>"
@@ -197,6 +256,12 @@ class CampaignHeader:
         """Return a line on what was left out; none where nothing was."""
         what = ", ".join(self.left_out)
         return [f"{self.path}: left out without --allow-code: {what}"] if what else []
+
+    def note_altered(self, names: Iterable[str]) -> None:
+        """Record, and log as a warning, attributes and tables that are altered."""
+        if new := [name for name in names if name not in self.altered]:
+            self.altered += new
+            LOG.warning("%s: a damaged campaign file (%s altered)", self.path, ", ".join(new))
 
     @property
     def quantities(self) -> dict[str, str]:

@@ -5,20 +5,20 @@ import socket
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple, Self, TypeVar
+from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 
 from agglom_mpi.formatting import printable, shortened
 from agglom_mpi.scheduling.volume_strings import number_in_volume
 from agglom_mpi.search.proposals import ORIGINS, Proposals, restored
-from agglom_mpi.storage.access import NotACampaign, open_file, read_attributes
-from agglom_mpi.storage.header import Allowed, CampaignHeader
+from agglom_mpi.storage.access import NotACampaign, open_file, read_attributes, report_damage
+from agglom_mpi.storage.header import Allowed, CampaignHeader, altered_parts
 from agglom_mpi.storage.lock import is_locked
 from agglom_mpi.storage.particle_tables import StoredParticles
 from agglom_mpi.storage.rows import Rows
 from agglom_mpi.storage.schema import INVERSION, TOOK_TOO_LONG, parameters_of, volume_table
-from agglom_mpi.storage.snapshot import TableSnapshot, read_only
+from agglom_mpi.storage.snapshot import REWRITE_SECONDS, TableSnapshot, read_only
 from agglom_mpi.storage.table import Table
 
 __all__ = ["CampaignData", "NotACampaign", "Status", "read_campaign", "read_inversion"]
@@ -36,10 +36,6 @@ class Status(NamedTuple):
 
 KILLED: Final = "the run was killed: no process holds the file"
 """Reason of the state of a run that could not write one."""
-
-REWRITE_SECONDS: Final = 0.1
-"""Longer than a row that is rewritten in place takes to be whole again."""
-
 
 UNUSED_NOTE: Final = (
     "samples that ran ahead unused are counted, too, so results depend on the number of ranks and "
@@ -339,8 +335,10 @@ def read_campaign(path: str | os.PathLike[str], allow_code: Allowed = False) -> 
         If it is missing or cannot be read.
     """
     path = Path(path)
-    with open_file(path) as file:
-        return CampaignData(path, read_attributes(file, path), allow_code=allow_code)
+    with open_file(path) as file, report_damage(path):
+        data = CampaignData(path, read_attributes(file, path), allow_code=allow_code)
+        data.note_altered(altered_parts(file))
+        return data
 
 
 def read_inversion(path: str | os.PathLike[str], allow_code: Allowed = False) -> CampaignData:

@@ -17,8 +17,10 @@ from agglom_mpi.storage.stored_variables import variables_of
 from agglom_mpi.variables import MAX_VARIABLE_NAME, TEN, VariableTable
 
 FORMAT: Final = "agglom_mpi campaign"
-FORMAT_VERSION: Final = 5
+FORMAT_VERSION: Final = 6
 """Version of the files written; files of versions from 1 up to this one are read."""
+CHECKED_SINCE: Final = 6
+"""First version with checksums of attributes, of `/variables` and of `/status`."""
 
 INVERSION: Final = "inversion"
 """Purpose of the strings of a campaign, which a search proposed."""
@@ -317,6 +319,7 @@ STATUS: Final = TableSchema(
         Column("state", "S16", "", ", ".join(CAMPAIGN_STATES)),
         Column("updated", "f8", "s", "Unix time of the last change"),
         Column("reason", "S128", "", "why it is in this state"),
+        CRC._replace(since=CHECKED_SINCE),
     ),
 )
 

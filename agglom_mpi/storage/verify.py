@@ -15,10 +15,17 @@ from typing import Final
 import h5py
 import numpy as np
 
+from agglom_mpi.formatting import printable
 from agglom_mpi.search.methods.method import SearchMethod
 from agglom_mpi.search.proposals import ORIGINS
-from agglom_mpi.storage.access import open_file, read_attributes, report_damage
-from agglom_mpi.storage.reader import REWRITE_SECONDS, CampaignData, status_of
+from agglom_mpi.storage.access import (
+    open_file,
+    read_attributes,
+    report_damage,
+    tables_in_chunks,
+)
+from agglom_mpi.storage.header import altered_parts
+from agglom_mpi.storage.reader import CampaignData, status_of
 from agglom_mpi.storage.rows import Rows
 from agglom_mpi.storage.schema import (
     CAMPAIGN_STATES,
@@ -26,6 +33,7 @@ from agglom_mpi.storage.schema import (
     volume_table,
     volumes_of_file,
 )
+from agglom_mpi.storage.snapshot import REWRITE_SECONDS, read_status
 from agglom_mpi.storage.table import (
     Table,
     checksum_ok,
@@ -37,7 +45,7 @@ from agglom_mpi.storage.table import (
 Key = int | tuple[int, int]
 """Number of a string, generation, leg or failure, or string and number of a sample."""
 
-RECOMPUTED: Final = ("strings", "results", "samples", "generations", "frames")
+RECOMPUTED: Final = ("strings", "results", "samples", "generations", "frames", "status")
 """Tables whose lost rows a resume makes again."""
 MAX_LISTED: Final = 8
 """Rows that a message lists at most."""
@@ -47,7 +55,7 @@ REPLACE_SECONDS: Final = 0.1
 """Longer than a frame that takes the place of another takes to be written."""
 _READ_BYTES: Final = 1 << 25
 _READ: Final = ("generations", "results", "samples", "strings", "failures", "legs")
-_LOSABLE: Final = (*_READ, "final_particles", "frames")
+_LOSABLE: Final = (*_READ, "final_particles", "frames", "status")
 
 
 @dataclass
@@ -167,7 +175,7 @@ def verify_rows(path: str | os.PathLike[str], allow_code: bool = False) -> Verif
 
 
 def _verify(file: h5py.File, path: Path, allow_code: bool) -> VerificationReport:
-    attributes, status = read_attributes(file, path), Rows(file["status"], path).read_all()
+    attributes, status = read_attributes(file, path), read_status(file, path)
     tables: dict[str, np.ndarray] = {"status": status}
     report = VerificationReport(CampaignData.of_rows(path, attributes, tables, allow_code))
     report.room = {schema.name: len(file[schema.name]) for schema in table_schemas(attributes)}
@@ -175,6 +183,12 @@ def _verify(file: h5py.File, path: Path, allow_code: bool) -> VerificationReport
         tables[name] = _valid_rows(file, Table(file, name, path), report)
     tables["variables"] = Rows(file["variables"], path).read_all()
     report.data = CampaignData.of_rows(path, attributes, tables, allow_code)
+    if altered := altered_parts(file):
+        report.faults.append(f"wrong checksums: {printable(', '.join(altered))}")
+    if file["samples"].chunks is None and (chunked := tables_in_chunks(file)):  # no compact copy
+        report.faults.append(f"layout: {chunked[0]} lies in chunks, so no run continues the file")
+    if not checksum_ok(status).all():
+        report.add_lost("status", {0}, "with a wrong checksum")
     check_particles(file, report)
     generations = Table(file, "generations", path)
     report.generations = set(generations.done.nonzero().tolist())

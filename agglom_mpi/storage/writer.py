@@ -18,7 +18,7 @@ from agglom_mpi.storage.rows import Rows
 from agglom_mpi.storage.run_log import RunLog
 from agglom_mpi.storage.sample_writer import RowBuffer, SampleWriter, WriteClock, sync_descriptor
 from agglom_mpi.storage.schema import CAMPAIGN_STATES, variable_names
-from agglom_mpi.storage.table import Table, make_row
+from agglom_mpi.storage.table import Table, make_row, sealed
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -86,7 +86,9 @@ class CampaignWriter:
         self._running = self._closed = self._altered = False
         self._written_status: bytes | None = None
         self._descriptor = os.open(self.path, os.O_RDONLY)
-        self._open(open_file(self.path, write=True))
+        file = open_file(self.path, write=True)
+        file.flush()  # HDF5 cuts off now what others have appended, not during the run
+        self._open(file)
 
     def _open(self, file: h5py.File) -> None:
         self._file = file
@@ -198,6 +200,7 @@ class CampaignWriter:
 
     def _write_status(self, state: str, reason: str) -> None:
         row = make_row(self._status.dtype, state=state, updated=time.time(), reason=reason)
+        row = sealed(row)
         with self.clock:
             self._status.write(0, row)
         self._written_status = row.tobytes()

@@ -125,6 +125,7 @@ def test_a_status_that_is_no_text_is_shown(altered, agglom):
     def change(file):
         rows = file["status"][...]
         rows["state"], rows["reason"] = b"\xff\xfe", b"\x1b[31mred\x07"
+        rows["crc"] = checksums(rows)
         file["status"][...] = rows
 
     shown = agglom("report", altered(change))
@@ -135,7 +136,7 @@ def test_a_status_that_is_no_text_is_shown(altered, agglom):
 
 def test_escape_sequences_of_a_title_do_not_reach_the_terminal(altered, agglom):
     shown = agglom("report", altered(set_attribute("title", "\x1b]0;owned\x07\x1b[2Jgrains")))
-    assert shown.exit_code == 0
+    assert shown.exit_code == 1
     assert "grains" in shown.stdout
     assert not set(shown.stdout) & {"\x1b", "\x07"}
 
@@ -235,4 +236,49 @@ def test_a_run_does_not_continue_with_another_first_fresh_sample(altered, tiny_f
     path = altered(set_attribute("fresh_from", 0))
     done = invert(tiny_folder, "tiny.yaml", "-o", path)
     assert done.returncode == 1
-    assert "attribute fresh_from" in done.stderr
+    assert "fresh_from" in done.stderr
+
+
+def same_length(file):
+    text = file.attrs["campaign"]
+    file.attrs["campaign"] = text.replace("seed", "sead")
+
+
+UNNOTICED = {
+    "campaign": same_length,
+    "title": set_attribute("title", "another"),
+    "created": set_attribute("created", "2020-01-01T00:00:00+00:00"),
+    "fresh_from": lambda file: file.attrs.pop("fresh_from"),
+    "/variables": column("variables", "upper", np.nan),
+}
+
+
+@pytest.mark.parametrize(("name", "change"), UNNOTICED.items(), ids=UNNOTICED)
+def test_what_check_refuses_a_report_names_and_a_run_refuses(
+    altered, agglom, tiny_folder, caplog, name, change
+):
+    path = altered(change)
+    found = agglom("check", path)
+    assert found.exit_code == 1
+    shown = agglom("report", path)
+    assert shown.exit_code == 1
+    assert name in found.stdout + caplog.messages[0]
+    done = invert(tiny_folder, "tiny.yaml", "-o", path)
+    assert done.returncode == 1
+    assert name in done.stderr
+
+
+def test_a_text_that_does_not_parse_is_said_of_an_older_file_too(altered, agglom, caplog):
+    def change(file):
+        del file.attrs["checksums"]
+        file.attrs["format_version"] = 5
+        rows = file["status"][...]
+        attributes = dict(file["status"].attrs)
+        del file["status"]
+        older = file.create_dataset("status", data=rows[["state", "updated", "reason"]].copy())
+        older.attrs.update(attributes)
+        file.attrs["campaign"] += "\nderived: ["
+
+    shown = agglom("report", altered(change))
+    assert shown.exit_code == 1
+    assert "campaign altered" in caplog.messages[0]

@@ -59,7 +59,8 @@ def contents(path):
     """Everything in a file, by name; tables cut after their last final row."""
     found = {}
     with h5py.File(path, "r", locking=False) as file:
-        found["attributes"] = {k: v for k, v in file.attrs.items() if k != "strings"}
+        changed = ("strings", "checksums")
+        found["attributes"] = {k: v for k, v in file.attrs.items() if k not in changed}
         for name, dataset in file.items():
             rows = dataset[:]
             if f"{name}_done" in file:

@@ -45,7 +45,7 @@ def everything(path):
         campaign.legs(),
         campaign.failures(),
         campaign.status(),
-        {k: v for k, v in campaign.attributes.items() if k != "strings"},
+        {k: v for k, v in campaign.attributes.items() if k not in ("strings", "checksums")},
     ]
 
 
