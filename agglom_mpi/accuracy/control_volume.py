@@ -17,11 +17,10 @@ from agglom_mpi.accuracy.document import (
 from agglom_mpi.accuracy.run_times import shown_time, time_columns, time_name
 from agglom_mpi.accuracy.study import Rows, Setup, completed, with_scene
 from agglom_mpi.accuracy.time_integration import EVENT, end_time_of, event_engine
-from agglom_mpi.analysis.extrapolation import Extrapolation, Value, extrapolated
+from agglom_mpi.analysis.extrapolation import Extrapolation, extrapolated
 from agglom_mpi.analysis.finite_size import enough_grains
 from agglom_mpi.analysis.tables import time_on_free_core
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.formatting import value_with_error
 from agglom_mpi.report.drawing import Drawing
 from agglom_mpi.statistics import MeanEstimate, mean_of
 
@@ -207,14 +206,16 @@ def _finite_size(sizes: "pd.DataFrame", own: int, limit: Extrapolation) -> dict[
     """Return what is concluded of the finite size of the scene's own box."""
     home = sizes[sizes["particles"] == own].iloc[0]
     error = home["standard error"]
-    bias = Value(home["mean b/b0"] - limit.limit.value, float(np.hypot(error, limit.limit.error)))
+    found = limit.limit
+    away = home["mean b/b0"] - found.value
+    bias = found._replace(value=away, error=float(np.hypot(error, found.error)))
     scaled = limit._replace(shift=bias)
     cost = _cost_of_error(sizes, own)
     resolved = bias.is_resolved and abs(bias.value) > error
     return {
-        "limit": value_with_error(*limit.limit),
-        "curvature": value_with_error(*limit.curvature),
-        "bias": value_with_error(*bias),
+        "limit": found.text,
+        "curvature": limit.curvature.text,
+        "bias": bias.text,
         "error": error,
         "resolved": resolved,
         "enough": enough_grains(own, scaled, error) if resolved else own,

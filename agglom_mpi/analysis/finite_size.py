@@ -25,6 +25,12 @@ if TYPE_CHECKING:
 
 MAX_FAILED: Final = 0.1
 """Maximum fraction of failed samples of a volume that counts, as of a string."""
+MIN_LEFT: Final = 8.0
+"""Minimum mean number of particles left in the volumes that a limit rests on.
+
+Means of [A] row 1 follow a parabola in 1/N from 100 grains on, of which 11.8 are left. With 50
+grains (6.3 left), and more so with 25 (3.7 left), they are below it.
+"""
 
 
 class VolumeMeans(NamedTuple):
@@ -38,6 +44,8 @@ class VolumeMeans(NamedTuple):
         Number of grains N at the start.
     samples, failed
         All of them, and those that failed, which are left out of the means.
+    left
+        Mean number of particles left at the end.
     growth
         Mean of b/b⁰.
     objective
@@ -53,6 +61,7 @@ class VolumeMeans(NamedTuple):
     grains: int
     samples: int
     failed: int
+    left: float
     growth: MeanEstimate
     objective: MeanEstimate | None
     spread: float
@@ -76,7 +85,7 @@ class FiniteSize(NamedTuple):
         Extrapolation of the mean of b/b⁰.
     objective
         Objective in the limit of many grains, evaluated with the campaign's own number of them;
-        None where it needs code that is not run.
+        None without a limit, or where it needs code that is not run.
     """
 
     string: int
@@ -96,6 +105,11 @@ class FiniteSize(NamedTuple):
         return shift.is_resolved and abs(shift.value) > self.quoted.error
 
     @property
+    def has_known_curvature(self) -> bool:
+        """Whether the effect of a term 1/N² on the limit is known, as from three volumes on."""
+        return math.isfinite(self.growth.curvature.value)
+
+    @property
     def enough_grains(self) -> int:
         """Number of grains with which the shift is at most the present standard error.
 
@@ -111,7 +125,8 @@ class FiniteSize(NamedTuple):
         """Comparison of the shift with the standard error, without an end."""
         shift, error = self.growth.shift, self.quoted.error
         if not shift.is_resolved:
-            return f"not resolved: at most {abs(shift.value) + 2.0 * shift.error:.2g} at 95 %"
+            most = abs(shift.value) + max(2.0 * shift.error, shift.half_width)
+            return f"not resolved: at most {most:.2g} at 95 %"
         if not self.exceeds:
             return "within the standard error"
         return f"{abs(shift.value) / error:.1f} times the standard error"
@@ -122,11 +137,14 @@ class FiniteSize(NamedTuple):
         found = {
             "limit": fit.limit.value,
             "limit_standard_error": fit.limit.error,
+            "limit_half_width": fit.limit.half_width,
             "shift": fit.shift.value,
             "shift_standard_error": fit.shift.error,
             "exceeds": self.exceeds,
             "chi_square": fit.chi_square,
             "p_value": fit.p_value,
+            "parabola_p_value": fit.parabola_p_value,
+            "why_no_limit": why_no_limit(self.volumes, fit),
             "curvature": fit.curvature.value,
             "curvature_standard_error": fit.curvature.error,
             "limit_objective": math.nan if objective is None else objective.value,
@@ -169,9 +187,35 @@ def _finite_size(data: "CampaignData", string: int) -> FiniteSize | None:
     usable = tuple(each for each in means if each is not None)
     if len(usable) < 2 or usable[0].volume != 1:
         return None
-    grains = [each.grains for each in usable]
-    growth = extrapolated(grains, [each.growth for each in usable])
-    return FiniteSize(string, usable, growth, _objective(data, string, grains, usable))
+    growth = growth_of_many(usable)
+    objective = _objective(data, string, usable) if growth.has_limit else None
+    return FiniteSize(string, usable, growth, objective)
+
+
+def growth_of_many(volumes: Sequence[VolumeMeans], order: int = 2) -> Extrapolation:
+    """Return the extrapolation of b/b⁰ in several volumes, the campaign's own first."""
+    means = [each.growth for each in volumes]
+    return extrapolated([each.grains for each in volumes], means, order, _fitted(volumes))
+
+
+def _fitted(volumes: Sequence[VolumeMeans]) -> list[bool]:
+    return [each.left >= MIN_LEFT for each in volumes]
+
+
+def why_no_limit(volumes: Sequence[VolumeMeans], fit: Extrapolation) -> str:
+    """Return why means in several volumes have no limit, without an end; empty if they have one."""
+    if fit.has_limit:
+        return ""
+    left = ", ".join(f"{each.left:.3g} with {each.grains:,} grains" for each in volumes)
+    if all(_fitted(volumes)):
+        return (
+            f"a parabola in 1/N is rejected (p {fit.parabola_p_value:.2g}); use volumes with more "
+            f"grains (particles left: {left})"
+        )
+    return (
+        f"too few particles are left ({left}); use three volumes in which at least {MIN_LEFT:g} "
+        "are left"
+    )
 
 
 def _means(data: "CampaignData", string: int, volume: int, rows: np.ndarray) -> VolumeMeans | None:
@@ -203,6 +247,7 @@ def means_of_rows(rows: np.ndarray, volume: int, grains: int) -> VolumeMeans | N
         grains,
         len(rows),
         failed,
+        float(good["particles"].mean()),
         mean_of(good["mean_radius_ratio"]),
         None,
         float(np.std(good["mean_radius_ratio"], ddof=1)),
@@ -210,17 +255,15 @@ def means_of_rows(rows: np.ndarray, volume: int, grains: int) -> VolumeMeans | N
     )
 
 
-def _objective(
-    data: "CampaignData", string: int, grains: Sequence[int], means: Sequence[VolumeMeans]
-) -> Value | None:
+def _objective(data: "CampaignData", string: int, means: Sequence[VolumeMeans]) -> Value | None:
     """Return the objective in the limit of many grains."""
     signed = [each.objective for each in means if each.objective is not None]
     if len(signed) < len(means) or not all(math.isfinite(each.value) for each in signed):
         return None
-    value, error = extrapolated(grains, signed).limit
+    limit = extrapolated([each.grains for each in means], signed, fitted=_fitted(means)).limit
     if objective_at(data, string).is_magnitude:
-        value = abs(value)
-    return Value(value, error)
+        return limit._replace(value=abs(limit.value))
+    return limit
 
 
 def _volume_entry(means: VolumeMeans) -> dict[str, Any]:
@@ -230,6 +273,7 @@ def _volume_entry(means: VolumeMeans) -> dict[str, Any]:
         "grains": means.grains,
         "samples": means.samples,
         "failed": means.failed,
+        "particles_left": means.left,
         "mean_radius_ratio": means.growth.value,
         "standard_error": means.growth.error,
         "spread": means.spread,
@@ -270,36 +314,56 @@ def describe_finite_size(data: "CampaignData", shown: Sequence[int]) -> Iterator
 def describe(size: FiniteSize) -> str:
     """Return the finite size of a string as one line."""
     first, fit = size.volumes[0], size.growth
-    grains = ", ".join(f"{each.grains:,}" for each in size.volumes)
     own = value_with_error(first.growth.value, first.growth.error)
-    text = (
-        f"mean b/b0 {own} with {first.grains:,} grains, {value_with_error(*fit.limit)} in the "
-        f"limit of many (from {grains}); shift {value_with_error(*fit.shift)}, {size.verdict}"
+    text = f"mean b/b0 {own} with {first.grains:,} grains"
+    if not fit.has_limit:
+        return f"{text}, no limit for many: {why_no_limit(size.volumes, fit)}"
+    fitted = _fitted(size.volumes)
+    grains = ", ".join(
+        f"{each.grains:,}" for each, counts in zip(size.volumes, fitted, strict=True) if counts
+    )
+    text += (
+        f", {fit.limit.text} in the limit of many (95 %: ± {fit.limit.half_width:.2g}; from "
+        f"{grains}); shift {fit.shift.text}, {size.verdict}"
     )
     if math.isfinite(fit.p_value):
         fits = "would fit" if fit.is_linear else "does not fit"
         text += (
-            f"; the term 1/N² changes the limit by {value_with_error(*fit.curvature)}, 1/N alone "
+            f"; the term 1/N² changes the limit by {fit.curvature.text}, 1/N alone "
             f"{fits} (χ² {fit.chi_square:.2g}, p {fit.p_value:.2g})"
         )
+    if math.isfinite(fit.parabola_p_value):
+        text += f"; with it the fit has p {fit.parabola_p_value:.2g}"
     return text
 
 
 def finite_size_warnings(data: "CampaignData", shown: Sequence[int]) -> Iterator[str]:
-    """Yield a warning if the shift of a string exceeds its standard error; arguments as above."""
+    """Yield warnings of shifts above their standard errors, and of strings without a limit.
+
+    Arguments as for `describe_finite_size`.
+    """
     sizes = finite_sizes(data)
-    over = [
-        (place, sizes[i]) for place, i in enumerate(shown, 1) if i in sizes and sizes[i].exceeds
-    ]
-    if not over:
-        return
-    place, worst = max(over, key=lambda pair: abs(pair[1].growth.shift.value))
-    first, shift = worst.volumes[0], worst.growth.shift
-    others = f" (and of {len(over) - 1} more)" if len(over) > 1 else ""
-    yield (
-        f"scene.particles: with {first.grains:,} grains the mean b/b0 of #{place}{others} is "
-        f"{value_with_error(abs(shift.value), shift.error)} "
-        f"{'above' if shift.value > 0.0 else 'below'} its limit for many grains, {worst.verdict}; "
-        f"publish the limit, or use {worst.enough_grains:,} grains, where the shift is about the "
-        "present standard error"
-    )
+    named = [(place, sizes[i]) for place, i in enumerate(shown, 1) if i in sizes]
+    over = [(place, size) for place, size in named if size.exceeds]
+    if over:
+        place, worst = max(over, key=lambda pair: abs(pair[1].growth.shift.value))
+        first, shift = worst.volumes[0], worst.growth.shift
+        advice = "publish the limit" if worst.has_known_curvature else "add a third volume"
+        yield (
+            f"scene.particles: with {first.grains:,} grains the mean b/b0 of "
+            f"#{place}{_others(over)} is {value_with_error(abs(shift.value), shift.error)} "
+            f"{'above' if shift.value > 0.0 else 'below'} its limit for many grains, "
+            f"{worst.verdict}; {advice}, or use {worst.enough_grains:,} grains, where the shift is "
+            "about the present standard error"
+        )
+    without = [(place, size) for place, size in named if not size.growth.has_limit]
+    if without:
+        place, size = without[0]
+        yield (
+            f"final.volumes: the mean b/b0 of #{place}{_others(without)} has no limit for many "
+            f"grains: {why_no_limit(size.volumes, size.growth)}"
+        )
+
+
+def _others(named: Sequence[tuple[int, FiniteSize]]) -> str:
+    return f" (and of {len(named) - 1} more)" if len(named) > 1 else ""

@@ -8,11 +8,17 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.analysis.extrapolation import Extrapolation, extrapolated
-from agglom_mpi.analysis.finite_size import VolumeMeans, enough_grains, means_of_rows
+from agglom_mpi.analysis.extrapolation import Extrapolation
+from agglom_mpi.analysis.finite_size import (
+    VolumeMeans,
+    enough_grains,
+    growth_of_many,
+    means_of_rows,
+    why_no_limit,
+)
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.scene import MAX_PARTICLES
-from agglom_mpi.formatting import pluralise, value_with_error
+from agglom_mpi.formatting import pluralise
 from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.planning.pilot import simulate_task, task_of
 from agglom_mpi.planning.workload import PilotSamples
@@ -49,6 +55,8 @@ class GrainAdvice(NamedTuple):
         Standard error that the final estimate will have, by the spread of one sample.
     answer_samples
         Number of samples that the final estimate will have.
+    why_no_limit
+        Why the pilot samples show no shift; empty if they do.
     """
 
     grains: int
@@ -56,6 +64,7 @@ class GrainAdvice(NamedTuple):
     fit: Extrapolation
     error: float
     answer_samples: int
+    why_no_limit: str = ""
 
     @property
     def exceeds(self) -> bool:
@@ -71,11 +80,12 @@ class GrainAdvice(NamedTuple):
     def text(self) -> str:
         """Two lines for readers."""
         volumes = ", ".join(f"{volume * self.grains:,}" for volume in VOLUMES)
-        shift = value_with_error(*self.fit.shift)
+        head = f"finite size, by {self.samples} samples each of one string with {volumes} grains: "
+        if self.why_no_limit:
+            return f"{head}no shift is known\n  {self.why_no_limit}"
         return (
-            f"finite size, by {self.samples} samples each of one string with {volumes} grains: "
-            f"mean b/b0 is shifted by {shift}, the final estimate will have the standard error "
-            f"{self.error:.2g}\n  {self._advice}"
+            f"{head}mean b/b0 is shifted by {self.fit.shift.text}, the final estimate will have "
+            f"the standard error {self.error:.2g}\n  {self._advice}"
         )
 
     @property
@@ -106,6 +116,7 @@ class GrainAdvice(NamedTuple):
             "answer_standard_error": self.error,
             "exceeds": self.exceeds,
             "enough_grains": self.enough,
+            "why_no_limit": self.why_no_limit,
         }
 
 
@@ -158,10 +169,11 @@ def advise_grains(
     if len(known) < len(VOLUMES):
         return None
     # A line detects a shift with a seventh of the samples that a parabola takes.
-    fit = extrapolated([each.grains for each in known], [each.growth for each in known], order=1)
+    fit = growth_of_many(known, order=1)
     answer = DEFAULT_SAMPLES if campaign.final is None else campaign.final.samples
     error = known[0].spread / math.sqrt(answer)
-    return GrainAdvice(campaign.scene.particles, rounds * ROUND, fit, error, answer)
+    why = why_no_limit(known, fit)
+    return GrainAdvice(campaign.scene.particles, rounds * ROUND, fit, error, answer, why)
 
 
 def _best(campaign: Campaign, pilot: PilotSamples) -> int:

@@ -5,7 +5,7 @@ import pytest
 
 from agglom_mpi.analysis.extrapolation import extrapolated
 from agglom_mpi.analysis.finite_size import enough_grains
-from agglom_mpi.statistics import MeanEstimate
+from agglom_mpi.statistics import MeanEstimate, mean_of
 
 GRAINS = (100, 200, 400)
 ERRORS = (0.02, 0.015, 0.01)
@@ -31,7 +31,7 @@ def test_a_law_linear_in_inverse_n_is_extrapolated_exactly(grains):
 
 def test_two_volumes_have_no_goodness_of_fit():
     fit = extrapolated(GRAINS[:2], means([2.0, 1.9], ERRORS[:2]))
-    assert np.isnan([fit.chi_square, fit.p_value, *fit.curvature]).all()
+    assert np.isnan([fit.chi_square, fit.p_value, *fit.curvature[:2]]).all()
     assert fit.is_linear
     assert fit.limit.value == pytest.approx(1.8)
     # limit = 2 y(2N) - y(N)
@@ -78,7 +78,7 @@ def curved(n):
 
 def test_the_curvature_is_what_a_curved_law_changes():
     line = extrapolated(GRAINS, means(map(curved, GRAINS), np.full(3, 1e-4)), order=1)
-    assert line.quadratic == (0.0, 0.0)
+    assert line.quadratic[:2] == (0.0, 0.0)
     assert line.limit.value + line.curvature.value == pytest.approx(1.8, rel=1e-9)
     assert not line.is_linear
 
@@ -102,8 +102,46 @@ def test_more_precise_means_count_more():
 
 def test_means_without_spread_have_a_limit_without_error():
     fit = extrapolated(GRAINS, means((1.0, 1.0, 1.0), (0.0, 0.0, 0.0)))
-    assert fit.limit == pytest.approx((1.0, 0.0), abs=1e-12)
+    assert fit.limit[:2] == pytest.approx((1.0, 0.0), abs=1e-12)
     assert np.isnan(fit.p_value)
+
+
+@pytest.mark.parametrize("repeats", [2, 3, 5])
+@pytest.mark.parametrize("grains", [(100, 200), GRAINS, (100, 200, 400, 800)])
+def test_intervals_of_few_repeats_contain_the_truth_in_95_percent(grains, repeats):
+    runs, numbers = 1000, np.array(grains, float)
+    square = -800.0 if len(grains) > 2 else 0.0
+    truth = 1.851 + 16.8 / numbers + square / numbers**2
+    random = np.random.default_rng(repeats)
+    drawn = random.normal(truth, 2.09 / np.sqrt(numbers), (runs, repeats, len(grains)))
+    fits = [extrapolated(grains, [mean_of(box) for box in each.T]) for each in drawn]
+    # Four volumes reject a true parabola in 5 % of cases, and state no limit then.
+    limits = [fit.limit for fit in fits if fit.has_limit]
+    rejected = 0.05 if len(grains) > 3 else 0.0
+    assert abs(1.0 - len(limits) / runs - rejected) <= 4.0 * np.sqrt(rejected * 0.95 / runs)
+    covered = np.mean([abs(limit.value - 1.851) < limit.half_width for limit in limits])
+    assert abs(covered - 0.95) < 4.0 * np.sqrt(0.95 * 0.05 / len(limits))
+
+
+def test_means_of_four_volumes_that_are_no_parabola_have_no_limit():
+    """The means are those of [A] row 1, where 3.7 of 25 grains are left."""
+    grains = (25, 50, 100, 200)
+    fit = extrapolated(grains, means((1.890, 1.946, 1.940, 1.912), np.full(4, 0.0025)))
+    assert fit.parabola_p_value < 0.01
+    assert not fit.has_limit
+    assert np.isnan([fit.shift.value, fit.slope.value, fit.curvature.error]).any()
+    assert not fit.shift.is_resolved
+
+
+def test_means_that_are_left_out_change_no_limit_and_one_that_shifts_has_its_own():
+    values, errors = (1.890, 1.946, 1.940, 1.912, 1.885), np.full(5, 0.004)
+    fitted = [False, False, True, True, True]
+    fit = extrapolated((25, 50, *GRAINS), means(values, errors), fitted=fitted)
+    other = extrapolated(GRAINS, means(values[2:], errors[2:]))
+    assert fit.limit[:2] == pytest.approx(other.limit[:2])
+    assert fit.shift.value == pytest.approx(1.890 - other.limit.value)
+    assert fit.shift.error == pytest.approx(np.hypot(0.004, other.limit.error))
+    assert not extrapolated((25, 50, 100), means(values[:3]), fitted=[False, True, True]).has_limit
 
 
 def test_enough_grains_make_the_shift_as_small_as_the_error():

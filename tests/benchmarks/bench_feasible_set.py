@@ -2,8 +2,9 @@
 
 `bench_feasible_set.py QUESTION SAMPLES SEEDS [JOBS [FOLDER [AIM [BATCH [fresh]]]]]`, with the
 question `three` (jobs/doubling_in_three.yaml), `nine` (jobs/accretion_2003.yaml), `half` (three
-variables, growth by half), `moments` (three variables, mean and spread together) or `maximum`
-(three variables, growth within 5 % of its maximum). Campaigns search with the surrogate, one sample
+variables, growth by half), `plateau` (three variables, growth to three times the size, near which
+the mean is flat), `moments` (three variables, mean and spread together) or `maximum` (three
+variables, growth within 5 % of its maximum). Campaigns search with the surrogate, one sample
 a string, for the `best` string or, with the aim `set`, for the set, in batches of 16 strings or
 another number. With `fresh`, the sets rest on new samples at the strings of the campaigns, which
 cannot have misled the search. With `three`, posteriors are compared with brute force, and ranks of
@@ -76,6 +77,7 @@ QUESTIONS = {
     "moments": Question(
         "doubling_in_three", "{law: moments, targets: {mean: 2, spread: 0.65}}", 0.1, 2048, 512
     ),
+    "plateau": Question("doubling_in_three", "{law: growth_target, ratio: 3}", 0.05, 2048, 256),
     "maximum": Question("doubling_in_three", "{law: maximum_growth}", 0.05, 2048, 512),
     "nine": Question("accretion_2003", CENTRE, 0.05, 4096, 512),
 }

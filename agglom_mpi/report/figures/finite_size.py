@@ -17,8 +17,6 @@ STAGGER: Final = 0.012
 """Distance of the points of successive strings, relative to the largest 1/N."""
 CURVE_POINTS: Final = 40
 """Number of points of a fitted curve."""
-TWO_SIDED: Final = 1.96
-"""Standard errors in half a 95 % interval of a normal distribution."""
 
 Ranked = Sequence[tuple[str, FiniteSize]]
 """Names of strings, and their finite size."""
@@ -43,7 +41,7 @@ def draw_finite_size(ax: Any, ranked: Ranked) -> Any:
         curve = fit.limit.value + (fit.slope.value + fit.quadratic.value * at) * at
         ax.plot(at + aside, curve, color=colour, linewidth=1)
         limit = {"color": colour, "fmt": "D", "markersize": 5, "capsize": 3}
-        bar = TWO_SIDED * fit.limit.error
+        bar = fit.limit.half_width
         ax.errorbar(aside, fit.limit.value, yerr=bar, markerfacecolor="white", **limit)
     ax.set_xlim(left=-0.08 * largest)
     legend_below(ax)

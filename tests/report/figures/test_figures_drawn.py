@@ -225,7 +225,7 @@ def test_no_label_of_a_figure_is_clipped(finished):
 
 def test_limits_are_drawn_where_1_over_n_is_0():
     volumes = tuple(
-        VolumeMeans(v, 100 * v, 9, 0, MeanEstimate(1.8 + 0.1 / v, 0.01, 9), None, 0.03, 1e-3)
+        VolumeMeans(v, 100 * v, 9, 0, 12.0, MeanEstimate(1.8 + 0.1 / v, 0.01, 9), None, 0.03, 1e-3)
         for v in (1, 2, 4)
     )
     fit = extrapolated([each.grains for each in volumes], [each.growth for each in volumes])
