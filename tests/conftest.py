@@ -81,6 +81,9 @@ def pytest_report_header():
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
+    for item in items:
+        if item.get_closest_marker("ranks"):
+            item.add_marker("slow")
     mark_slow_if_compiled(items)
     skip_exact_bits(items)
 

@@ -10,13 +10,18 @@ from campaign_runs import (
     need_parallel_hdf5,
 )
 from measured_runs import write_measured
+from mpi_injections import of_ranks
 
 from agglom_mpi.analysis.data_fit import describe_fit
 from agglom_mpi.storage.reader import read_campaign
 
 
 @pytest.mark.parametrize(
-    "database", ["gathered", pytest.param("parallel", marks=pytest.mark.parallel_hdf5)]
+    "database",
+    [
+        of_ranks("gathered", guard="runtime/test_sizes_runs.py"),
+        pytest.param("parallel", marks=pytest.mark.parallel_hdf5),
+    ],
 )
 def test_ranks_decide_by_data_as_one_does(tmp_path, database):
     need_mpirun()
