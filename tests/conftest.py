@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from compile_once import share_compilations
+from core_seconds import Bookkeeping, Measurement
 from hypothesis import HealthCheck, settings
 from leftovers import VARIABLE, Leftovers
 from once import made_once, shared_folder
@@ -42,6 +43,16 @@ def pytest_addoption(parser):
         metavar="K",
         help="Let all samples, searches and tests draw other random numbers, 1 to 1000.",
     )
+    parser.addoption(
+        "--core-seconds",
+        metavar="TABLE",
+        help="Write the processor time of each test file, by part, to a file.",
+    )
+    parser.addoption(
+        "--budgets",
+        metavar="TIER",
+        help="Compare the processor time of each folder with tests/budget.toml: quick or slow.",
+    )
 
 
 def pytest_configure(config):
@@ -54,6 +65,10 @@ def pytest_configure(config):
     if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
         # Under nohup: what tests start would ignore it, which it does not where this handles it.
         signal.signal(signal.SIGHUP, lambda *_: None)
+    config.pluginmanager.register(Measurement(), "measurement")
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        books = Bookkeeping(config.option.core_seconds, config.option.budgets)
+        config.pluginmanager.register(books, "bookkeeping")
     if "PYTEST_XDIST_WORKER" in os.environ:
         share_compilations(Path(os.environ[VARIABLE]))
     elif not config.option.collectonly:
@@ -66,6 +81,9 @@ def pytest_report_header():
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
+    for item in items:
+        if item.get_closest_marker("ranks"):
+            item.add_marker("slow")
     mark_slow_if_compiled(items)
     skip_exact_bits(items)
 

@@ -84,7 +84,9 @@ def test_a_thread_runs_a_campaign(campaign, expected, tmp_path):
     assert_same(path, expected)
 
 
-@pytest.mark.parametrize("ranks", [None, 2])
+@pytest.mark.parametrize(
+    "ranks", [None, pytest.param(2, marks=pytest.mark.ranks(guard="test_campaign_runs.py"))]
+)
 def test_what_is_wrong_is_raised_and_nothing_is_left(campaign, tmp_path, ranks):
     if ranks:
         need_mpirun()

@@ -78,7 +78,7 @@ def test_a_daemon_fails_the_run_is_named_and_ended(started, tmp_path):
     ("leave", "line"),
     [
         ("import tempfile; tempfile.mkdtemp(prefix='mine-')", "temporary file mine-"),
-        ("open('left.txt', 'w').close()", "left.txt"),
+        pytest.param("open('left.txt', 'w').close()", "left.txt", marks=pytest.mark.slow),
     ],
 )
 def test_a_file_fails_the_run(started, leave, line):

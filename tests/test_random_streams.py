@@ -93,6 +93,9 @@ def test_every_stream_depends_on_the_perturbation_and_the_version_names_it(pertu
     assert all(one != other for one, other in both)
 
 
+@pytest.mark.slow(
+    guard="test_random_streams.py::test_every_stream_depends_on_the_perturbation_and_the_version_names_it"
+)
 def test_a_perturbed_file_says_so(perturbed, tmp_path):
     k = perturbation() + 1
     perturbed(k)

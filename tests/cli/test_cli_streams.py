@@ -33,10 +33,15 @@ def shell(tiny_folder, tmp_path):
     return run
 
 
-READING = ["agglom report tiny.h5", "agglom report tiny.h5 --json", "agglom check tiny.h5"]
+SLOW = pytest.mark.slow
+READING = [
+    "agglom report tiny.h5",
+    pytest.param("agglom report tiny.h5 --json", marks=SLOW),
+    pytest.param("agglom check tiny.h5", marks=SLOW),
+]
 
 
-@pytest.mark.parametrize("command", [*READING, "agglom --help"])
+@pytest.mark.parametrize("command", [*READING, pytest.param("agglom --help", marks=SLOW)])
 def test_a_broken_pipe_ends_a_command_that_reads_quietly(shell, command):
     # The other end of the pipe is closed before the command begins.
     _, said, errors = shell(f"exec 3> >(:); wait $!; {command} >&3; echo $? >&2")
@@ -55,11 +60,10 @@ def test_output_that_finds_no_room_is_one_message(shell, command):
     assert re.fullmatch(r".*standard output: No space left on device\n", errors)
 
 
-SLOW = pytest.mark.slow
 LOST = [
     pytest.param("2>&-", id="errors closed", marks=SLOW),
     pytest.param("<&- >&- 2>&-", id="all closed"),
-    pytest.param("2>&1 | true; exit ${PIPESTATUS[0]}", id="nobody reads"),
+    pytest.param("2>&1 | true; exit ${PIPESTATUS[0]}", id="nobody reads", marks=SLOW),
     pytest.param("> /dev/full 2>&1", id="no room", marks=SLOW),
 ]
 

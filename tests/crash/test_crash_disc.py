@@ -119,7 +119,8 @@ def test_a_file_cut_short_is_refused_and_left_as_it_is(undisturbed, folder):
     assert state(folder / "fresh.h5")[0] == "finished"
 
 
-@pytest.mark.parametrize("ranks", [None, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.slow(guard="crash/test_crash_disc.py::test_a_file_that_is_taken_away_is_noticed")
+@pytest.mark.parametrize("ranks", [None, 2])
 def test_a_file_that_is_truncated_meanwhile_is_noticed(tmp_path, ranks):
     if ranks is not None:
         need_mpirun()

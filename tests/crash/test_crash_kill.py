@@ -58,7 +58,7 @@ def assert_nothing_is_lost(path, rows):
 @pytest.mark.parametrize(
     ("ranks", "kills"),
     [
-        (None, 1),
+        pytest.param(None, 1, marks=pytest.mark.slow),
         (2, 1),
         pytest.param(None, 3, marks=pytest.mark.slow),
         pytest.param(2, 3, marks=pytest.mark.slow),

@@ -86,7 +86,9 @@ simulator.compile_kernels = compile_for_ever
 """
 
 
-@pytest.mark.parametrize("ranks", [None, 2])
+@pytest.mark.parametrize(
+    "ranks", [None, pytest.param(2, marks=pytest.mark.ranks(guard="crash/test_crash_signals.py"))]
+)
 def test_a_stop_does_not_wait_for_compilation(folder, ranks):
     if ranks:
         need_mpirun()
@@ -101,6 +103,7 @@ def test_a_stop_does_not_wait_for_compilation(folder, ranks):
     assert_sound(folder / "small.h5")
 
 
+@pytest.mark.slow(guard="crash/test_crash_signals.py::test_a_stop_does_not_wait_for_compilation")
 def test_the_walltime_ends_compilation(folder):
     options = ("--max-walltime", "0.5")
     slow = inject(folder / "slow", COMPILES)
@@ -138,8 +141,8 @@ REAL = "os.kill(os.getpid(), signal.SIGINT)"
     ("fault", "simulates", "code"),
     [
         (REAL, True, 75),
-        (REAL, False, 130),
-        ("raise EOFError", True, 1),
+        pytest.param(REAL, False, 130, marks=pytest.mark.slow),
+        pytest.param("raise EOFError", True, 1, marks=pytest.mark.slow),
         ("raise EOFError('Ran out of input')", False, 1),
     ],
 )
@@ -166,7 +169,9 @@ invert()
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(
+    "number", [signal.SIGTERM, pytest.param(signal.SIGHUP, marks=pytest.mark.slow)]
+)
 def test_a_signal_before_there_is_a_file_is_an_interrupt(folder, number):
     done = subprocess.run(
         [sys.executable, "-c", EARLY],

@@ -62,8 +62,7 @@ HYDRA = "echo '====' >&2; echo 'THE EXIT STRING: Bus error (signal 7)' >&2; exit
 OPEN_MPI = "echo 'mpirun noticed that process rank 1 exited on signal 7 (Bus error).' >&2; exit 135"
 
 
-@pytest.mark.parametrize("script", [HYDRA, OPEN_MPI, "kill -BUS $$"])
-@pytest.mark.parametrize("room", [0, 8])
+@pytest.mark.parametrize(("script", "room"), [(HYDRA, 0), (OPEN_MPI, 8), ("kill -BUS $$", 0)])
 def test_a_signal_that_ends_ranks_is_named_and_shared_memory_where_it_is_short(
     launcher, monkeypatch, script, room
 ):

@@ -15,6 +15,7 @@ import h5py
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from core_seconds import spent_on
 from perturbed_streams import perturbed_path
 from processes import (
     HANG,
@@ -223,7 +224,7 @@ def invert(folder, *arguments, ranks=None, inject=None, alone=False, **variables
 
 def _invert_here(folder, arguments):
     words = list(map(str, arguments))
-    with signal_handlers_kept(), chdir(folder):
+    with spent_on("campaigns"), signal_handlers_kept(), chdir(folder):
         done = CliRunner().invoke(invert_command, words, prog_name="agglom-invert")
     if done.exception is not None and not isinstance(done.exception, SystemExit):
         raise done.exception

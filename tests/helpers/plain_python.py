@@ -9,15 +9,18 @@ import os
 import pytest
 
 PLAIN = pytest.mark.plain
+FOLDERS = ("physics",)
+"""Folders whose tests are all such cases: each combination of laws has a kernel of its own."""
 COMPILES = os.environ.get("NUMBA_DISABLE_JIT", "0") == "0"
 
 
 def mark_slow_if_compiled(items):
     """Leave cases marked `plain` to the slow tier where kernels are compiled."""
-    if COMPILES:
-        for item in items:
-            if item.get_closest_marker("plain"):
-                item.add_marker("slow")
+    for item in items:
+        if item.path.parent.name in FOLDERS:
+            item.add_marker("plain")
+        if COMPILES and item.get_closest_marker("plain"):
+            item.add_marker("slow")
 
 
 def cases(values, quick, marks=PLAIN):

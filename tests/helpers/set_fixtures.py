@@ -1,6 +1,7 @@
-"""Sets of small campaigns, made once in a test run."""
+"""Small campaigns and their sets; the campaigns are made once in a test run, by one worker."""
 
 import pytest
+from once import made_once, shared_folder
 
 
 @pytest.fixture(scope="session")
@@ -10,7 +11,8 @@ def three(tmp_path_factory):
 
     from agglom_mpi import open_campaign
 
-    return open_campaign(three_variable_file(tmp_path_factory.mktemp("three")))
+    folder = made_once(shared_folder(tmp_path_factory) / "three", three_variable_file)
+    return open_campaign(folder / "three.h5")
 
 
 @pytest.fixture(scope="session")
@@ -19,10 +21,11 @@ def measured_file(tmp_path_factory):
     from campaign_runs import finish
     from measured_runs import write_measured
 
-    folder = tmp_path_factory.mktemp("measured")
-    write_measured(folder)
-    finish(folder, "measured.yaml")
-    return folder / "measured.h5"
+    def make(folder):
+        write_measured(folder)
+        finish(folder, "measured.yaml")
+
+    return made_once(shared_folder(tmp_path_factory) / "measured", make) / "measured.h5"
 
 
 @pytest.fixture(scope="session")
@@ -33,8 +36,11 @@ def filled(tmp_path_factory):
     from agglom_mpi.storage.reader import read_campaign
 
     replaced = {"size_ratio: 0.633": "volume_fraction: [0.1, 0.3]", "[0.1, 30]": "[0.1, 1.2]"}
-    folder = tmp_path_factory.mktemp("filled")
-    return read_campaign(three_variable_file(folder, replaced))
+    folder = made_once(
+        shared_folder(tmp_path_factory) / "filled",
+        lambda folder: three_variable_file(folder, replaced),
+    )
+    return read_campaign(folder / "three.h5")
 
 
 @pytest.fixture(scope="session")

@@ -46,3 +46,8 @@ pool.WorkerPool.shut_down = late
 def slow(*values):
     """Return a parameter set that runs with the slow tests; a quick one is beside it."""
     return pytest.param(*values, marks=pytest.mark.slow)
+
+
+def of_ranks(*values, guard):
+    """Return a parameter set of ranks for the slow tier and the other build."""
+    return pytest.param(*values, marks=pytest.mark.ranks(guard=guard))

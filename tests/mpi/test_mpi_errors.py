@@ -16,7 +16,7 @@ from campaign_runs import (
     stop,
     write_campaign,
 )
-from mpi_injections import RANK, SENDS_WAIT_TO_BE_RECEIVED, slow
+from mpi_injections import RANK, SENDS_WAIT_TO_BE_RECEIVED, of_ranks, slow
 
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.outcome import FAILED, FailureReason
@@ -89,6 +89,7 @@ def test_bad_input_is_one_message_and_no_file(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["bad.yaml"]
 
 
+@pytest.mark.ranks(guard="mpi/test_mpi_errors.py::test_bad_input_is_one_message_and_no_file")
 @pytest.mark.parametrize("arguments", [["--walltime", "1"], ["small.yaml", "--max-walltime", "x"]])
 def test_wrong_options_are_one_message(small, arguments):
     done = invert(small, *arguments, ranks=2)
@@ -96,6 +97,7 @@ def test_wrong_options_are_one_message(small, arguments):
     assert done.stderr.count("Error: ") == 1
 
 
+@pytest.mark.ranks(guard="mpi/test_mpi_errors.py::test_bad_input_is_one_message_and_no_file")
 def test_help_is_shown_once(tmp_path):
     done = invert(tmp_path, "--help", ranks=2)
     assert done.returncode == 0
@@ -131,7 +133,10 @@ def test_an_uncaught_exception_on_a_worker_ends_the_job(tmp_path, break_it):
     assert open_campaign(tmp_path / "small.h5").damaged == 0
 
 
-@pytest.mark.parametrize("ranks", [slow(None), 2])
+BY_ONE = "mpi/test_mpi_errors.py::test_too_many_failures_are_an_error_that_quiet_does_not_hide"
+
+
+@pytest.mark.parametrize("ranks", [slow(None), of_ranks(2, guard=BY_ONE)])
 def test_too_many_failures_end_the_campaign_cleanly(tmp_path, ranks):
     write_campaign(tmp_path / "small.yaml", **SMALL, max_failures=5)
     folder = inject(tmp_path / "inject", EVERY_SAMPLE_RAISES)
@@ -158,6 +163,9 @@ def test_too_many_failures_are_an_error_that_quiet_does_not_hide(tmp_path):
     assert "ArithmeticError: injected" in done.stderr
     assert "Quickstart" not in done.stderr
     assert done.stdout == ""
+    failed = len(read_campaign(tmp_path / "small.h5").failures())
+    assert failed >= 5
+    assert state(tmp_path / "small.h5") == ("failed", f"{failed} samples failed with errors")
 
 
 def test_processes_of_another_mpi_are_refused(small):
@@ -167,11 +175,13 @@ def test_processes_of_another_mpi_are_refused(small):
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.slow(guard="mpi/test_mpi_errors.py::test_processes_of_another_mpi_are_refused")
 def test_only_the_first_process_of_another_mpi_says_so(small):
     done = invert(small, "small.yaml", OMPI_COMM_WORLD_SIZE="2", OMPI_COMM_WORLD_RANK="1")
     assert (done.returncode, done.stderr) == (2, "")
 
 
+@pytest.mark.ranks(guard="runtime/test_pending_sends.py")
 @pytest.mark.parametrize("ranks", [2, slow(3)])
 def test_a_worker_in_the_middle_of_sending_does_not_hold_up_the_end(tmp_path, ranks):
     """A library may keep a sender waiting until its message is received; none must be left."""

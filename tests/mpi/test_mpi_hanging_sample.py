@@ -30,6 +30,7 @@ def worth(sample):
 """
 
 
+@pytest.mark.ranks(guard="runtime/test_hanging_samples.py")
 @pytest.mark.parametrize("ranks", [1, slow(2)])
 def test_a_function_that_does_not_return_is_named_again_and_again(tmp_path, ranks):
     if ranks > 1:

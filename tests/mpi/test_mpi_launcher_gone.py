@@ -74,11 +74,13 @@ def test_a_run_whose_launcher_is_killed_stops_and_can_go_on(undisturbed, tmp_pat
     assert_same(path, undisturbed)
 
 
+@pytest.mark.ranks(guard="runtime/test_launcher_watch.py")
 def test_ranks_that_do_not_stop_are_ended_without_a_launcher(tmp_path):
     without_launcher(tmp_path, STOPS_NOBODY)
     assert_sound(tmp_path / "small.h5")
 
 
+@pytest.mark.slow(guard="runtime/test_launcher_watch.py")
 def test_a_plain_run_outlives_whoever_has_started_it(tmp_path):
     write_campaign(tmp_path / "tiny.yaml", **TINY)
     starts = "import subprocess, sys; print(subprocess.Popen(sys.argv[1:]).pid)"

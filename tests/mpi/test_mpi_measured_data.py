@@ -10,13 +10,18 @@ from campaign_runs import (
     need_parallel_hdf5,
 )
 from measured_runs import write_measured
+from mpi_injections import of_ranks
 
 from agglom_mpi.analysis.data_fit import describe_fit
 from agglom_mpi.storage.reader import read_campaign
 
 
 @pytest.mark.parametrize(
-    "database", ["gathered", pytest.param("parallel", marks=pytest.mark.parallel_hdf5)]
+    "database",
+    [
+        of_ranks("gathered", guard="runtime/test_sizes_runs.py"),
+        pytest.param("parallel", marks=pytest.mark.parallel_hdf5),
+    ],
 )
 def test_ranks_decide_by_data_as_one_does(tmp_path, database):
     need_mpirun()
@@ -31,16 +36,13 @@ def test_ranks_decide_by_data_as_one_does(tmp_path, database):
     assert_sound(tmp_path / "three" / "measured.h5")
 
 
-def test_a_run_that_was_stopped_goes_on_without_its_file_of_sizes(tmp_path):
-    for name in ("whole", "parts"):
-        (tmp_path / name).mkdir()
-        write_measured(tmp_path / name)
-    finish(tmp_path / "whole", "measured.yaml")
-    finish(tmp_path / "parts", "measured.yaml", "--generations", "1")
-    finish(tmp_path / "parts", "measured.yaml")
-    path = tmp_path / "parts" / "measured.h5"
-    assert_same(path, decisions(tmp_path / "whole" / "measured.h5"))
-    (tmp_path / "parts" / "sieve.csv").unlink()
+def test_a_run_that_was_stopped_goes_on_without_its_file_of_sizes(measured_file, tmp_path):
+    write_measured(tmp_path)
+    finish(tmp_path, "measured.yaml", "--generations", "1")
+    finish(tmp_path, "measured.yaml")
+    path = tmp_path / "measured.h5"
+    assert_same(path, decisions(measured_file))
+    (tmp_path / "sieve.csv").unlink()
     assert_sound(path)
     data = read_campaign(path)
     lines = describe_fit(data, int(data.result_rows()["string"][0]))

@@ -9,9 +9,10 @@ from campaign_runs import (
     need_mpirun,
     need_parallel_hdf5,
 )
-from mpi_injections import RANK
+from mpi_injections import RANK, of_ranks
 from own_components import NUMBERS_OF_COPIES, write_copies
 
+GATHERED = of_ranks("gathered", guard="runtime/test_own_component_runs.py")
 PARALLEL = pytest.param("parallel", marks=pytest.mark.parallel_hdf5)
 
 OTHER_RANKS_CANNOT_READ = f"""{RANK}
@@ -42,7 +43,7 @@ def need(database):
         need_parallel_hdf5()
 
 
-@pytest.mark.parametrize("database", ["gathered", PARALLEL])
+@pytest.mark.parametrize("database", [GATHERED, PARALLEL])
 def test_ranks_decide_as_one_does_and_read_no_module(alone, tmp_path, database):
     need(database)
     write_copies(tmp_path, "own", **NUMBERS_OF_COPIES)

@@ -16,6 +16,7 @@ def alone(tmp_path_factory):
     return folder
 
 
+@pytest.mark.ranks(guard="runtime/test_path_runs.py")
 def test_three_ranks_stopped_and_resumed_decide_the_same(alone, tmp_path):
     need_mpirun()
     (tmp_path / "sized.yaml").write_text(SIZED)

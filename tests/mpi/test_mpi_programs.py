@@ -98,6 +98,7 @@ def mixed_job(folder, *programs):
 INVERT = "agglom-invert", "small.yaml"
 
 
+@pytest.mark.ranks(guard="runtime/test_programs.py")
 def test_ranks_that_do_not_say_what_they_are_end_the_job(tmp_path):
     silent = sys.executable, "-c", SAYS_NOTHING
     code, errors = mixed_job(tmp_path, INVERT, silent, INVERT, silent)

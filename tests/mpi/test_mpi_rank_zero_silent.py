@@ -135,6 +135,7 @@ def test_a_silent_rank_0_is_reported_once_and_the_ranks_elsewhere_end(undisturbe
     assert_same(tmp_path / "small.h5", undisturbed)
 
 
+@pytest.mark.ranks(guard="runtime/test_coordinator_watch.py")
 def test_a_rank_0_that_is_heard_again_is_welcome(undisturbed, start, tmp_path):
     gate, run = start(NOTES_WHAT_IS_SAID)
     said = gate.folder / "said"
@@ -151,6 +152,7 @@ def test_a_rank_0_that_is_heard_again_is_welcome(undisturbed, start, tmp_path):
     assert_same(tmp_path / "small.h5", undisturbed)
 
 
+@pytest.mark.ranks(guard="runtime/test_heart.py")
 @pytest.mark.parametrize("text", [DECIDES_FOR_LONG, WRITES_FOR_LONG])
 def test_rank_0_is_heard_while_it_decides_or_writes(undisturbed, tmp_path, text):
     write_campaign(tmp_path / "small.yaml", **SMALL)

@@ -18,11 +18,12 @@ from campaign_runs import (
     state,
     write_campaign,
 )
-from mpi_injections import slow
+from mpi_injections import of_ranks
 
 from agglom_mpi.storage.reader import read_campaign
 
 PAIRS = [(2, 1), (5, 0)]
+BY_ONE = "mpi/test_mpi_seconds.py::test_a_sample_that_takes_too_long_is_failed_and_has_no_row"
 
 
 def hangs(pairs=PAIRS):
@@ -34,13 +35,17 @@ def write(path, **numbers):
     path.write_text(f"{path.read_text().rstrip()}\n  max_seconds: 1000 s\n")
 
 
-@pytest.mark.parametrize("ranks", [slow(None), 2])
+@pytest.mark.parametrize("ranks", [None, of_ranks(2, guard=BY_ONE)])
 def test_a_sample_that_takes_too_long_is_failed_and_has_no_row(tmp_path, ranks):
     if ranks:
         need_mpirun()
     write(tmp_path / "small.yaml", generations=2)
-    folder = inject(tmp_path / "inject", hangs())
-    done = finish(tmp_path, "small.yaml", ranks=ranks, inject=folder)
+    if ranks:
+        folder = inject(tmp_path / "inject", hangs())
+        done = finish(tmp_path, "small.yaml", ranks=ranks, inject=folder)
+    else:
+        with injected(hangs(), *HANGS_REPLACES):
+            done = finish(tmp_path, "small.yaml")
     for string, sample in PAIRS:
         text = rf"string {string} sample {sample} took longer than max_seconds, 1000 s"
         assert re.search(text, done.stderr)

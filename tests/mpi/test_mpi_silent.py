@@ -171,6 +171,7 @@ def test_a_stopped_rank_is_named_and_the_campaign_finishes_without_it(undisturbe
     assert_sound(run.path)
 
 
+@pytest.mark.ranks(guard="runtime/test_silence.py")
 def test_a_rank_that_comes_back_is_welcome_and_counts_once(undisturbed, run):
     run.lose(1, other=2)
     run.send(1, signal.SIGCONT)
@@ -185,6 +186,7 @@ def test_a_rank_that_comes_back_is_welcome_and_counts_once(undisturbed, run):
     assert samples == samples_in(run.path)
 
 
+@pytest.mark.ranks(guard="runtime/test_silence.py")
 def test_a_stop_is_not_held_up_by_a_stopped_rank(undisturbed, run):
     run.send(2, signal.SIGSTOP)
     run.send(0, signal.SIGUSR1)
@@ -200,6 +202,7 @@ def test_a_stop_is_not_held_up_by_a_stopped_rank(undisturbed, run):
     assert_sound(run.path)
 
 
+@pytest.mark.ranks(guard="runtime/test_silence.py")
 @pytest.mark.parametrize("ranks", [2, slow(3)])
 def test_rank_0_may_be_stopped_and_continued(undisturbed, run):
     run.send(0, signal.SIGSTOP)
@@ -212,6 +215,7 @@ def test_rank_0_may_be_stopped_and_continued(undisturbed, run):
     assert_sound(run.path)
 
 
+@pytest.mark.ranks(guard="runtime/test_silence.py")
 @pytest.mark.parametrize("ranks", [2, slow(3)])
 def test_a_job_may_be_suspended_and_continued(undisturbed, run):
     for rank in run.ranks:

@@ -11,6 +11,7 @@ SOURCE = SPEED.replace("pair.approach_speed) **", "pair.aproach_speed) **")
 LINE = next(i for i, text in enumerate(SOURCE.splitlines(), 1) if "aproach" in text)
 
 
+@pytest.mark.ranks(guard="simulation/test_uncompiled_laws.py")
 @pytest.mark.parametrize("ranks", [None, 2])
 def test_a_law_that_does_not_compile_is_one_line_and_exit_code_2(tmp_path, ranks):
     if ranks is not None:

@@ -10,7 +10,7 @@ from campaign_runs import (
     need_mpirun,
     need_parallel_hdf5,
 )
-from mpi_injections import RANK
+from mpi_injections import RANK, of_ranks
 from user_function_runs import write_own, write_quantities
 
 OTHER_RANKS_CANNOT_READ = f"""{RANK}
@@ -38,7 +38,11 @@ def test_ranks_decide_as_one_does_and_read_no_source(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "database", ["gathered", pytest.param("parallel", marks=pytest.mark.parallel_hdf5)]
+    "database",
+    [
+        of_ranks("gathered", guard="runtime/test_quantity_runs.py"),
+        pytest.param("parallel", marks=pytest.mark.parallel_hdf5),
+    ],
 )
 def test_ranks_send_and_store_named_quantities(tmp_path, database):
     need_mpirun()

@@ -11,6 +11,7 @@ from campaign_runs import (
     need_parallel_hdf5,
     write_campaign,
 )
+from mpi_injections import of_ranks
 from volume_runs import volume_bytes
 
 from agglom_mpi.storage.reader import read_campaign
@@ -20,7 +21,10 @@ FINAL = "{strings: 3, samples: 20, volumes: [1, 2, 4]}"
 
 @pytest.mark.parametrize(
     ("database", "ranks"),
-    [("gathered", 2), pytest.param("parallel", 3, marks=pytest.mark.parallel_hdf5)],
+    [
+        of_ranks("gathered", 2, guard="runtime/test_volume_runs.py"),
+        pytest.param("parallel", 3, marks=pytest.mark.parallel_hdf5),
+    ],
 )
 def test_ranks_share_the_samples_of_larger_volumes(tmp_path, database, ranks):
     need_mpirun()

@@ -2,7 +2,7 @@
 
 import pytest
 from campaign_runs import assert_same, assert_sound, decisions, finish, inject, need_mpirun
-from mpi_injections import RANK, slow
+from mpi_injections import RANK, of_ranks, slow
 
 HARDLY_LOOKS = """
 import agglom_mpi.runtime.wakeup as waiting
@@ -41,7 +41,11 @@ def test_whoever_waits_is_woken(small, tmp_path, ranks):
 
 @pytest.mark.parametrize(
     ("wakeups", "ranks"),
-    [(OUT_OF_REACH, 2), slow(OUT_OF_REACH, 3), slow(LEFT_UNHEARD, 3)],
+    [
+        of_ranks(OUT_OF_REACH, 2, guard="runtime/test_poll_backoff.py"),
+        slow(OUT_OF_REACH, 3),
+        slow(LEFT_UNHEARD, 3),
+    ],
 )
 def test_without_bells_mail_is_found_all_the_same(small, tmp_path, wakeups, ranks):
     folder = inject(tmp_path / "inject", wakeups)

@@ -46,7 +46,8 @@ def test_the_page_on_adding_a_component_works_word_for_word(tmp_path):
     folder = tmp_path / "agglom_mpi" / "search"
     (code,) = re.findall(r"```python\n(.*?)```", (folder / "README.md").read_text(), re.S)
     (folder / "best_objective.py").write_text(code)
-    variables = os.environ | {"PYTHONPATH": str(tmp_path)}
+    # Another package than the one whose kernels are in the cache.
+    variables = os.environ | {"PYTHONPATH": str(tmp_path), "NUMBA_DISABLE_JIT": "1"}
     with program([sys.executable, "-c", USE, CAMPAIGN], cwd=tmp_path, env=variables) as process:
         said, complaint = output_of(process)
     assert process.returncode == 0, complaint

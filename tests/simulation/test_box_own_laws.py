@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pytest
 from own_components import SPEED, write_scene
+from plain_python import PLAIN
 
 from agglom_mpi import Box, load_campaign
 from agglom_mpi.config.yaml_source import CampaignError
@@ -19,6 +20,7 @@ pickle.dump(box.particles.velocities, sys.stdout.buffer)
 """
 
 
+@PLAIN
 def test_a_box_with_a_law_of_one_s_own_goes_on_in_another_process(tmp_path):
     campaign = load_campaign(write_scene(tmp_path), allow_code=True)
     box = Box(campaign, {"relative_speed": 1.0})
@@ -33,6 +35,7 @@ def test_a_box_with_a_law_of_one_s_own_goes_on_in_another_process(tmp_path):
     assert after.collisions > 0
 
 
+@PLAIN
 def test_a_box_is_the_sample_of_the_campaign(tmp_path):
     campaign = load_campaign(write_scene(tmp_path), allow_code=True)
     outcome = campaign.simulate({"relative_speed": 1.0}, 0)

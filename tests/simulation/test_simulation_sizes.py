@@ -245,20 +245,29 @@ def mixture(law, fraction, seed):
 
 
 def test_samples_that_draw_too_much_of_the_box_jam_and_others_do_not():
-    """The rule by which a wide law is warned of before a run: see `plausibility.MOST_FILLED`."""
+    """The rule by which a wide law is warned of before a run: see `size_warnings.MOST_FILLED`.
+
+    It counts on one large grain. Two or three of its size may leave no place for the last of them,
+    so the rest has to fill less of what the largest leaves than equal spheres do that are placed at
+    random until none finds a place, 0.384; and a hundredth of the box, its corners as seen from the
+    largest, is left for the second. With π/6 for the largest, and for two generations of grains in
+    what is left 1 − (1 − 0.384)², no sample fills more than 0.82.
+    """
     law, count, half = LognormalDistribution(math.log(2.0)), 50, 1.0
     unit = half * (0.2 * 6.0 / math.pi / math.exp(3.0 * math.log(2.0) ** 2)) ** (1 / 3)
     places = np.empty((3, count))
-    outcomes = {}
+    fitting, others = {}, {}
     for seed in range(300):
         random = np.random.default_rng(seed)
         radii = unit / count ** (1 / 3) * draw_radii(law, random, count)
-        filled = 4.0 / 3.0 * math.pi * (radii**3).sum() / (2.0 * half) ** 3
+        fractions = 4.0 / 3.0 * math.pi * radii**3 / (2.0 * half) ** 3
+        filled, largest = fractions.sum(), fractions[0]
         if filled > 0.45 and radii[0] < half:
             sizes = DifferentSizes(radii, float(radii[0]))
             laws, drawn = (Periodic.Numbers(), UniformX.Numbers(1.0)), places.copy()
             placed = scatter(*laws, random, sizes, half, places, drawn, NEVER)
-            outcomes[filled] = placed
-    assert len(outcomes) > 5
-    assert all(placed for filled, placed in outcomes.items() if filled < MOST_FILLED - 0.05)
-    assert not any(placed for filled, placed in outcomes.items() if filled > MOST_FILLED + 0.2)
+            room = filled - largest < 0.384 * (1.0 - largest) and radii[:2].sum() < 1.5 * half
+            (fitting if room else others)[filled] = placed
+    assert fitting
+    assert all(placed for filled, placed in fitting.items() if filled < MOST_FILLED - 0.05)
+    assert not any(placed for filled, placed in others.items() if filled > MOST_FILLED + 0.22)
