@@ -105,9 +105,12 @@ def test_a_series_is_ordered_by_its_index_and_masked_values_are_not_judged(searc
     backwards = np.arange(count, dtype=float)[::-1]
     searcher.tell(pd.Series(backwards, index=backwards.astype(int)))
     assert searcher.best[:2] == (0, 0.0)
-    searcher.ask()
-    searcher.tell(np.ma.masked_less(np.arange(count) - 5.0, -3.0))
-    assert searcher.best[:2] == (count + 2, -3.0) or searcher._is_magnitude
+    values = np.ma.masked_less(np.zeros(len(searcher.ask()["string"])), -1.0)
+    values[1:] = np.ma.masked
+    searcher.tell(values)
+    last = searcher._search.best(2 * count)[-1]
+    assert last.string > count
+    assert last.objective == np.inf
 
 
 def test_a_volume_fraction_is_called_what_the_campaign_calls_it(tmp_path):
