@@ -142,9 +142,9 @@ class CampaignFile(CampaignPlots):
         """One row for each string that was estimated in several control volumes.
 
         `limit` is its mean b/b⁰ for infinitely many grains, `shift` what the campaign's own number
-        adds to it, `why_no_limit` why they are nan, `exceeds` whether that is resolved and above the standard error, `curvature`
-        what a term 1/N² would change, and `enough_grains` how many would make the shift as small as
-        the standard error.
+        adds to it, `why_no_limit` why they are nan, `exceeds` whether the shift is resolved and
+        above the standard error, `curvature` what a term 1/N² would change, and `enough_grains` how
+        many would make the shift as small as the standard error.
         """
         return finite_size_tables.limits_table(self._snapshot())
 

@@ -154,9 +154,12 @@ def extrapolated(
         chosen = np.full_like(line, np.nan)
     first = np.zeros_like(values)
     first[0] = 1.0
+    limit, slope, quadratic = chosen
     return Extrapolation(
-        *map(combined, chosen),
-        combined(first - chosen[0]),
+        combined(limit),
+        combined(slope),
+        combined(quadratic),
+        combined(first - limit),
         combined(parabola[0] - line[0]),
         chi_square,
         p_value,

@@ -29,7 +29,7 @@ MIN_LEFT: Final = 8.0
 """Minimum mean number of particles left in the volumes that a limit rests on.
 
 Means of [A] row 1 follow a parabola in 1/N from 100 grains on, of which 11.8 are left. With 50
-grains (6.3 left), and more so with 25 (3.7 left), they are below it.
+grains (6.3 left), and more so with 25 (3.7 left), they are above it.
 """
 
 

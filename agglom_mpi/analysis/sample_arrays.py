@@ -29,7 +29,7 @@ class TooManySamplesError(UserError, ValueError):
 def sample_arrays(data: "CampaignData") -> "xr.Dataset":
     """Return the strings and samples of a campaign file, with the dimensions `string` and `sample`.
 
-    Columns of strings have the one dimension `string`. Those that samples have, too, begin with
+    Columns of strings have the one dimension `string`. Those whose names are taken begin with
     `string_`. Columns of samples have both dimensions. Strings have different numbers of samples,
     and fresh samples are numbered apart: where there is no sample, `present` is False and numbers
     are nan, so that means over `sample`, which skip nan, are those of the samples that exist.
@@ -58,8 +58,13 @@ def sample_arrays(data: "CampaignData") -> "xr.Dataset":
         )
     found = xr.Dataset(attrs=_attributes(data))
     found = found.assign_coords(string=strings["string"].to_numpy(), sample=numbers)
-    for name, values in strings.drop(columns="string").items():
-        own = f"{PREFIX}{name}" if name in samples else str(name)
+    taken = {*samples, "present"}
+    # Names that stay are given first.
+    for name in sorted(strings.columns.drop("string"), key=lambda name: name in taken):
+        values = strings[name]
+        own = f"{PREFIX}{name}" if name in taken else str(name)
+        while own in found:  # as a derived column may be called
+            own = f"{PREFIX}{own}"
         found[own] = ("string",), values.to_numpy(), _units(strings, str(name))
     order = np.argsort(strings["string"].to_numpy(), kind="stable")
     places = order[np.searchsorted(strings["string"].to_numpy()[order], samples["string"])]

@@ -1,5 +1,6 @@
 """`agglom explain`: what the keys of a campaign file mean."""
 
+import sys
 import textwrap
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final
@@ -7,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from agglom_mpi.cli.common import examples, exit_with, say
+from agglom_mpi.errors import UserError
 
 if TYPE_CHECKING:
     from agglom_mpi.config.explanation import Topic
@@ -35,6 +37,8 @@ def explain(keys: tuple[str, ...], markdown: bool) -> int:
     A KEY is a section (final), a key of the scene (restitution), a law (restitution.constant), a
     number (cooling.emissivity) or a variable (density). Without a KEY, the sections are listed.
     """
+    if sys.flags.optimize > 1:
+        raise UserError("agglom explain: python -OO removes the texts; run python without -OO")
     from agglom_mpi.config.explanation import below, find
     from agglom_mpi.config.reference import component_tables, section_tables
 

@@ -232,6 +232,19 @@ class CampaignSections:
         values = self.variables.table.values_by_name(string)
         return {name: value for name, value in values.items() if not math.isnan(value)}
 
+    def used_columns(self, strings: npt.NDArray[np.float64]) -> dict[str, npt.NDArray[np.float64]]:
+        """Return the variables of strings, (n, k), that the scene uses, named as in the campaign.
+
+        In place of the size ratio, a campaign may name the volume fraction; each is (n,).
+        """
+        box, found = self.variables, {}
+        for name, values in box.table.columns_by_name(strings).items():
+            if name == "size_ratio" and box.by_volume_fraction:
+                found["volume_fraction"] = np.array([self.fraction(x) for x in values.tolist()])
+            elif name in box.used:
+                found[name] = values.copy()
+        return found
+
     def function_error(self, message: str, key: str = "call") -> CampaignError:
         """Return a CampaignError about a function of the objective, with its line."""
         return CampaignError(parse(self.text, self.name).problem(("objective", key), message))

@@ -24,6 +24,8 @@ SIZES_QUANTITY: Final = "sizes"
 """The quantity whose numbers are in a file."""
 MASS_QUANTITIES: Final = (SIZES_QUANTITY, "d10", "d50", "d90")
 """Quantities that are by mass unless something else is stated."""
+PERCENT: Final = ("%", "percent")
+"""Units of an error relative to its value."""
 _OF_FILES: Final = ("file", "column", "unit", "headings", "counted")
 """Keys of an entry with a file."""
 
@@ -40,8 +42,8 @@ class DatumEntry(Section):
     value
         Measured value, with a unit or in SI units; of every quantity but `sizes`.
     error
-        Standard error of the value; of a file that of each share, or of each value of a cumulative
-        curve, if it has no column of errors.
+        Standard error of the value, also in percent of a value that has a unit; of a file that of
+        each share, or of each value of a cumulative curve, if it has no column of errors.
     weight
         What a particle counts by. Quantities without a weight take none.
     time
@@ -110,9 +112,12 @@ class DatumEntry(Section):
         quantity = info.data.get("quantity")
         if quantity is None:
             return None
-        unit = QUANTITIES[quantity].unit
-        number = to_si(value, unit)
-        given = unit_in(value)
+        unit, given = QUANTITIES[quantity].unit, unit_in(value)
+        if given in PERCENT and quantity != SIZES_QUANTITY and unit != "1":
+            # The quantity has a unit, so that a percentage can be nothing but relative.
+            number = to_si(value, "1") * (info.data.get("value") or 1.0)
+        else:
+            number = to_si(value, unit)
         if given and has_offset(given):
             raise ValueError(f"is {quoted(value)}; a difference of temperatures must be in K")
         if not number > 0.0:

@@ -175,6 +175,8 @@ def without_results(campaign: "CampaignSections", parameters: Any) -> dict[str, 
         return values
     others = {*TABLE_COLUMNS, *(each.name for each in campaign.relations.derived)}
     others -= set(campaign.variables.table.further_names)
+    if "size_ratio" not in values:  # as in strings of `Searcher.ask`
+        others.discard(VOLUME_FRACTION.name)
     return {name: value for name, value in values.items() if name not in others}
 
 

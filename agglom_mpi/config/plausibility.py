@@ -20,6 +20,7 @@ from agglom_mpi.config.yaml_source import Problem, parse
 from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.declaration.units import quoted
 from agglom_mpi.formatting import format_duration, in_unit, pluralise, value_with_prefix
+from agglom_mpi.measurements.datum import QUANTITIES
 from agglom_mpi.physics import scales
 from agglom_mpi.physics.constants import LIGHT_SPEED
 from agglom_mpi.variables import TEN, VariableTable
@@ -95,6 +96,7 @@ def implausible(
         *_idle(idle),
         *_unusual(box.table, lower, upper),
         *_of_scenes(campaign, lower, upper),
+        *(_of_data(campaign) if given is None else ()),
         *(_growth(campaign, lower, upper) if campaign.plan is not None else ()),
     ]
     source = parse(campaign.text, campaign.name)
@@ -174,6 +176,17 @@ def _unusual(table: VariableTable, lower: np.ndarray, upper: np.ndarray) -> Iter
             text = in_unit(f"{value:g}", variable.unit)
             reaches = "is" if low == high else "reaches"
             yield ("variables", variable.name), f"{reaches} {text}; usual is {usual.words}"
+
+
+def _of_data(campaign: "CampaignSections") -> Iterator[Finding]:
+    """Yield measured diameters and radii that no grains have."""
+    for i, entry in enumerate(campaign.data_entries):
+        if entry.value is None or QUANTITIES[entry.quantity].unit != "m":
+            continue
+        if not GRAINS.lower <= entry.value <= GRAINS.upper:
+            size = value_with_prefix(entry.value, "m")
+            message = f"is {size}; usual is {GRAINS.words}, and a number without a unit is in m"
+            yield ("data", i, "value"), message
 
 
 def _softening(scene: "SceneSection", soft: Value, hard: Value) -> Iterator[Finding]:

@@ -14,26 +14,31 @@ import numpy.typing as npt
 
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.inversion import own_sections, search_of
+from agglom_mpi.config.own_variables import own_variables
 from agglom_mpi.config.yaml_source import ArgumentError
 from agglom_mpi.declaration.users_code import users_code
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.search.ending import EndingCriterion
 from agglom_mpi.search.proposals import ORIGINS, Evaluations, Proposals
+from agglom_mpi.variables import VOLUME_FRACTION
 
 Floats = npt.NDArray[np.float64]
 
 LEAST_ERROR: Final = 0.01
 """Minimum error by which a value is weighed, relative to the largest one; where no grain grows the
 error is 0."""
+MAX_VALUE: Final = 1e100
+"""Maximum magnitude of a value: squares of larger ones are infinite in a model."""
 
 
 class ProposedStrings(dict[str, npt.NDArray[Any]]):
     """Strings of a generation as a table by names, which `Searcher.ask` returns.
 
     Columns, each of shape (n,): `string`, the number of each; `origin`, such as `random` or
-    `offspring`; and all variables that the scene uses, in SI units. `pandas.DataFrame(strings)`
-    makes a DataFrame of it, and `campaign.simulate_many(strings)` takes it as it is.
+    `offspring`; and all variables that the scene uses, named as in the campaign, in SI units.
+    `pandas.DataFrame(strings)` makes a DataFrame of it, and `campaign.simulate_many(strings)` takes
+    it as it is.
 
     Attributes
     ----------
@@ -46,17 +51,20 @@ class ProposedStrings(dict[str, npt.NDArray[Any]]):
     """
 
     def __init__(self, campaign: Campaign, proposals: Proposals, first: int) -> None:
-        table, used = campaign.variables.table, campaign.variables.used
-        columns = table.columns_by_name(proposals.parameters)
+        table = campaign.variables.table
+        columns = campaign.used_columns(proposals.parameters)
         super().__init__(
             string=np.arange(first, first + len(proposals.parameters)),
             origin=np.array([ORIGINS[code] for code in proposals.origin]),
-            **{name: values.copy() for name, values in columns.items() if name in used},
+            **columns,
         )
         self.generation = proposals.generation
         self.parameters = proposals.parameters.copy()
-        self.units = {name: table[name].unit for name in self if name in table}
-        self._searched = [name for name in self.units if name in campaign.variables.searched]
+        self.units = {
+            name: VOLUME_FRACTION.unit if name == VOLUME_FRACTION.name else table[name].unit
+            for name in columns
+        }
+        self._searched = [each.name for each in own_variables(campaign.variables)]
 
     def __repr__(self) -> str:
         numbers = self["string"]
@@ -78,7 +86,7 @@ class JudgedString(NamedTuple):
         Objective by which the search ranks it, and its standard error, nan if unknown. Of a search
         by a model they are the model's.
     parameters
-        Variables that the scene uses, by name in SI units.
+        Variables that the scene uses, named as in the campaign, in SI units.
     """
 
     string: int
@@ -159,7 +167,8 @@ class Searcher(metaclass=PublicFace):
         error = self._errors[ranked.string]
         if ranked.standard_error is not None:
             error = ranked.standard_error
-        parameters = self._campaign.used_values(self._strings[ranked.string])
+        columns = self._campaign.used_columns(self._strings[ranked.string][None])
+        parameters = {name: float(values[0]) for name, values in columns.items()}
         return JudgedString(ranked.string, ranked.objective, error, parameters)
 
     def ask(self) -> ProposedStrings:
@@ -189,9 +198,10 @@ class Searcher(metaclass=PublicFace):
         Parameters
         ----------
         values
-            What is minimised, shape (n,); nan or inf where a string could not be judged, which
-            then ranks last. Where the campaign's objective is the magnitude of a deviation, as for
-            `growth_target`, give the deviation with its sign if you know it: the magnitude is
+            What is minimised, shape (n,); nan, inf or masked where a string could not be judged,
+            which then ranks last. A pandas Series is ordered by its index, the numbers of the
+            strings or 0 to n-1. Where the campaign's objective is the magnitude of a deviation, as
+            for `growth_target`, give the deviation with its sign if you know it: the magnitude is
             minimised, and a model learns faster from the sign.
         errors
             Standard errors of the values, shape (n,) or one for all. A model weighs values by
@@ -211,6 +221,8 @@ class Searcher(metaclass=PublicFace):
         proposals = self._proposals()
         told = self._read("values", values, len(proposals.parameters), one_for_all=False)
         judged, error = np.isfinite(told), np.full(len(told), np.nan)
+        if (large := told[judged & (np.abs(told) > MAX_VALUE)]).size:
+            raise self._error("values", f"is {large[0]:g}; must be within ±{MAX_VALUE:g}, or inf")
         if errors is not None:
             error = self._read("errors", errors, len(told))
             self._check("errors", error[judged], error[judged] >= 0.0)
@@ -240,7 +252,7 @@ class Searcher(metaclass=PublicFace):
     ) -> Floats:
         """Return numbers of n strings, shape (n,)."""
         try:
-            numbers = np.asarray(given, np.float64)
+            numbers = np.ma.filled(np.ma.asarray(given, np.float64), np.nan)
         except (TypeError, ValueError):
             raise self._error(field, f"are {type(given).__name__}; must be numbers") from None
         if numbers.ndim == 0 and one_for_all:
@@ -248,7 +260,15 @@ class Searcher(metaclass=PublicFace):
         if numbers.shape != (count,):
             must = f"must be {pluralise(count, 'number')}, one of each string"
             raise self._error(field, f"have the shape {numbers.shape}; {must}")
-        return numbers.copy()
+        index = getattr(given, "index", None)
+        if index is None or callable(index):  # that of a list is a method
+            return numbers.copy()
+        labels, first = np.asarray(index), len(self._strings)
+        for start in (first, 0):
+            if set(labels.tolist()) == set(range(start, start + count)):
+                return np.asarray(numbers[np.argsort(labels)])
+        must = f"must be the strings {first} to {first + count - 1}, or 0 to {count - 1}"
+        raise self._error(field, f"have another index than the strings; {must}")
 
     def _check(self, field: str, numbers: Floats, allowed: npt.NDArray[np.bool_]) -> None:
         wrong = numbers[~(allowed & np.isfinite(numbers))]

@@ -48,6 +48,7 @@ KINDS: Final = {
 """Names of dimensions in messages, by SI unit."""
 
 _EXPONENT = re.compile(r"(?<=[A-Za-zµΩ°])(-?[1-9])(?![\w.])")
+_SECOND_NUMBER = re.compile(r"±|[\d.]+\s*[^\W\d_]")  # in `5 1/s` the 1 is part of the unit
 _QUANTITY = re.compile(rf"\s*({NUMBER})\s*(.*?)\s*", re.DOTALL)
 
 
@@ -115,6 +116,8 @@ def _convert(text: str, unit: str) -> float:
         if plain != number:
             return float(plain)
         raise ValueError(f"is the text {quoted(text)}, a number in quotes; leave out the quotes")
+    if _SECOND_NUMBER.match(given):
+        raise ValueError(f"is the text {quoted(text)}; must be one number and its unit, no ± error")
     registry = _registry()
     try:
         source = _unit(given)

@@ -104,7 +104,7 @@ class GrainAdvice(NamedTuple):
         """Samples with enough grains whose mean has the same error: variances fall as 1/N."""
         return max(2, math.ceil(self.answer_samples * self.grains / self.enough))
 
-    def as_dict(self) -> dict[str, float | int | bool]:
+    def as_dict(self) -> dict[str, float | int | bool | str]:
         """Return plain values for JSON."""
         return {
             "grains": self.grains,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 from agglom_mpi.config.arguments import read_count
 from agglom_mpi.errors import require_library
 from agglom_mpi.public_face import PublicFace
-from agglom_mpi.storage.reader import CampaignData
+from agglom_mpi.storage.reader import CampaignData, read_campaign
 
 if TYPE_CHECKING:
     from agglom_mpi.inference.data_posterior import DataPosterior
@@ -37,6 +37,10 @@ class CampaignPlots(metaclass=PublicFace):
         data = CampaignData(self.path, opened.attributes, allow_code=opened.allow_code)
         data.with_unused = with_unused or opened.with_unused
         return data
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return the path and the permission: a copy opens the file again."""
+        return _opened_again, (type(self), self.path.absolute(), self._opened.allow_code)
 
     @property
     def path(self) -> Path:
@@ -404,3 +408,7 @@ class CampaignPlots(metaclass=PublicFace):
         from agglom_mpi.report.figures.figure import FigureOptions
 
         return FIGURES[name].plot(self._snapshot(), target, FigureOptions(string))
+
+
+def _opened_again(kind: type[CampaignPlots], path: Path, allow_code: bool) -> CampaignPlots:
+    return kind(read_campaign(path, allow_code=allow_code))

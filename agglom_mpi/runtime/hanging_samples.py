@@ -80,7 +80,10 @@ class HangingSamples:
     def _remedy(self, sample: SampleUnderWay) -> str:
         most = self._max_seconds
         if most is None or sample.seconds < most:
-            return "stopping.max_seconds ends samples that take too long"
+            return (
+                "stopping.max_seconds ends samples that take too long, unless they are in a "
+                "function of your own"
+            )
         return (
             f"stopping.max_seconds, {most:g} s, does not end it: it is in a function that does not "
             "return"

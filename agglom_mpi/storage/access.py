@@ -213,6 +213,9 @@ def with_path(error: OSError | RuntimeError, path: Path) -> OSError:
     number = getattr(error, "errno", None) or (int(found[1]) if found else None)
     if number is None and _is_full(path):  # MPI-IO does not say why it failed
         number = errno.ENOSPC
+    if number == errno.EAGAIN:
+        text = "locked by another process; unset HDF5_USE_FILE_LOCKING, or set it to FALSE"
+        return OSError(number, text, str(path))
     if number:
         return OSError(number, os.strerror(number), str(path))
     return OSError(f"{path}: {error}")

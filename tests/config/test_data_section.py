@@ -10,6 +10,7 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.data_section import DatumEntry
 from agglom_mpi.config.explanation import below, find, texts_of
 from agglom_mpi.config.loading import campaign_of_record, check_campaign, load_campaign
+from agglom_mpi.config.plausibility import implausible
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.declaration.reading import Reading
 from agglom_mpi.measurements.datum import QUANTITIES
@@ -258,3 +259,25 @@ def test_the_section_and_its_keys_are_explained():
     [weight] = find("data.weight")
     assert "mass" in (weight.default or "")
     assert " s" in find("data.time")[0].allowed
+
+
+def test_a_percentage_is_relative_to_a_value_with_a_unit():
+    made = Campaign.from_text(text_of("{quantity: d50, value: 140 um, error: 5 %}"))
+    assert made.data[0].covariance[0, 0] == pytest.approx((7e-6) ** 2)
+    made = Campaign.from_text(text_of("{quantity: particles_left, value: 0.5, error: 5 %}"))
+    assert made.data[0].covariance[0, 0] == pytest.approx(0.05**2)
+
+
+def test_a_measured_diameter_of_140_m_is_warned_of():
+    far, near = (
+        implausible(Campaign.from_text(text_of(f"{{quantity: d50, value: {value}, error: 5 %}}")))
+        for value in ("140", "140 um")
+    )
+    assert [each.field for each in far if "data" in each.field] == ["data.0.value"]
+    assert not any("data" in each.field for each in near)
+
+
+@pytest.mark.parametrize("value", ["27 ± 1 degC", "27 1 degC"])
+def test_a_value_with_a_second_number_is_refused(value):
+    with pytest.raises(CampaignError, match="one number and its unit"):
+        Campaign.from_text(text_of(f"{{quantity: temperature, value: {value}, error: 1 K}}"))

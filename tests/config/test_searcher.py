@@ -1,10 +1,13 @@
 """A search in a loop of one's own proposes what a run does for the same values."""
 
+import re
+
 import numpy as np
 import pytest
 from campaign_runs import QUICKSTART, SMALL, finish, write_campaign
 
 from agglom_mpi import load_campaign
+from agglom_mpi.config.own_variables import read_strings
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.schema import parameters_of
@@ -94,6 +97,38 @@ def test_a_string_that_cannot_be_judged_ranks_last(searcher):
     assert [ranked.string for ranked in searcher._search.best(count)[-2:]] == [0, 1]
 
 
+def test_a_series_is_ordered_by_its_index_and_masked_values_are_not_judged(searcher):
+    pd = pytest.importorskip("pandas")
+    count = len(searcher.ask()["string"])
+    with pytest.raises(CampaignError, match="values: have another index"):
+        searcher.tell(pd.Series(np.zeros(count), index=range(1, count + 1)))
+    backwards = np.arange(count, dtype=float)[::-1]
+    searcher.tell(pd.Series(backwards, index=backwards.astype(int)))
+    assert searcher.best[:2] == (0, 0.0)
+    values = np.ma.masked_less(np.zeros(len(searcher.ask()["string"])), -1.0)
+    values[1:] = np.ma.masked
+    searcher.tell(values)
+    last = searcher._search.best(2 * count)[-1]
+    assert last.string > count
+    assert last.objective == np.inf
+
+
+def test_a_volume_fraction_is_called_what_the_campaign_calls_it(tmp_path):
+    text = write_campaign(tmp_path / "c.yaml", **SMALL).read_text()
+    text = re.sub(r"(?m)^  size_ratio:.*$", "  volume_fraction: [0.05, 0.2]", text)
+    (tmp_path / "c.yaml").write_text(text)
+    searcher = load_campaign(tmp_path / "c.yaml").searcher()
+    strings = searcher.ask()
+    assert "size_ratio" not in strings
+    assert strings.units["volume_fraction"] == "1"
+    fractions = strings["volume_fraction"]
+    assert ((fractions > 0.05 - 1e-12) & (fractions < 0.2 + 1e-12)).all()
+    read = read_strings(searcher._campaign, strings)
+    assert np.allclose(read, strings.parameters, rtol=1e-12, atol=0.0, equal_nan=True)
+    searcher.tell(np.arange(len(fractions), dtype=float))
+    assert searcher.best.parameters["volume_fraction"] == pytest.approx(fractions[0])
+
+
 def test_errors_weigh_values_as_samples_do(tmp_path):
     path = write_search(tmp_path / "run.yaml", SEARCHES["surrogate"])
     by_errors, by_samples = (load_campaign(path).searcher() for _ in range(2))
@@ -132,6 +167,7 @@ def test_criteria_of_the_campaign_end_it(tmp_path):
         ({"values": np.ones(12), "errors": -0.1}, "errors: is -0.1; must be"),
         ({"values": np.ones(12), "errors": [0.1] * 11 + [np.nan]}, "errors: is nan; must be"),
         ({"values": np.ones(12), "samples": 0}, "samples: is 0; must be"),
+        ({"values": [1e300] * 12}, "values: is 1e.300; must be"),
     ],
 )
 def test_values_that_do_not_fit_are_named_and_change_nothing(searcher, arguments, expected):

@@ -42,7 +42,8 @@ def test_a_sample_is_named_after_20_times_the_longest_and_again_at_doubled_times
     assert named == [first + 1, 2 * first + 1, 4 * first + 1]
     assert shown[0] == (
         f"rank 1 on a: string 5 sample 3 has been under way for {first + 1} s, and the longest "
-        f"sample so far took {longest:.2g} s; stopping.max_seconds ends samples that take too long"
+        f"sample so far took {longest:.2g} s; stopping.max_seconds ends samples that take too "
+        "long, unless they are in a function of your own"
     )
 
 
