@@ -17,6 +17,7 @@ from agglom_mpi.declaration.units import quoted, to_si
 
 CURVE_EXAMPLE: Final = "sieve size (mm)"
 """Heading that messages give as an example."""
+HEADINGS_REMEDY: Final = "name it in the entry, like `headings: {finer: passing (%)}`"
 PREFERRED_AMOUNTS: Final[tuple[tuple[Role, ...], ...]] = (
     ("passing", "cumulative"),
     ("cumulative retained",),
@@ -113,7 +114,7 @@ class SizeTable(NamedTuple):
         named = [column for column in sizes if self._is_named(column)]
         chosen = named or [column for column in sizes if column.is_length] or sizes
         if not chosen:
-            raise TableError("has no column of amounts beside its classes, and none of diameters")
+            raise TableError(f"has no column of amounts beside its classes; {HEADINGS_REMEDY}")
         return self._only(chosen)
 
     def _only(self, columns: list[SizeColumn]) -> SizeColumn:

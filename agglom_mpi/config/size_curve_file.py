@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from agglom_mpi.config.bounded_reading import quoted_start
-from agglom_mpi.config.size_choice import CURVE_EXAMPLE, CurveKeys, SizeTable
+from agglom_mpi.config.size_choice import CURVE_EXAMPLE, HEADINGS_REMEDY, CurveKeys, SizeTable
 from agglom_mpi.config.size_curve import (
     Numbers,
     SizeCurve,
@@ -332,5 +332,5 @@ def _refuse_amounts(table: TextTable, diameters: list[float], is_named: bool) ->
     if others:
         raise TableError(
             f"has column {quoted_start(others[0])} beside the sizes, which is no known amount by "
-            "number, area or mass; name it in the entry, like `headings: {finer: passing (%)}`"
+            f"number, area or mass; {HEADINGS_REMEDY}"
         )

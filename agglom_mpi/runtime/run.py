@@ -234,7 +234,8 @@ def run_rank_zero(
                 end = coordinator.end
                 broadcast_start(world, end.code)
                 file.refresh()  # deciding again may have written rows that were lost
-                if file.status().state != end.state:  # killed just after the last generation
+                # Killed just after the last generation, or the row is damaged.
+                if file.status().state != end.state or file.damaged:
                     writer.set_status(end.state, end.reason)
                 if end.code == FINISHED:
                     display.message(f"{request.path} is finished already: nothing to do")

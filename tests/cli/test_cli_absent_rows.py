@@ -6,6 +6,7 @@ import h5py
 import numpy as np
 import pytest
 from campaign_runs import assert_same, decisions, finish, write_campaign
+from storage_rows import put_status
 
 from agglom_mpi.analysis.completeness import lacks_rows
 from agglom_mpi.analysis.file_check import check_file
@@ -43,10 +44,7 @@ def final_places(path, table):
 
 def set_status(path, **columns):
     with h5py.File(path, "r+") as file:
-        row = file["status"][0]
-        for name, value in columns.items():
-            row[name] = value
-        file["status"][0] = row
+        put_status(file, **columns)
 
 
 def add_leg(path):

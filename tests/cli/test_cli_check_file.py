@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 import pytest
 from campaign_runs import assert_same, decisions, finish, invert
-from storage_rows import table_room
+from storage_rows import put_status, table_room
 
 from agglom_mpi.analysis.file_check import check_file
 from agglom_mpi.campaign_file import open_campaign
@@ -101,9 +101,7 @@ def test_a_compact_copy_of_a_stopped_campaign_is_sound_too(copy):
         last, most = int(file["results"]["string"].max()), int(file.attrs["max_samples"])
         file["generations_done"][2] = file["results_done"][last] = 0
         file["samples_done"][last * most : (last + 1) * most] = 0
-        row = file["status"][0]
-        row["state"] = b"stopped"
-        file["status"][0] = row
+        put_status(file, state=b"stopped")
         stored = int(np.count_nonzero(file["samples_done"][:]))
     forge(copy, "legs", 0, exit_code=75, samples=stored)
     write_compact(copy, copy.with_name("compact.h5"))

@@ -174,6 +174,19 @@ def test_a_number_with_a_unit_is_that_of_every_other_field(number, unit):
     assert value == to_si(f"{number!r} {unit}", si.get(unit, "1"))
 
 
+@pytest.mark.parametrize("text", ["a**0.0004 < 2", "(a**0.3333)**3 < 7000 kg/m^3"])
+def test_a_power_that_is_nearly_simple_is_not_simple(text):
+    with pytest.raises(ValueError, match="kg"):
+        common_dimension(read_comparison(text, NAMES).operands, {"a": dimension_of("kg/m^3")}, "")
+
+
+def test_a_power_by_a_fraction_is_simple():
+    for text in ("(a**(1/3))**3 < 7000 kg/m^3", "(a**(1 - 2/3))**3 < 7000 kg/m^3"):
+        operands = read_comparison(text, NAMES).operands
+        density = dimension_of("kg/m^3")
+        assert common_dimension(operands, {"a": density}, "") == density
+
+
 def test_a_zero_has_any_dimension():
     assert dimension(read_expression("0", ()), {}) is ANY
     assert common_dimension(read_comparison("0 < 5 m", ()).operands, {}, "") == dimension_of("m")

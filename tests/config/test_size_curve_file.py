@@ -287,6 +287,93 @@ def test_a_list_of_grains_takes_no_error(read):
             read(grains, keys)
 
 
+IN_FOUR = "10;20;14\n20;40;57\n40;80;21\n80;160;8\n"
+UNKNOWN = {
+    "fractions of an inch": ("Sieve (in);Passing (%)\n1/2;50\n3/4;100\n", "1/2"),
+    "logarithms": ("log10 diameter (um);Passing (%)\n1.8;10\n2.7;100\n", "log10 diameter"),
+    "radii": ("half diameter (um);Passing (%)\n10;50\n20;100\n", "half diameter"),
+    **{
+        heading: (f"lower (um);upper (um);{heading}\n{IN_FOUR}", "has no column of amounts")
+        for heading in (
+            *("number/cm3", "number density", "number per cm3", "counts/s", "number (1/cm3)"),
+            *("q3 (%/um)", "q3 (%)", "dV/dlogD (%)", "mass density (% per um)", "mass (%/um)"),
+            *("Q3 density (%)", "moisture (%)", "relative error (%)", "volume/diameter (%)"),
+        )
+    },
+    "a list beside an unknown amount": (
+        "diameter (um);number/cm3;id\n10;3;1\n20;5;2\n30;4;3\n",
+        "number/cm3",
+    ),
+    "one heading twice": ("sieve (um);Passing (%);Passing (%)\n63;20;30\n125;70;90\n", "'Passing'"),
+    "an error of 100 %": ("sieve (um);passing (%);error (%)\n63;20;100\n125;100;0\n", "'100'"),
+    **{
+        f"{heading} of {number}": (
+            f"{heading}\n{row.format(number)}\n125;20;2\n250;100;3\n",
+            number,
+        )
+        for number in ("1e308", "1e-320", "1e200", "1e-200")
+        for heading, row in {
+            "sieve (um);passing (%);error (%)": "63;10;{}",
+            "sieve (um);passing (%);sd (%)": "{};10;1",
+            "lower (um);count;id": "63;{};1",
+            "lower (um);mass (g);id": "63;{};1",
+        }.items()
+    },
+}
+
+
+@pytest.mark.parametrize(("content", "named"), UNKNOWN.values(), ids=UNKNOWN)
+def test_what_is_not_known_with_certainty_is_refused(read, content, named):
+    keys = CurveKeys() if "error" in content else ERROR
+    with pytest.raises(ValueError, match=r"^is 's\.csv'") as caught:
+        read(content, keys)
+    assert named in str(caught.value)
+
+
+@pytest.mark.parametrize("number", ["1e200", "1e-200"])
+def test_a_list_with_an_extreme_diameter_is_refused(read, number):
+    with pytest.raises(ValueError, match=f"line 2: '{number}'"):
+        read(f"diameter (um)\n{number}\n" + "40\n50\n" * 10, CurveKeys("number"))
+
+
+RETAINED = {
+    "%": ("Retained (%)", (0, 40, 20, 30)),
+    "g": ("Retained (g)", (0, 80, 40, 60)),
+    "cumulative": ("Cumulative retained (%)", (0, 40, 60, 90)),
+}
+
+
+@pytest.mark.parametrize(("heading", "numbers"), RETAINED.values(), ids=RETAINED)
+def test_a_column_that_contradicts_the_curve_needs_one_to_be_named(read, heading, numbers):
+    passing = zip((0.5, 0.25, 0.125, 0.063), numbers, (100, 85, 35, 10), strict=True)
+    text = f"Sieve (mm);{heading};Passing (%)\n" + "".join(
+        ";".join(map(str, row)) + "\n" for row in passing
+    )
+    with pytest.raises(FieldError) as caught:
+        read(text)
+    assert [path for path, _ in caught.value.problems] == [("column",)]
+    curve = read(text, CurveKeys(error=0.02, column="Passing"))
+    assert curve.shares == pytest.approx(SHARES, abs=1e-12)
+
+
+def test_an_entry_may_say_what_headings_mean(read):
+    text = "Lab;4\nKorn;Weg (Lab)\n0.5;100\n0.25;85\n0.125;35\n0.063;10\n"
+    keys = CurveKeys(error=0.02, headings={"Korn": "size (mm)", "Weg (Lab)": "passing (%)"})
+    curve = read(text, keys)
+    assert curve.shares == pytest.approx(SHARES, abs=1e-12)
+    assert curve.edges[1:] == pytest.approx(EDGES, rel=1e-12)
+    for wrong in ({"Weg": "passing (%)"}, {"Korn": "length (mm)"}):
+        with pytest.raises(FieldError, match="headings"):
+            read(text, keys._replace(headings=keys.headings | wrong))
+
+
+def test_sizes_in_order_are_grains_if_their_column_is_named(read):
+    text = "diameter (um);id\n" + "".join(f"{10 + i};{i}\n" for i in range(50))
+    with pytest.raises(ValueError, match="'id'"):
+        read(text, CurveKeys("number"))
+    assert sum(read(text, CurveKeys("number", "diameter")).shares) == pytest.approx(1.0)
+
+
 def numbers_as(text, comma):
     return text.replace(".", ",") if comma else text
 

@@ -87,6 +87,8 @@ REFUSED = {
     "no headings": ("40.5 3\n30.5 4\n", "has 2 columns without headings; must have a heading"),
     "two columns of diameters": ("diameter;Diameter max\n3;5\n2;7\n", "has 2 columns of diameters"),
     "another quantity": ("mass (kg)\n40\n", "line 1: 'mass (kg)' is neither a number nor a headi"),
+    "half a diameter": ("half diameter (um)\n40\n", "line 1: 'half diameter (um)' is neither"),
+    "a logarithm": ("log10 diameter (um)\n1.8\n", "line 1: 'log10 diameter (um)' is"),
     "another unit": ("diameter (kg)\n40\n", "the unit 'kg'; must be one of length like 'um'"),
     "two units": ("size (um)\nmm\n40\n", "line 1: column 'size' has the units 'um' and 'mm'"),
     "shares in percent": (

@@ -21,6 +21,7 @@ from campaign_runs import (
 from crash_processes import ranks_below
 from held_runs import allow, allow_all, held
 from processes import output_of, wait_until_gone
+from storage_rows import put_status
 
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.storage.reader import read_campaign
@@ -114,9 +115,7 @@ def test_a_kill_after_the_last_generation_leaves_only_the_status_to_set(undistur
     path = folder / "small.h5"
     path.write_bytes((undisturbed / "small.h5").read_bytes())
     with h5py.File(path, "r+") as file:
-        status = file["status"][0]
-        status["state"], status["reason"] = b"running", b""
-        file["status"][0] = status
+        put_status(file, state=b"running", reason=b"")
     done = finish(folder, "small.yaml")
     assert "is finished already" in done.stderr
     assert state(path) == ("finished", "all 3 generations are done")

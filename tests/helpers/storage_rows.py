@@ -9,7 +9,7 @@ from agglom_mpi.storage.create import CampaignRecord, create_campaign_file
 from agglom_mpi.storage.room import TableSizes
 from agglom_mpi.storage.run_log import LegStart
 from agglom_mpi.storage.schema import RESULTS, sample_dtype
-from agglom_mpi.storage.table import make_row
+from agglom_mpi.storage.table import make_row, sealed
 from agglom_mpi.storage.writer import GenerationRow
 
 STRINGS, MAX_SAMPLES, GENERATIONS, POPULATION = 40, 100, 5, 6
@@ -40,6 +40,14 @@ def make(path: Path, **changes: object) -> Path:
 def table_room(strings: int, generations: int, **more: object) -> TableSizes:
     """Return sizes of tables with room for these numbers of rows."""
     return TableSizes(strings, MAX_SAMPLES, generations, POPULATION, **more)
+
+
+def put_status(file, **columns: object) -> None:
+    """Change columns of the row of `/status` of an open file, with its checksum."""
+    row = file["status"][...]
+    for name, value in columns.items():
+        row[name] = value
+    file["status"][...] = sealed(row)
 
 
 def sample_rows(string: int, first: int, count: int) -> np.ndarray:

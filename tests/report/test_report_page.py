@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from campaign_runs import SMALL, finish, write_campaign
 from click.testing import CliRunner
+from storage_rows import put_status
 
 from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.campaign_file import open_campaign
@@ -259,12 +260,12 @@ def test_no_text_of_a_file_becomes_a_part_of_the_page(copy, tmp_path):
         for name in ("title", "created", "code_version", "sources_sha256"):
             file.attrs[name] = SCRIPT
         file.attrs["campaign"] = f"# {SCRIPT}\n{file.attrs['campaign']}"
-        legs, status = file["legs"][:1], file["status"][...]
+        legs = file["legs"][:1]
         for name in ("host", "processor", "code_version"):
             legs[name] = SCRIPT.encode()
-        status["state"], status["reason"] = b"<script>", SCRIPT.encode()
         legs["crc"] = checksums(legs)
-        file["legs"][:1], file["status"][...] = legs, status
+        file["legs"][:1] = legs
+        put_status(file, state=b"<script>", reason=SCRIPT.encode())
     page = report(copy, tmp_path / "out")
     assert page.count("&lt;script&gt;alert(1)") >= 9
     assert page.count("<script") == 1

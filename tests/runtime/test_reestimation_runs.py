@@ -28,6 +28,7 @@ from reestimation_runs import (
 from agglom_mpi.analysis.file_check import check_file
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli import main
+from agglom_mpi.storage.header import write_checksums
 from agglom_mpi.storage.reader import read_campaign
 
 TWO = {"generations": 2, "max_samples": 12}
@@ -206,6 +207,7 @@ def test_a_file_of_an_earlier_version_gets_room_for_estimates(ended, tmp_path):
     shutil.copy(ended / "final.yaml", tmp_path)
     with h5py.File(path, "r+") as file:
         del file.attrs["fresh_from"]
+        write_checksums(file)
     assert_sound(path)
     finish(tmp_path, "final.yaml", "-q")
     assert_fresh_are_those_of_the_best(path, tmp_path / "final.yaml", STRINGS, SAMPLES)

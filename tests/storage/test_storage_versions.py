@@ -10,6 +10,7 @@ import pytest
 from campaign_runs import assert_sound, finish
 
 import agglom_mpi
+from agglom_mpi.analysis.derived import derived_columns
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.schema import FORMAT_VERSION, LEGS, Column, TableSchema
 from agglom_mpi.storage.table import fitted
@@ -83,6 +84,16 @@ def test_a_file_without_processor_times_is_read(tmp_path):
     assert np.isnan(file.strings["cpu_seconds"]).all()
     assert np.isnan(data.legs()["cpu_seconds"]).all()
     assert data.legs()["scipy"].tolist() != [b""]
+
+
+def test_a_text_of_an_older_file_that_does_not_parse_is_noted(tmp_path):
+    path = unpacked(tmp_path, 3) / "version_3.h5"
+    with h5py.File(path, "r+") as file:
+        file.attrs["campaign"] += "\nderived: ["
+    data = read_campaign(path)
+    assert data.altered == []  # it has no checksum
+    assert derived_columns(data) == []
+    assert data.altered == ["campaign"]
 
 
 @pytest.mark.exact_bits
