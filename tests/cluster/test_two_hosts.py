@@ -11,7 +11,6 @@ from campaign_runs import (
     decisions,
     finish,
     inject,
-    state,
     write_campaign,
 )
 from processes import output_of
@@ -86,25 +85,6 @@ def test_a_clock_that_is_an_hour_ahead_changes_nothing(launch, tmp_path, ahead, 
     assert 0.0 < leg["stopped"] - leg["started"] < 1800.0
     assert_same(tmp_path / "small.h5", undisturbed)
     assert_sound(tmp_path / "small.h5")
-
-
-@pytest.mark.skipif(OPEN_MPI, reason="Open MPI ends the ranks of a daemon that is killed")
-@pytest.mark.parametrize("launch", LAUNCHERS[:1], indirect=True)
-def test_a_run_stops_when_the_launcher_on_another_host_is_killed(
-    launch, held, tmp_path, undisturbed
-):
-    process, _ = held
-    (proxy,) = (each for each in launch.hosts.second.processes() if "hydra" in each.name())
-    proxy.kill()
-    output_of(process)
-    launch.wait_for_end_of_ranks()
-    assert process.returncode not in (0, 2)
-    assert state(tmp_path / "small.h5") == (
-        "stopped",
-        f"the launcher's process on {NAMES[1]} is gone",
-    )
-    finish(tmp_path, "small.yaml")
-    assert_same(tmp_path / "small.h5", undisturbed)
 
 
 def test_a_job_ends_soon_when_all_processes_of_a_host_are_killed(

@@ -75,6 +75,8 @@ DISTURBANCES = [
     *((f"rank {rank}", seconds) for rank in (0, 1) for seconds in (20, 60, 120)),
 ]
 """What is cut or stopped, and for how long, s."""
+LAUNCHER_KILLED = "launcher", 0
+"""MPICH's process on the second host."""
 
 
 @pytest.fixture(scope="module")
@@ -85,10 +87,11 @@ def disturbed(tmp_path_factory):
     """
     need_two_hosts()
     need_mpirun()
-    folders = [tmp_path_factory.mktemp("disturbed") for _ in DISTURBANCES]
-    with ThreadPoolExecutor(len(DISTURBANCES)) as pool:
-        found = pool.map(disturb, folders, *zip(*DISTURBANCES, strict=True))
-        return dict(zip(DISTURBANCES, found, strict=True))
+    cases = [*DISTURBANCES, LAUNCHER_KILLED]
+    folders = [tmp_path_factory.mktemp("disturbed") for _ in cases]
+    with ThreadPoolExecutor(len(cases)) as pool:
+        found = pool.map(disturb, folders, *zip(*cases, strict=True))
+        return dict(zip(cases, found, strict=True))
 
 
 def disturb(folder, what, seconds):
@@ -107,6 +110,10 @@ def disturb(folder, what, seconds):
                 first.cut()
                 time.sleep(seconds)
                 first.mend()
+            elif (what, seconds) == LAUNCHER_KILLED:
+                (proxy,) = (each for each in second.processes() if "hydra" in each.name())
+                proxy.kill()
+                output_of(process)  # while the gate is closed
             else:
                 (rank,) = (first if what == "rank 0" else second).ranks()
                 rank.send_signal(signal.SIGSTOP)
@@ -130,6 +137,14 @@ def test_rank_0_outlives_ranks_that_have_left(disturbed, what, seconds, shared_c
     assert_sound(path)
     finish(path.parent, "small.yaml")
     assert_same(path, decisions(shared_campaign("small") / "small.h5"))
+
+
+@pytest.mark.skipif(OPEN_MPI, reason="Open MPI ends the ranks of a daemon that is killed")
+def test_a_run_stops_when_the_launcher_on_another_host_is_killed(disturbed):
+    code, path = disturbed[LAUNCHER_KILLED]
+    assert code not in (0, 2)
+    assert state(path) == ("stopped", f"the launcher's process on {NAMES[1]} is gone")
+    assert_sound(path)
 
 
 def line_with(process, words):

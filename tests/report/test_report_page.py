@@ -26,6 +26,7 @@ from agglom_mpi.report.sample_particles import final_radii
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import prepare
 from agglom_mpi.runtime.provenance import leg_start
+from agglom_mpi.storage.lock import CampaignLock
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.run_log import LegEnd
 from agglom_mpi.storage.schema import RESULTS, sample_dtype
@@ -165,7 +166,8 @@ def test_a_campaign_that_has_not_begun_has_a_page_without_figures(waiting, tmp_p
 @pytest.mark.usefixtures("sketched")
 def test_a_file_that_is_being_written_has_a_page_of_what_is_there(waiting, tmp_path):
     begin(waiting)
-    page = report(waiting, tmp_path / "out")
+    with CampaignLock(waiting):
+        page = report(waiting, tmp_path / "out")
     assert "The file was being written when this was made." in page
     assert "3 strings judged by 30 samples of 30 simulated" in page
     assert figures(page) == {"best_strings", "ensembles", "radii", "samples_per_string"}
