@@ -54,8 +54,8 @@ def plastic_restitution(ratio: float) -> float:
 class ElasticPlasticRestitution(Restitution):
     """e(w) of elastic–perfectly plastic spheres: 1 up to the yield speed, then falling as w^(−¼).
 
-    The yield pressure p_y, the peak of a contact, is given, or 1.6 times a `yield_stress`. Neglected are work hardening,
-    heat, and what earlier impacts have flattened.
+    The yield pressure p_y, the peak of a contact, is given, or 1.6 times a `yield_stress`.
+    Neglected are work hardening, heat, and what earlier impacts have flattened.
 
     Attributes
     ----------
