@@ -39,11 +39,15 @@ MEASURED: Final = {
 MISSING: Final = MeanEstimate(math.nan, math.nan, 0)
 """Estimate of what the scene lacks."""
 
-OVERLAPS: Final = (
+GROWN: Final = (
     "overlaps: pairs of particles at the end in which an aggregate has grown into its neighbour; "
     "they collide as soon as they approach"
 )
 """Explanation of the last line of a ledger."""
+MISSED: Final = (
+    "overlaps: pairs of particles at the end whose impact a time step has missed, as none has grown"
+)
+"""The same where no particles merge or break."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -178,7 +182,8 @@ class StringEstimate(metaclass=PublicFace):
             lines.append(f"{self.failed} of {simulated} failed")
         lines.append("ledger, worst sample")
         lines += [f"  {name:<22}{value:.3g}" for name, value in self.ledger.items()]
-        return [*lines, OVERLAPS] if self.ledger["overlaps"] else lines
+        changed = self.merges.value > 0.0 or self.breakups.value > 0.0
+        return [*lines, GROWN if changed else MISSED] if self.ledger["overlaps"] else lines
 
 
 def _line(name: str, value: float, unit: str) -> str:

@@ -67,19 +67,7 @@ def viscous_number(
     """α = A (ΓE*²R*²/m*³)^(1/6), A over the time in which adhesion moves the grains.
 
     That time is √(m*L/(ΓR*)), L = R*(Γ/(E*R*))^⅔ the length by which the contact stretches.
-
-    Parameters
-    ----------
-    time
-        A in s.
-    surface_energy
-        γ in J/m² per surface; Γ = 2γ.
-    radius
-        Reduced radius R* in m.
-    modulus
-        Contact modulus E* in Pa.
-    mass
-        Reduced mass m* in kg.
+    Arguments as of `separation_work`, with A in s and m* in kg.
     """
     stiffness = modulus * radius
     return time * math.sqrt((2.0 * surface_energy * stiffness * stiffness) ** (1.0 / 3.0) / mass)

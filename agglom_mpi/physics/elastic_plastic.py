@@ -54,13 +54,14 @@ def plastic_restitution(ratio: float) -> float:
 class ElasticPlasticRestitution(Restitution):
     """e(w) of elastic–perfectly plastic spheres: 1 up to the yield speed, then falling as w^(−¼).
 
-    The yield pressure p_y is given, or 1.6 times a `yield_stress`. Neglected are work hardening,
-    heat, and what earlier impacts have flattened.
+    The yield pressure p_y, the peak of a contact, is given, or 1.6 times a `yield_stress`.
+    Neglected are work hardening, heat, and what earlier impacts have flattened.
 
     Attributes
     ----------
     yield_pressure
-        Mean pressure p_y at which a contact begins to flow.
+        Pressure p_y in the middle of the contact, where it is largest, at which the contact begins
+        to flow; 1.5 times the mean pressure of a Hertzian contact.
     yield_stress
         Yield stress of the material, in place of `yield_pressure`.
     """

@@ -32,6 +32,9 @@ WEBER: Final = Group(
     {"density": 1.0, "relative_speed": 2.0, "grain_radius": 1.0, "surface_tension": -1.0},
 )
 
+THIN: Final = 0.3
+"""Thickest film relative to the radius of a grain: lubrication asks for gaps well below it."""
+
 
 @inlined
 def drag_speed(viscosity: float, pair: ContactPair) -> float:
@@ -145,6 +148,16 @@ class WetRestitution(RestitutionAroundDry):
         deficit = min(1.0, dry.deficit + slowed * (1.0 - dry.deficit))
         behind = RestitutionSolution(deficit, dry.bonds or slowed >= 1.0, dry.residual, dry.capped)
         return without_energy(behind, 2.0 * work / (pair.reduced_mass * speed * speed))
+
+    def cautions(self, scene: Any, value: Values) -> Iterator[tuple[FieldPath, str]]:
+        """Yield a film that is not thin."""
+        radius = scales.grain_radius(scene, value)
+        if self.film_thickness > THIN * radius:
+            yield (
+                ("film_thickness",),
+                f"is {self.film_thickness:.3g} m on grains of radius {radius:.3g} m; lubrication "
+                f"describes films of up to {THIN:g} of the radius",
+            )
 
     def stokes(self, scene: Any, value: Values) -> float:
         """Return the Stokes number of two mean grains at their mean approach speed."""

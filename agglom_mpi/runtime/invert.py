@@ -10,6 +10,7 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.searchable import check_search_library, check_searchable
 from agglom_mpi.config.yaml_source import warn
+from agglom_mpi.contracts.promises import promises_of
 from agglom_mpi.display.run_display import Display
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import output_path
@@ -68,7 +69,11 @@ def read_request(
 def request_for(
     campaign: Campaign, options: InvertOptions, show: Callable[[str], None] = lambda line: None
 ) -> RunRequest:
-    """Return what to run of a campaign; arguments and errors as of `read_request`."""
+    """Return what to run of a campaign; arguments and errors as of `read_request`.
+
+    Components of one's own are tested before the first leg, which makes the file; later legs and
+    other ranks do not test them.
+    """
     if options.seed is not None:
         campaign = campaign.with_seed(options.seed)
     if options.generations is not None:
@@ -77,6 +82,9 @@ def request_for(
     check_search_library(campaign)
     warn([*campaign.warnings(), *narrow], options.strict, show)
     path = output_path(campaign, options.output, options.seed)
+    if options.allow_code and not path.exists():  # a file records that they have passed
+        for line in promises_of(campaign, options.allow_code):
+            show(line)
     start = warm_start(campaign, path)
     warn(start.warnings, options.strict, show)
     experiment = InversionExperiment(campaign, start.strings)

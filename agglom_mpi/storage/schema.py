@@ -142,7 +142,8 @@ SAMPLES: Final = TableSchema(
             "cpu_seconds",
             "f8",
             "s",
-            "processor time of its simulation, of the thread that simulates",
+            "processor time of its simulation by the thread that simulates: its kernel; on the "
+            "last sample of a range also the Python code around these",
             since=3,
         ),
         Column("finished", "f8", "s", "Unix time of its end"),

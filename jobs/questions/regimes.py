@@ -47,7 +47,7 @@ def fate(laws, pair, grains):
 
 
 def lines(section, values, laws, grains):
-    """Return the closed forms: sticking speed of elastic spheres, onset and end of breaking, m/s.
+    """Return the closed forms: sticking speed after elastic impacts, onset and end of breaking, m/s.
 
     Two aggregates that hardly rebound lose m*w²/2, half of which each absorbs: w = 2√(E/m*) for
     the energy E of the contacts that break, one at the onset and all at the end.
@@ -81,7 +81,7 @@ def main():
     fine = np.geomspace(1.0, GRAINS[-1], 200)
     stick, onset, end = lines(section, values, laws, fine)
     across = 2e6 * grain * np.cbrt(fine)
-    axes.plot(across, stick, "-", color="black", label="sticking speed of elastic spheres")
+    axes.plot(across, stick, "-", color="black", label="sticking speed after an elastic impact")
     many = fine >= 2.0
     axes.plot(across[many], onset[many], "--", color="black", label="energy of one contact")
     axes.plot(across[many], end[many], ":", color="black", label="energy of all contacts")

@@ -6,8 +6,13 @@ import pytest
 from click.testing import CliRunner
 from own_components import RESTITUTION_LINE, SPEED, write_scene
 
+from agglom_mpi import load_campaign
 from agglom_mpi.cli.check import check
 from agglom_mpi.compilation.kernels import runs_compiled
+from agglom_mpi.contracts.promises import SPEED_RATIOS, _rebound
+from agglom_mpi.contracts.tested_components import BrokenComponentError
+from agglom_mpi.physics import scales
+from agglom_mpi.runtime.invert import InvertOptions, read_request
 
 COMPILED = pytest.mark.skipif(not runs_compiled(), reason="nothing is compiled")
 FORMULA = "deficit = 1.0 - min(1.0, (self.speed / pair.approach_speed) ** 0.25)"
@@ -23,7 +28,8 @@ def test_an_own_law_that_holds_is_listed_with_its_properties(tmp_path):
     code, output, complaints = checked(write_scene(tmp_path), "--json")
     assert code == 0
     assert complaints == []
-    [line] = json.loads(output)["properties"]
+    line, rebound = json.loads(output)["properties"]
+    assert rebound.startswith("sticking.py:SpeedRestitution: e of the mean pair: ")
     assert line.startswith("sticking.py:SpeedRestitution ")
     held = {"finite", "symmetry", "frame", "units", "range", "energy"}
     assert held <= set(line.replace(",", "").split())
@@ -112,3 +118,32 @@ def test_a_division_by_zero_that_compiled_code_survives_is_no_failure(tmp_path):
     code, _, complaints = checked(write_scene(tmp_path, SPEED.replace(FORMULA, safe)))
     assert complaints == []
     assert code == 0
+
+
+def test_a_run_tests_own_components_before_its_first_leg_alone(tmp_path, monkeypatch):
+    broken = SPEED.replace(FORMULA, "deficit = 0.5 * pair.radius_i / pair.radius_j")
+    path, shown = write_scene(tmp_path, broken), []
+    options = InvertOptions(str(path), str(tmp_path / "own.h5"), allow_code=True)
+    with pytest.raises(BrokenComponentError) as caught:
+        read_request(options, shown.append)
+    assert "sticking.py:SpeedRestitution: symmetry: " in str(caught.value)
+    assert not (tmp_path / "own.h5").exists()
+    (tmp_path / "own.h5").touch()  # of an earlier leg
+    read_request(options, shown.append)
+    assert not any(line.startswith("sticking.py") for line in shown)
+
+
+def test_e_of_the_mean_pair_is_a_line_on_a_restitution_of_ones_own(tmp_path):
+    campaign = load_campaign(write_scene(tmp_path), allow_code=True)
+    [line] = _rebound(campaign)
+    section, values = campaign.at(campaign.parameters())
+    mean = scales.mean_approach(section, values)
+    found = [each.split() for each in line.removesuffix(" m/s").split(": ")[-1].split(", ")]
+    assert [float(speed) for _, _, speed in found] == pytest.approx(
+        [ratio * mean for ratio in SPEED_RATIOS], rel=6e-3
+    )
+    for e, _, speed in found:
+        if float(speed) < 0.3:
+            assert e == "sticks"
+        else:
+            assert float(e) == pytest.approx(min(1.0, (3.0 / float(speed)) ** 0.25), abs=6e-3)

@@ -1,6 +1,7 @@
 """Wet grains: the film by its equation of motion, the bridge by quadrature, and their limits."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -170,3 +171,11 @@ variables: {relative_speed: 1 m/s, volume_fraction: 0.05, density: 2500}
     fate = next(line for line in campaign.describe().splitlines() if "mean pair  " in line)
     assert ("sticks" in fate) == (mean <= expected)
     assert f"{mean / expected:.2g}" in fate
+
+
+def test_a_film_that_is_thick_for_its_grain_is_doubted():
+    law = WetRestitution(dry=ConstantRestitution(value=0.8), **FILM)
+    for diameter, doubted in ((1e-6, 1), (2e-4, 0)):
+        scene = SimpleNamespace(diameter=diameter)
+        found = [path for path, _ in law.cautions(scene, {})]
+        assert found == [("film_thickness",)] * doubted
