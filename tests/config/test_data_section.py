@@ -69,7 +69,8 @@ def test_diameters_are_by_mass_and_means_by_number_unless_stated():
         for name, each in QUANTITIES.items()
         if each.unit == "m" and each.has_weight
     ]
-    found = {datum.quantity: datum.weight for datum in Campaign.from_text(text_of(*entries)).data}
+    alone = [Campaign.from_text(text_of(entry)).data[0] for entry in entries]
+    found = {datum.quantity: datum.weight for datum in alone}
     masses = {"d10", "d50", "d90"}
     assert {name for name, weight in found.items() if weight == "mass"} == masses
     assert {name for name, weight in found.items() if weight == "number"} == set(found) - masses

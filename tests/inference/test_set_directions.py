@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from agglom_mpi.inference.set_directions import _touched, nearest_group, rounded, set_variables
+from agglom_mpi.inference.set_directions import nearest_group, rounded, set_variables, touched_ends
 from agglom_mpi.physics.restitution import IMPACT_PRESSURE
 
 UNITS = (np.arange(10_000) + 0.5) / 10_000
@@ -18,7 +18,7 @@ UNITS = (np.arange(10_000) + 0.5) / 10_000
     ],
 )
 def test_a_set_touches_an_end_where_it_is_about_as_dense_as_elsewhere(density, ends):
-    assert _touched(UNITS, density) == ends
+    assert touched_ends(UNITS, density) == ends
 
 
 def test_a_set_whose_box_was_narrowed_on_both_sides_touches_no_end(doubling):
