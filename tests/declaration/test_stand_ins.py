@@ -224,3 +224,18 @@ def test_a_recorded_number_of_numbers_is_bounded(count):
     record["fields"]["limits"]["several"] = count
     with pytest.raises(ValueError, match="too many"):
         stand_in(Cooling, component.name, record)
+
+
+def test_a_stand_in_has_the_values_that_the_module_had_read(monkeypatch):
+    monkeypatch.setenv("WALL", "0.5")
+    source = SOURCE.replace(
+        "class Newton", "import os\n\nWALL = os.environ['WALL']\n\n\nclass Newton"
+    )
+    body = "        return self.rate"
+    assert body in source
+    source = source.replace(body, f"{body} * float(WALL)", 1)
+    component = class_in(OwnModule.of("mine.py", source.encode()), "Newton")(rate=2.0)
+    assert component.entries()["source_values"] == {"WALL": "'0.5'"}
+    record = json.loads(json.dumps(record_of(component)))
+    made = stand_in(Cooling, component.name, record)
+    assert made.recorded(component.entries()).entries() == component.entries()
