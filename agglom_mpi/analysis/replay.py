@@ -6,9 +6,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.analysis.resimulation import samples_that_differ
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.inversion import inversion_of
 from agglom_mpi.config.loading import campaign_of_record
+from agglom_mpi.config.own_components import own_of
 from agglom_mpi.config.searchable import check_search_library
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.errors import CodeNotAllowedError, MissingLibraryError
@@ -71,6 +73,8 @@ def replay(report: VerificationReport) -> Replayed | None:
         campaign = campaign.with_generations(_generations(report))
         check_search_library(campaign)
         log, inversion = _rerun_decisions(campaign, report)
+        if allowed is not None or any(own_of(campaign)):
+            report.faults.extend(samples_that_differ(data, campaign))
     except MissingLibraryError:
         raise
     except CodeNotAllowedError:

@@ -1,14 +1,17 @@
 """Recorded strings and samples, to be simulated again and compared."""
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from agglom_mpi.config.yaml_source import CampaignError, Problem
-from agglom_mpi.outcome import COLUMNS
+from agglom_mpi.outcome import COLUMNS, COMPLETED
 
 if TYPE_CHECKING:
+    from agglom_mpi.config.campaign import Campaign
+    from agglom_mpi.simulation.sample import Outcome
     from agglom_mpi.storage.reader import CampaignData
 
 AGREEMENT: Final = {
@@ -16,6 +19,9 @@ AGREEMENT: Final = {
     False: "differs from the recorded sample",
 }
 """Verdict on a resimulated sample, by `is_same`."""
+
+COMPARED: Final = 3
+"""Number of samples that a check of a file with code of one's own simulates again."""
 
 
 def recorded_parameters(data: "CampaignData", string: int | None) -> npt.NDArray[np.float64]:
@@ -47,6 +53,35 @@ def is_same(stored: np.void, computed: np.void, version: int) -> bool:
         for column in COLUMNS
         if column.since <= version
     )
+
+
+def is_same_sample(stored: np.void, outcome: "Outcome", version: int, with_function: bool) -> bool:
+    """Return whether a sample gives its stored row again, with what the user's function returned.
+
+    Parameters
+    ----------
+    stored, version
+        As for `is_same`.
+    outcome
+        The sample, simulated again.
+    with_function
+        Whether the objective is a function, which was called again.
+    """
+    values = {"objective": outcome.objective, **outcome.quantities} if with_function else {}
+    same = all(np.float64(value) == stored[name] for name, value in values.items())
+    return same and is_same(stored, outcome.record, version)
+
+
+def samples_that_differ(data: "CampaignData", campaign: "Campaign") -> Iterator[str]:
+    """Simulate the fastest stored samples again; yield a line on each that gives another row."""
+    rows = data.searched_samples
+    rows = rows[rows["state"] == COMPLETED]
+    for row in rows[np.argsort(rows["seconds"], kind="stable")[:COMPARED]]:
+        string, sample = int(row["string"]), int(row["sample"])
+        number = campaign.first_sample(string) + sample
+        again = campaign.simulate(data.parameters[string], number)
+        if not is_same_sample(row, again, data.format_version, bool(campaign.user_function)):
+            yield f"samples: sample {sample} of string {string} {AGREEMENT[False]}"
 
 
 def mistaken(source: object, field: str, message: str) -> CampaignError:

@@ -25,8 +25,11 @@ _OWN_TYPE: Final = re.compile(rf"{OWN_PREFIX}\w+?_[0-9a-f]{{16}}_")
 """Prefix of the name of a class in the types of its numbers."""
 _ALLOCATES: Final = "NRT required but not enabled"
 
-_OPTIONS: Final[dict[str, Any]] = {"error_model": "numpy", "_nrt": False}
-"""Options of Numba: those of stages that make no arrays, but called from Python."""
+_OPTIONS: Final[dict[str, Any]] = {"error_model": "numpy", "_nrt": False, "nogil": True}
+"""Options of Numba: those of stages that make no arrays, but called from Python.
+
+A formula that does not end is noticed by another thread.
+"""
 
 LONGEST_REASON: Final = 300
 """Maximum number of characters of a reason."""

@@ -408,12 +408,16 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
         ------
         CampaignError
             If it raises, or returns something else than a finite float, or the quantities that
-            are named; or the sample fails.
+            are named, or another value when it is called again; or the sample fails.
         """
         if self.user_function is None:
             return None
         try:
-            return self.simulate(self.parameters())
+            first, second = (self.simulate(self.parameters()) for _ in range(2))
+            values = [repr((each.objective, each.quantities)) for each in (first, second)]
+            if values[0] != values[1]:
+                raise RuntimeError(f"returns {first.objective!r} and then {second.objective!r}")
+            return first
         except RuntimeError as error:
             message = f"is {self.user_function.call!r}, but of the middle of the box {error}"
             raise self.function_error(message) from error

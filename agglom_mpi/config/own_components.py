@@ -214,11 +214,11 @@ class RecordedComponents(OwnComponents):
         """Return the stand-in for the class `FILE.py:Class`; see `OwnComponents.find`."""
         if name not in self._made:
             records = _parsed(self._texts.get(OWN_COMPONENTS, "{}"))
-            if name not in records:
+            if not isinstance(records, dict) or name not in records:
                 raise ValueError(f"is {quoted(name)}, which the file does not describe")
             try:
                 self._made[name] = stand_in(kind, name, records[name])
-            except (LookupError, TypeError, AttributeError) as error:
+            except Exception as error:  # a record of a stranger may be anything
                 message = f"is {quoted(name)}, whose description in the file is damaged"
                 raise ValueError(message) from error
         return self._made[name]

@@ -122,9 +122,11 @@ def _tested(subject: Subject, promised: LawProperty) -> PropertyFinding:
     domain = {**subject.domain, **promised.domain}
     violation = _guarded(subject, promised.violation)
     for point in draw_points(domain, (POINTS_SEED, *name.encode()), promised.points):
-        if violation(point) is None:
+        first = violation(point)
+        if first is None:
             continue
         text, numbers = simplest(point, domain, violation)
+        text = text or f"{first}, and at other calls with the same numbers not"
         if name in law.breaks:
             return PropertyFinding(
                 component_label(law), name, Verdict.BREAKS, law.breaks[name], numbers

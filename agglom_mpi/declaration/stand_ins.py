@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 Record = dict[str, Any]
 """Plain values for JSON."""
 
+MAX_SEVERAL: Final = 1000
+"""Maximum number of numbers of one recorded field: each takes memory for its checks."""
+
 _PLAIN: Final = (bool, int, float, str, type(None))
 _OF_DECLARATIONS: Final = {
     *("own", "model_fields", "Numbers", "needed", "breaks", "names", "as_mapping"),
@@ -169,6 +172,9 @@ def stand_in(kind: type[Component], name: str, record: Mapping[str, Any]) -> typ
     record
         As from `record_of`.
     """
+    for part in ("fields", "answers", "methods", "refused"):
+        if not all(each.isidentifier() and each[0] != "_" for each in record[part]):
+            raise ValueError("a name is none of a field or method")
     base = _base(kind, str(record["base"]))
     fields = {key: _field(field) for key, field in record["fields"].items()}
     namespace: dict[str, Any] = {
@@ -199,7 +205,7 @@ def _base(kind: type[Component], name: str) -> type[Component]:
     try:
         ours = module.startswith("agglom_mpi.")
         found = getattr(import_module(module), qualified) if ours else kind
-    except (ImportError, AttributeError):  # of another version
+    except (ImportError, AttributeError, ValueError):  # of another version
         return kind
     return found if isinstance(found, type) and issubclass(found, kind) else kind
 
@@ -212,6 +218,8 @@ def _field(record: Mapping[str, Any]) -> tuple[Any, Any]:
         case "In":
             annotation = Annotated[float, In(**limits)]
             if "several" in record:
+                if not 0 < record["several"] <= MAX_SEVERAL:
+                    raise ValueError("a field has too many numbers")
                 several: Any = tuple.__class_getitem__((float,) * record["several"])
                 annotation = Annotated[several, In(**limits)]
         case "Whole":

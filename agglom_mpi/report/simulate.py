@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from agglom_mpi.analysis.resimulation import (
     AGREEMENT,
-    is_same,
+    is_same_sample,
     mistaken,
     recorded_parameters,
     recorded_sample,
@@ -140,10 +140,10 @@ def simulate_string(
     ]:
         show(f"warning: {line}")
     extra: dict[str, Any] = {"reasons": failures[:1]} if failures else {}
-    if campaign.user_function is not None and campaign.user_function.source is None:
+    if campaign.user_function is not None and not _calls_function(campaign):
         extra["note"] = OBJECTIVE_LEFT_OUT
     if recorded is not None and request.engine is None:
-        same = is_same(recorded, outcomes[0].record, version)
+        same = is_same_sample(recorded, outcomes[0], version, _calls_function(campaign))
         extra["replay"] = AGREEMENT[same]
         code = FINISHED if same else FAILURE
     if request.out is not None:
@@ -151,6 +151,11 @@ def simulate_string(
     if as_json:
         return json.dumps(estimate.as_dict() | extra, indent=2), code
     return _as_text(estimate, extra), code
+
+
+def _calls_function(campaign: Campaign) -> bool:
+    """Return whether the objective is a function that may be called."""
+    return campaign.user_function is not None and campaign.user_function.source is not None
 
 
 def _simulate(

@@ -10,10 +10,12 @@ import pytest
 from own_components import RESTITUTION_LINE, SCENE, SPEED, write_scene
 
 from agglom_mpi import components, load_campaign
+from agglom_mpi.compilation.stages import module_key
 from agglom_mpi.config.loading import check_campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.declaration.own_modules import OwnModule, class_in
 from agglom_mpi.physics.restitution import Restitution
+from agglom_mpi.runtime.file_setup import OutputError, check_same_campaign
 
 NAME = "sticking.py:SpeedRestitution"
 
@@ -231,3 +233,45 @@ def test_the_example_of_the_readme_works(tmp_path):
     old = SCENE.splitlines()[RESTITUTION_LINE - 1]
     law = load_campaign(write_scene(tmp_path, source, (old, line)), True).scene.restitution
     assert (law.name, law.speed, law.sticking) == ("sticking.py:Speed", 3.0, 0.3)
+
+
+READING_SPEED = SPEED.replace("from typing", "import os\nfrom typing").replace(
+    "class SpeedRestitution", 'E_WALL = float(os.environ["E_WALL"])\n\n\nclass SpeedRestitution'
+)
+READING_SPEED = READING_SPEED.replace(
+    "RestitutionSolution(deficit", "RestitutionSolution(E_WALL * deficit"
+)
+
+
+def test_what_a_law_has_read_is_another_campaign_and_other_machine_code(tmp_path, monkeypatch):
+    found, keys = [], []
+    for place, wall in enumerate(("0.9", "0.1")):
+        monkeypatch.setenv("E_WALL", wall)
+        # Another process would execute the same bytes; this one does so once, so they differ.
+        path = write_scene(tmp_path, f"{READING_SPEED}# {place}\n")
+        campaign = load_campaign(path, allow_code=True)
+        found.append(campaign.identity())
+        law = campaign.scene.restitution
+        keys.append(module_key(type(law).__module__))
+    values = [each.pop("scene.restitution.source_values.E_WALL") for each in found]
+    assert values == ["0.9", "0.1"]
+    assert [key.split(" ", 1)[1] for key in keys] == ["('E_WALL', '0.9')", "('E_WALL', '0.1')"]
+    with pytest.raises(OutputError, match=r"source_values\.E_WALL: 0\.9 in the file, 0\.1 now"):
+        check_same_campaign(
+            tmp_path / "own.h5",
+            found[0] | {"scene.restitution.source_values.E_WALL": "0.9"},
+            found[0] | {"scene.restitution.source_values.E_WALL": "0.1"},
+        )
+
+
+def test_a_law_that_reads_nothing_has_no_such_entries(tmp_path):
+    identity = load_campaign(write_scene(tmp_path), allow_code=True).identity()
+    assert [name for name in identity if "source" in name] == ["scene.restitution.source_sha256"]
+
+
+def test_a_module_that_changes_the_folder_does_not_move_the_run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "elsewhere").mkdir()
+    source = SPEED.replace("from typing", "import os\nos.chdir('elsewhere')\nfrom typing")
+    load_campaign(write_scene(tmp_path, source), allow_code=True)
+    assert Path.cwd() == tmp_path

@@ -1,16 +1,20 @@
 """`agglom check --allow-code` tests own components: one line for what fails, and what is broken."""
 
 import json
+import subprocess
 
 import pytest
 from click.testing import CliRunner
 from own_components import RESTITUTION_LINE, SPEED, write_scene
+from user_function_runs import write_own
 
 from agglom_mpi import load_campaign
 from agglom_mpi.cli.check import check
 from agglom_mpi.compilation.kernels import runs_compiled
+from agglom_mpi.contracts import tested_components
 from agglom_mpi.contracts.promises import SPEED_RATIOS, _rebound
 from agglom_mpi.contracts.tested_components import BrokenComponentError
+from agglom_mpi.launcher import python_command
 from agglom_mpi.physics import scales
 from agglom_mpi.runtime.invert import InvertOptions, read_request
 
@@ -147,3 +151,57 @@ def test_e_of_the_mean_pair_is_a_line_on_a_restitution_of_ones_own(tmp_path):
             assert e == "sticks"
         else:
             assert float(e) == pytest.approx(min(1.0, (3.0 / float(speed)) ** 0.25), abs=6e-3)
+
+
+def test_a_fault_that_comes_and_goes_has_a_reason(tmp_path, monkeypatch):
+    monkeypatch.setattr(tested_components, "runs_compiled", lambda: False)
+    source = SPEED.replace("from typing", "import random\nfrom typing", 1)
+    changing = "deficit = random.random()"
+    code, _, lines = checked(write_scene(tmp_path, source.replace(FORMULA, changing)))
+    assert code == 2
+    assert lines
+    assert all(line.split(": ")[2].strip("; ") for line in lines)
+
+
+COUNTING = """
+CALLS = []
+
+def worth(sample):
+    CALLS.append(1)
+    return len(CALLS)
+"""
+
+
+def test_a_function_that_returns_another_value_when_it_is_called_again_is_refused(tmp_path):
+    code, _, [line] = checked(write_own(tmp_path, COUNTING))
+    assert code == 2
+    assert "returns 1.0 and then 2.0" in line
+
+
+ENDLESS = "while pair.approach_speed > 0.0:\n            pass\n        deficit = 0.0"
+CHECK = """
+import os, signal, sys, threading, time
+import agglom_mpi.cli.check as command
+
+def interrupt():
+    while time.process_time() < {start}:
+        time.sleep(0.1)
+    os.kill(os.getpid(), signal.SIGINT)
+
+command.MAX_TEST_SECONDS = {limit}
+threading.Thread(target=interrupt, daemon=True).start()
+sys.argv = ["agglom", {path!r}, "--allow-code"]
+command.check()
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("limit", "start", "code"), [(3.0, 1e9, 2), (1e9, 12.0, -2)])
+@COMPILED
+def test_a_check_of_an_endless_formula_ends(tmp_path, limit, start, code):
+    """At its limit, and by Ctrl-C; the formula runs after some seconds of processor time."""
+    path = write_scene(tmp_path, SPEED.replace(FORMULA, ENDLESS))
+    words = python_command(CHECK.format(limit=limit, start=start, path=str(path)))
+    done = subprocess.run(words, capture_output=True, text=True, timeout=600)
+    assert done.returncode == code
+    assert "Traceback" not in done.stderr

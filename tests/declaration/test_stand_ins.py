@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from agglom_mpi.config.own_components import RecordedComponents
 from agglom_mpi.declaration.own_modules import OwnModule, class_in
 from agglom_mpi.declaration.stand_ins import record_of, stand_in
 from agglom_mpi.errors import CodeNotAllowedError
@@ -183,3 +184,58 @@ def test_a_base_class_of_another_version_is_that_of_the_kind():
     record = json.loads(json.dumps(record_of(class_in(OWN, "Newton")(rate=2.0))))
     for base in ("agglom_mpi.physics.cooling:Gone", "os:path", "subprocess:Popen"):
         assert stand_in(Cooling, "mine.py:Newton", record | {"base": base}).__mro__[1] is Cooling
+
+
+def altered(record):
+    """Yield copies of a record, each with another value, or a name, that is something else."""
+    for section in record:
+        for value in (None, 3, "x", [], {}, ["__class__"], {"__call__": 1}, {"a b": {"is": "In"}}):
+            yield {**record, section: value}
+    for name, field in record["fields"].items():
+        for key in (*field, "several", "allowed", "is"):
+            for value in (None, -1, 10**9, 10**400, "x", [], {}):
+                fields = {**record["fields"], name: {**field, key: value}}
+                yield {**record, "fields": fields}
+
+
+@pytest.mark.parametrize(("kind", "name"), [(Cooling, "Newton"), (Sizes, "Bimodal")])
+def test_a_hostile_record_is_a_stand_in_or_one_error(kind, name):
+    component = class_in(OWN, name)(**({"rate": 2.0} if name == "Newton" else {"ratio": 1.4}))
+    record = json.loads(json.dumps(record_of(component)))
+    found = {"made": 0, "refused": 0}
+    for each in altered(record):
+        texts = {"own_components": json.dumps({component.name: each})}
+        try:
+            made = RecordedComponents(texts).find(component.name, kind)
+        except ValueError:  # any other error would be a traceback
+            found["refused"] += 1
+        else:
+            assert made.own.file == "mine.py" or each["file"] != "mine.py"
+            found["made"] += 1
+    assert found["made"] > 10
+    assert found["refused"] > 30
+
+
+@pytest.mark.parametrize("count", [0, -1, 1001, 10**7])
+def test_a_recorded_number_of_numbers_is_bounded(count):
+    component = class_in(OWN, "Newton")(rate=2.0)
+    record = json.loads(json.dumps(record_of(component)))
+    assert record["fields"]["limits"]["several"] == 2
+    record["fields"]["limits"]["several"] = count
+    with pytest.raises(ValueError, match="too many"):
+        stand_in(Cooling, component.name, record)
+
+
+def test_a_stand_in_has_the_values_that_the_module_had_read(monkeypatch):
+    monkeypatch.setenv("WALL", "0.5")
+    source = SOURCE.replace(
+        "class Newton", "import os\n\nWALL = os.environ['WALL']\n\n\nclass Newton"
+    )
+    body = "        return self.rate"
+    assert body in source
+    source = source.replace(body, f"{body} * float(WALL)", 1)
+    component = class_in(OwnModule.of("mine.py", source.encode()), "Newton")(rate=2.0)
+    assert component.entries()["source_values"] == {"WALL": "'0.5'"}
+    record = json.loads(json.dumps(record_of(component)))
+    made = stand_in(Cooling, component.name, record)
+    assert made.recorded(component.entries()).entries() == component.entries()
