@@ -36,6 +36,8 @@ from agglom_mpi.physics.velocities import SpreadVelocities
 from agglom_mpi.simulation.particles import COLLISIONS, DISSIPATED, MERGES, REACTION
 from agglom_mpi.simulation.sample import simulate_scene
 
+pytestmark = pytest.mark.plain
+
 CROWD = {"particles": 60, "size_ratio": 0.7, "end_time": 4e-3}
 BREAKING = {
     "fixed, periodic, exact cooling": breaking_fixed_periodic(400, **CROWD),
