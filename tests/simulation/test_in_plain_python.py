@@ -13,7 +13,7 @@ from plain_python import assert_hold_in_plain_python
             [
                 *("simulation/test_[bce]*.py", "simulation/test_sample_range.py"),
                 "simulation/test_simulation_[eln]*.py",  # edges, lean, ledger, neighbours
-                "accuracy/test_accuracy_few_body.py",
+                *("accuracy/test_accuracy_[cf]*.py", "config/test_*.py"),
             ],
             100,
         ),
