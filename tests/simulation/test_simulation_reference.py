@@ -16,6 +16,8 @@ from scenes import (
 
 from agglom_mpi.simulation.particles import COLLISIONS, MERGES, STEPS
 
+pytestmark = pytest.mark.plain
+
 DENSE = {"particles": 24, "size_ratio": 0.7}
 CROWD = {"particles": 300, "size_ratio": 0.6}
 SCENES = {

@@ -36,6 +36,8 @@ from agglom_mpi.simulation.engines import AdaptiveSteps
 from agglom_mpi.simulation.particles import COLLISIONS, MERGES, STEPS
 from agglom_mpi.simulation.sample import simulate_scene
 
+pytestmark = pytest.mark.plain
+
 DENSE = {"particles": 24, "size_ratio": 0.7}
 BREAKING = [
     pytest.param(breaking_event_periodic(end_time=1e-3, **DENSE), id="event"),
