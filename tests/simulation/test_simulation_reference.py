@@ -37,7 +37,7 @@ SCENES = {
 
 
 MIXED = ["fixed, re-entry, mixed", "adaptive, periodic, mixed"]
-CROWDED = [name for name in SCENES if "crowd" in name]
+CROWDED = [name for name, scene in SCENES.items() if scene.particles > 100]
 
 
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
