@@ -11,8 +11,9 @@ that runs it, with all its threads, and of the processes that it started and wai
 - `tests`: the rest of tests;
 - `importing`: from the start of a process until the tests are collected, once a process.
 
-`--core-seconds TABLE` writes a table of all files. `--budgets TIER` compares each folder with
-`tests/budget.toml`, and fails the run if one takes more than twice its budget.
+`--core-seconds TABLE` writes a table of all files. `--budgets TIER` shows what each folder took,
+compares it with the budgets of that tier in `tests/budget.toml`, if it has any, and fails the run
+if a folder takes more than twice its budget.
 """
 
 import resource
@@ -161,22 +162,25 @@ class Bookkeeping:
         self.files["importing"].update(getattr(session.config, "core_seconds", {}))
         if self._table:
             Path(self._table).write_text(table_of(self.files))
-        if self._tier and session.exitstatus == pytest.ExitCode.OK:
-            allowed = tomllib.loads(_BUDGETS.read_text())[self._tier]
-            if excesses(self.folders(), allowed):
-                session.exitstatus = pytest.ExitCode.TESTS_FAILED
+        passed = session.exitstatus == pytest.ExitCode.OK
+        if self._tier and passed and excesses(self.folders(), budgets(self._tier)):
+            session.exitstatus = pytest.ExitCode.TESTS_FAILED
 
     def pytest_terminal_summary(self, terminalreporter):
         if not self._tier:
             return
-        allowed = tomllib.loads(_BUDGETS.read_text())[self._tier]
-        spent = self.folders()
+        allowed, spent = budgets(self._tier), self.folders()
         terminalreporter.section(f"core-seconds of folders, and their budgets: {self._tier}")
         for folder, seconds in spent.items():
             terminalreporter.line(f"{seconds:8.1f} {allowed.get(folder, 0):6} {folder}")
         terminalreporter.line(f"{sum(spent.values()):8.1f} {sum(allowed.values()):6} in all")
         for line in excesses(spent, allowed):
             terminalreporter.line(f"ERROR {line}", red=True)
+
+
+def budgets(tier):
+    """Return the core-seconds that each folder may take in a tier."""
+    return tomllib.loads(_BUDGETS.read_text()).get(tier, {})
 
 
 def folder_of(name):
@@ -192,7 +196,7 @@ def excesses(spent, allowed):
         if folder in allowed
         else f"{folder}: no budget in tests/budget.toml"
         for folder, seconds in spent.items()
-        if seconds > TOLERANCE * allowed.get(folder, 0)
+        if allowed and seconds > TOLERANCE * allowed.get(folder, 0)
     ]
 
 
