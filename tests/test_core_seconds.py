@@ -5,7 +5,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from core_seconds import PARTS, Account, budgets, excesses, folder_of, table_of
+from core_seconds import PARTS, Account, budgets, excesses, folder_of, kind_of, table_of
 
 TESTS = Path(__file__).parent
 
@@ -58,3 +58,17 @@ def test_a_table_has_a_line_for_each_file_and_the_sum():
     assert (first.split()[-1], second.split()[-1]) == ("b.py", "a.py")
     assert head.split() == ["sum", *PARTS, "file"]
     assert float(last.split()[0]) == pytest.approx(6.0)
+
+
+def test_the_quick_tier_lists_at_most_eight_kinds_of_scene():
+    listed = budgets("compiled")["quick"]
+    assert len(listed) == len(set(listed)) <= 8
+
+
+def test_a_kind_of_scene_is_known_by_its_laws():
+    laws = "ImpactLaws(ConstantRestitution(float64 x 2), none, none)"
+    scene = f"Scene(Periodic(), {laws}, none, EventDriven(int64 x 1), UniTuple(float64 x 3), none)"
+    assert kind_of((scene,)) == "Periodic ConstantRestitution EventDriven"
+    sized = scene.replace("3), none)", "3), Lognormal(float64 x 1))")
+    assert kind_of((sized,)).endswith("EventDriven Lognormal sizes")
+    assert kind_of(("float64",)) == kind_of(()) == ""
