@@ -21,6 +21,9 @@ from agglom_mpi.storage.recorded_campaign import recorded_campaign
 from agglom_mpi.variables import TEN
 
 
+pytestmark = pytest.mark.slow(guard="config/test_size_curve_file.py")
+
+
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     """Return a folder with a campaign of listed sizes, and its file without the list."""
