@@ -8,12 +8,12 @@ from plain_python import assert_hold_in_plain_python
     ("files", "least"),
     [
         pytest.param(["simulation/test_frames_*.py"], 30, marks=pytest.mark.slow),
-        pytest.param(["simulation/test_simulation_[mps]*.py"], 20, marks=pytest.mark.slow),
+        pytest.param(["simulation/test_simulation_[mp]*.py"], 20, marks=pytest.mark.slow),
         (
             [
                 *("simulation/test_[bce]*.py", "simulation/test_sample_range.py"),
                 "simulation/test_simulation_[elnr]*.py",
-                "simulation/test_simulation_symmetry.py",
+                "simulation/test_simulation_s[iy]*.py",  # sizes, symmetry
                 *("accuracy/test_accuracy_[cf]*.py", "config/test_*.py"),
             ],
             100,
