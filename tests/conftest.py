@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from compile_once import share_compilations
 from core_seconds import Bookkeeping, Measurement
+from drawing import Drawing, Selection
 from hypothesis import HealthCheck, settings
 from leftovers import VARIABLE, Leftovers
 from once import made_once, shared_folder
@@ -53,6 +54,12 @@ def pytest_addoption(parser):
         metavar="TIER",
         help="Compare the processor time of each folder with tests/budget.toml: quick or slow.",
     )
+    parser.addoption(
+        "--drawing",
+        metavar="FILE",
+        help="Write the names of the tests that draw random numbers to a file.",
+    )
+    parser.addoption("--only", metavar="FILE", help="Take only the tests that a file names.")
 
 
 def pytest_configure(config):
@@ -65,11 +72,15 @@ def pytest_configure(config):
     if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
         # Under nohup: what tests start would ignore it, which it does not where this handles it.
         signal.signal(signal.SIGHUP, lambda *_: None)
+    config.pluginmanager.register(Drawing(), "drawing")
     config.pluginmanager.register(Measurement(), "measurement")
-    if "PYTEST_XDIST_WORKER" not in os.environ:
+    workers = "PYTEST_XDIST_WORKER" in os.environ
+    written = None if workers else config.option.drawing
+    config.pluginmanager.register(Selection(config.option.only, written), "selection")
+    if not workers:
         books = Bookkeeping(config.option.core_seconds, config.option.budgets)
         config.pluginmanager.register(books, "bookkeeping")
-    if "PYTEST_XDIST_WORKER" in os.environ:
+    if workers:
         share_compilations(Path(os.environ[VARIABLE]))
     elif not config.option.collectonly:
         config.pluginmanager.register(Leftovers(config.rootpath), "leftovers")

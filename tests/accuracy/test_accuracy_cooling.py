@@ -24,6 +24,8 @@ from agglom_mpi.simulation.boundary import Periodic
 from agglom_mpi.simulation.engines import EventDriven
 from agglom_mpi.simulation.scene import Scene
 
+pytestmark = pytest.mark.plain
+
 B = 5.670374419e-8
 RADIATION = RadiativeCooling.Numbers(0.5, 300.0, 0.0, 300.0, 300.0)
 QUARTIC = QuarticCooling.Numbers(5000.0, 1000.0, 300.0)

@@ -78,6 +78,7 @@ def test_the_scene_of_a_string_is_that_with_the_number_in_it(case):
     assert searched.at(searched.parameters()).build() != own.at(own.parameters()).build()
 
 
+@pytest.mark.plain
 def test_a_string_simulated_at_a_point_is_the_scene_with_that_number(case):
     """Strings share configurations, so that their random numbers are the same."""
     path, value, searched, _, scene, variables = case
@@ -88,6 +89,7 @@ def test_a_string_simulated_at_a_point_is_the_scene_with_that_number(case):
     assert np.array_equal(one.final.radii, other.final.radii)
 
 
+@pytest.mark.plain
 def test_a_number_that_variables_fix_gives_the_samples_of_the_scene_that_has_it(case):
     """Bit for bit, each string with random numbers of its own."""
     _, _, _, fixed, scene, variables = case
@@ -164,6 +166,7 @@ def test_a_median_of_the_sizes_leaves_the_volume_fraction_a_size_ratio():
     assert campaign.variables.by_volume_fraction
 
 
+@pytest.mark.plain
 def test_the_objective_of_a_string_counts_its_own_grains():
     """b* of one aggregate is b⁰ (N ⟨b³⟩/⟨b⟩³)^⅓ [B 7.1] with the string's third moment."""
     campaign = campaign_of(

@@ -106,6 +106,9 @@ def test_a_run_survives_any_locale(folder, variables):
         assert seen[-1][0] == "A brief one +- 2: at most 18 strings, 1 rank, into brief.h5"
 
 
+@pytest.mark.ranks(
+    guard="display/test_display.py::test_a_run_shows_lines_in_place_and_then_its_result"
+)
 def test_a_run_under_mpirun_shows_its_lines_on_the_terminal_of_mpirun(folder):
     need_mpirun()
     with screen(80, 60) as opened:

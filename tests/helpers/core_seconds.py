@@ -11,10 +11,12 @@ that runs it, with all its threads, and of the processes that it started and wai
 - `tests`: the rest of tests;
 - `importing`: from the start of a process until the tests are collected, once a process.
 
-`--core-seconds TABLE` writes a table of all files. `--budgets TIER` compares each folder with
-`tests/budget.toml`, and fails the run if one takes more than twice its budget.
+`--core-seconds TABLE` writes a table of all files. `--budgets TIER` shows what each folder took,
+compares it with the budgets of that tier in `tests/budget.toml`, if it has any, and fails the run
+if a folder takes more than twice its budget, or compiles a kind of scene that is not listed.
 """
 
+import re
 import resource
 import threading
 import tomllib
@@ -24,6 +26,7 @@ from pathlib import Path
 
 import pytest
 from numba.core import event
+from numba.core.dispatcher import Dispatcher
 
 INNER = ("compiling", "fitting", "campaigns")
 """Parts that name themselves. Where one runs inside another, the first named counts."""
@@ -112,12 +115,38 @@ class _Fitting:
         self._lock.release()
 
 
+def kind_of(types):
+    """Return the laws of a scene that a kernel is compiled for or loaded for; "" without a scene.
+
+    Text like "Periodic UniformX PressureRestitution … EventDriven", and "sizes" if they differ.
+    """
+    scene = str(types[0]) if types else ""
+    if not scene.startswith("Scene("):
+        return ""
+    laws = [name for name in re.findall(r"([A-Za-z]\w*)\(", scene) if name not in _NO_LAWS]
+    return " ".join([*laws, *([] if scene.endswith(", none)") else ["sizes"])])
+
+
+_NO_LAWS = ("Scene", "ImpactLaws", "UniTuple", "Tuple")
+
+
 class Measurement:
     """In a process that runs tests: adds what each phase of a test took to its report."""
+
+    def __init__(self):
+        self._kinds = set()
 
     def pytest_collection_finish(self):
         from agglom_mpi.emulation import blas_threads
 
+        compile_kernel = Dispatcher.compile
+
+        def noted(dispatcher, signature):
+            if isinstance(signature, tuple) and (kind := kind_of(signature)):
+                self._kinds.add(kind)
+            return compile_kernel(dispatcher, signature)
+
+        Dispatcher.compile = noted
         event.register("numba:compile", _Compiling())
         blas_threads.BLAS_LIMIT_LOCK = _Fitting(blas_threads.BLAS_LIMIT_LOCK)
 
@@ -133,6 +162,7 @@ class Measurement:
     def pytest_runtest_makereport(self, call):
         report = yield
         report.core_seconds = ACCOUNT.settle("tests" if call.when == "call" else "fixtures")
+        report.scenes, self._kinds = sorted(self._kinds), set()
         return report
 
 
@@ -141,9 +171,10 @@ class Bookkeeping:
 
     def __init__(self, table, tier):
         self._table, self._tier = table, tier
-        self.files = defaultdict(Counter)
+        self.files, self._scenes = defaultdict(Counter), set()
 
     def pytest_runtest_logreport(self, report):
+        self._scenes.update(report.scenes)
         self.files[report.nodeid.partition("::")[0]].update(report.core_seconds)
 
     @pytest.hookimpl(optionalhook=True)
@@ -161,22 +192,36 @@ class Bookkeeping:
         self.files["importing"].update(getattr(session.config, "core_seconds", {}))
         if self._table:
             Path(self._table).write_text(table_of(self.files))
-        if self._tier and session.exitstatus == pytest.ExitCode.OK:
-            allowed = tomllib.loads(_BUDGETS.read_text())[self._tier]
-            if excesses(self.folders(), allowed):
-                session.exitstatus = pytest.ExitCode.TESTS_FAILED
+        if self._tier and session.exitstatus == pytest.ExitCode.OK and self._faults():
+            session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+    def _faults(self):
+        """Return a line for each folder above its budget and each scene that is not listed."""
+        listed = budgets("compiled").get(self._tier)
+        unlisted = [] if listed is None else sorted(self._scenes - set(listed))
+        return [
+            *excesses(self.folders(), budgets(self._tier)),
+            *(f"a kind of scene that tests/budget.toml does not list: {kind}" for kind in unlisted),
+        ]
 
     def pytest_terminal_summary(self, terminalreporter):
         if not self._tier:
             return
-        allowed = tomllib.loads(_BUDGETS.read_text())[self._tier]
-        spent = self.folders()
+        allowed, spent = budgets(self._tier), self.folders()
         terminalreporter.section(f"core-seconds of folders, and their budgets: {self._tier}")
         for folder, seconds in spent.items():
             terminalreporter.line(f"{seconds:8.1f} {allowed.get(folder, 0):6} {folder}")
         terminalreporter.line(f"{sum(spent.values()):8.1f} {sum(allowed.values()):6} in all")
-        for line in excesses(spent, allowed):
+        terminalreporter.line(f"{len(self._scenes)} kinds of scene compiled or loaded:")
+        for kind in sorted(self._scenes):
+            terminalreporter.line(f"  {kind}")
+        for line in self._faults():
             terminalreporter.line(f"ERROR {line}", red=True)
+
+
+def budgets(tier):
+    """Return the core-seconds that each folder may take in a tier, or another table."""
+    return tomllib.loads(_BUDGETS.read_text()).get(tier, {})
 
 
 def folder_of(name):
@@ -192,7 +237,7 @@ def excesses(spent, allowed):
         if folder in allowed
         else f"{folder}: no budget in tests/budget.toml"
         for folder, seconds in spent.items()
-        if seconds > TOLERANCE * allowed.get(folder, 0)
+        if allowed and seconds > TOLERANCE * allowed.get(folder, 0)
     ]
 
 

@@ -4,6 +4,8 @@ import fcntl
 import os
 from contextlib import contextmanager
 
+from drawing import note_drawing
+
 
 def shared_folder(tmp_path_factory):
     """Return the folder that all workers of this run have in common."""
@@ -21,6 +23,7 @@ def locked(path):
 
 def made_once(folder, make):
     """Return a folder, filled by `make(folder)` unless another worker has done so."""
+    note_drawing()
     with locked(folder.with_name(f"{folder.name}.lock")):
         done = folder / "done"
         if not done.exists():

@@ -12,6 +12,8 @@ from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.planning.workload import read_recorded_samples
 from agglom_mpi.storage.reader import read_campaign
 
+pytestmark = pytest.mark.slow(guard="inference/test_feasible_set.py")
+
 NAMES = ("relative_speed", "contact_area.initial", "duration.length_ratio")
 TEXT = (
     text_of(

@@ -109,6 +109,7 @@ def test_free_convection_cools_as_its_equation_integrated(laws, start):
         assert min(start, 300.0) <= found <= max(start, 300.0)
 
 
+@pytest.mark.slow(guard="physics/test_own_laws.py::test_a_law_of_the_page_runs_in_a_scene")
 def test_the_campaign_of_dust_searches_the_speed_below_which_it_sticks(tmp_path):
     for file in ("laws.py", "dust.yaml"):
         shutil.copy(JOB / file, tmp_path)

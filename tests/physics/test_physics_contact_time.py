@@ -6,6 +6,7 @@ import pytest
 from contact_pairs import constant_laws, contact_pair
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from plain_python import COMPILES
 
 from agglom_mpi.physics.friction import ConstantFriction, RestitutionScaledFriction
 from agglom_mpi.physics.heating import OwnEnergy, PairSplit
@@ -13,7 +14,7 @@ from agglom_mpi.physics.reaction import ContactAreaReaction
 from agglom_mpi.physics.restitution import LastingContact
 from agglom_mpi.simulation.impact import solve_impact
 
-SETTINGS = settings(max_examples=100, deadline=None, derandomize=True)
+SETTINGS = settings(max_examples=100 if COMPILES else 15, deadline=None, derandomize=True)
 SPEEDS = st.floats(1e-3, 1e3)
 RADII = st.tuples(st.floats(1e-4, 1e-2), st.floats(1e-4, 1e-2))
 CONTACT_TIME = 1e-6

@@ -18,6 +18,7 @@ from contact_pairs import (
 )
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
+from plain_python import COMPILES
 
 from agglom_mpi.physics.friction import ConstantFriction
 from agglom_mpi.physics.heating import OwnEnergy
@@ -26,7 +27,10 @@ from agglom_mpi.physics.restitution import log_pressure_ratio, log_pressure_scal
 from agglom_mpi.simulation.impact import solve_impact
 
 SETTINGS = settings(
-    max_examples=150, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
+    max_examples=150 if COMPILES else 50,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.too_slow],
 )
 
 

@@ -7,6 +7,7 @@ import pytest
 from contact_pairs import contact_pair
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from plain_python import COMPILES
 
 from agglom_mpi.physics.friction import (
     ConstantFriction,
@@ -16,7 +17,7 @@ from agglom_mpi.physics.friction import (
 )
 from agglom_mpi.physics.heating import OwnEnergy, PairSplit, impact_heats, least_heat_slopes
 
-SETTINGS = settings(max_examples=300, deadline=None, derandomize=True)
+SETTINGS = settings(max_examples=300 if COMPILES else 40, deadline=None, derandomize=True)
 SPEEDS = st.floats(1e-3, 1e3)
 RADII = st.tuples(st.floats(1e-4, 1e-2), st.floats(1e-4, 1e-2))
 FRAMES = st.tuples(st.floats(-100.0, 100.0), st.floats(-100.0, 100.0))

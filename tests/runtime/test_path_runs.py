@@ -66,7 +66,9 @@ def test_a_file_has_a_column_and_a_row_for_each_variable(run):
         assert entries == load_campaign(run / "sized.yaml").identity()
 
 
-@pytest.mark.parametrize("number", [signal.SIGUSR1, signal.SIGKILL])
+@pytest.mark.parametrize(
+    "number", [signal.SIGUSR1, pytest.param(signal.SIGKILL, marks=pytest.mark.slow)]
+)
 def test_stopped_or_killed_and_resumed_it_is_the_same(run, tmp_path, number):
     (tmp_path / "sized.yaml").write_text(SIZED)
     code, said = stop(tmp_path, "sized", number=number)

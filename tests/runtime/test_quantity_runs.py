@@ -303,6 +303,7 @@ def test_a_check_that_may_run_the_code_shows_what_it_makes_of_a_sample(agglom):
     assert "largest (m)" in text
 
 
+@pytest.mark.plain
 def test_the_function_sees_the_radii_that_grains_begin_with(tmp_path):
     source = """
 import numpy as np

@@ -111,7 +111,9 @@ def test_a_finished_campaign_with_its_estimates_has_nothing_to_do(path):
     assert path.read_bytes() == before
 
 
-@pytest.mark.parametrize(("code", "signal"), [(-9, "SIGKILL"), (75, "SIGTERM")])
+@pytest.mark.parametrize(
+    ("code", "signal"), [pytest.param(-9, "SIGKILL", marks=pytest.mark.slow), (75, "SIGTERM")]
+)
 def test_a_run_that_ends_among_fresh_samples_goes_on_to_the_same_bytes(
     ended, tmp_path, code, signal
 ):

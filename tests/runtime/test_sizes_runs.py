@@ -20,6 +20,8 @@ from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
 from agglom_mpi.variables import TEN
 
+pytestmark = pytest.mark.slow(guard="config/test_size_curve_file.py")
+
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):

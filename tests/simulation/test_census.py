@@ -14,6 +14,8 @@ from agglom_mpi.simulation.frames import new_frames
 from agglom_mpi.simulation.sample import simulate_counted, simulate_samples, simulate_scene
 from agglom_mpi.simulation.sample_range import new_results, new_watch
 
+pytestmark = pytest.mark.plain
+
 KEY = (7, 1, 2, 3)
 TIMES = (3.3e-4, 7.1e-4, math.inf)
 LAYOUT = CensusLayout.between(TIMES, 0.2, 5.0)

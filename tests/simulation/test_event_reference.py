@@ -300,7 +300,7 @@ def test_an_elastic_gas_keeps_momentum_and_energy(escape):
 
 def test_spheres_of_a_gas_never_overlap():
     start, velocity = gas(30, 7)
-    for most in range(1, 200, 20):
+    for most in range(1, 200, 66):
         r = run(start, velocity, 1e9, radius=0.2, most=most).position
         d = r[:, None] - r[None, :]
         distance = np.linalg.norm(d - 2.0 * D * np.round(d / (2.0 * D)), axis=2)
@@ -366,6 +366,9 @@ def stepped(position, velocity, radius, step, most):
     return found
 
 
+@pytest.mark.slow(
+    guard="simulation/test_event_reference.py::test_time_reversed_a_gas_finds_its_way_back"
+)
 def test_small_steps_find_the_same_collisions_late_by_as_much_as_displaced_spheres():
     radius, most, compared = 0.3, 6, {}
     seeds = range(6)
@@ -388,6 +391,7 @@ def test_small_steps_find_the_same_collisions_late_by_as_much_as_displaced_spher
     assert np.mean(fine) >= 0.5 * most
 
 
+@pytest.mark.slow(guard="simulation/test_kinetic_theory.py")
 def test_an_elastic_gas_collides_at_enskogs_rate():
     number, radius = 60, 0.135
     start, velocity = gas(number, 12)
@@ -401,6 +405,7 @@ def test_an_elastic_gas_collides_at_enskogs_rate():
     assert measured == pytest.approx(expected, rel=4.0 / math.sqrt(len(times) - lead))
 
 
+@pytest.mark.slow(guard="simulation/test_kinetic_theory.py")
 def test_an_inelastic_gas_cools_by_haffs_law():
     number, radius, e = 60, 0.135, 0.9
     start, velocity = gas(number, 13)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plain_python import cases
 from processes import HANG, output_of, program
 from scenes import SMALL_SCENES
 
@@ -35,7 +36,7 @@ def in_a_range(scene, first, count, watch=None):
     return results, cut
 
 
-@pytest.mark.parametrize("name", SMALL_SCENES)
+@pytest.mark.parametrize("name", cases(SMALL_SCENES, ["event"]))
 def test_a_range_is_sample_after_sample(name):
     results, cut = in_a_range(SMALL_SCENES[name], 3, 6)
     assert not cut
@@ -53,6 +54,7 @@ def first_with_both(scene):
     return max(0, len(states) - 4)
 
 
+@pytest.mark.plain
 def test_a_sample_that_fails_is_one_of_its_range():
     """Some need more events than the budget, some have a grain as large as the box."""
     scene = SMALL_SCENES["event"]._replace(end_time=3e-2)
@@ -148,6 +150,7 @@ class Picky(SizeDistribution):
         return random.uniform(0.9, 1.1, count)
 
 
+@pytest.mark.plain
 def test_a_law_of_sizes_raises_for_the_first_sample_of_a_range_alone():
     scene = SMALL_SCENES["event"]._replace(sizes=Picky())
     raises, at = [], 0
@@ -165,7 +168,7 @@ def test_a_law_of_sizes_raises_for_the_first_sample_of_a_range_alone():
     assert 0 < len(raises) < 12
 
 
-@pytest.mark.parametrize("name", ["event", "event, different sizes"])
+@pytest.mark.parametrize("name", cases(["event", "event, different sizes"], ["event"]))
 def test_where_the_generator_cannot_be_written_samples_come_one_by_one(monkeypatch, name):
     scene = SMALL_SCENES[name]
     wanted = [alone(scene, k).tobytes() for k in range(2)]
@@ -177,6 +180,7 @@ def test_where_the_generator_cannot_be_written_samples_come_one_by_one(monkeypat
         assert in_a_range(scene, k, 1)[0].records[0].tobytes() == wanted[k]
 
 
+@pytest.mark.plain
 def test_scenes_of_several_kinds_come_in_any_order():
     wanted = {name: alone(scene, 5).tobytes() for name, scene in SMALL_SCENES.items()}
     for name in [*SMALL_SCENES, *reversed(SMALL_SCENES)]:
@@ -193,6 +197,7 @@ def test_the_particles_of_a_sample_stay_what_they_are():
     assert particles.records.tobytes() == before
 
 
+@pytest.mark.slow(guard="simulation/test_in_plain_python.py")
 @pytest.mark.skipif(PLAIN, reason="it is the other run")
 def test_all_of_this_holds_in_plain_python():
     files = [Path(__file__), Path(__file__).with_name("test_stream_states.py")]

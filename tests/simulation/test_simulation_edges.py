@@ -23,6 +23,8 @@ from scenes import (
 
 from agglom_mpi.simulation.particles import COLLISIONS, EXHAUSTED, MERGES, STEPS
 
+pytestmark = pytest.mark.plain
+
 TWO = {"particles": 2, "size_ratio": 0.2}
 STEP = 1e-5
 

@@ -39,6 +39,8 @@ from agglom_mpi.simulation.event_driven.flights import NEXT_EVENT, TRAJECTORY
 from agglom_mpi.simulation.particles import particle_type, particle_type_of
 from agglom_mpi.simulation.sample import INITIAL, simulate_scene
 
+pytestmark = pytest.mark.plain
+
 FEW = {"particles": 12, "size_ratio": 0.3, "end_time": 1e-4}
 LEAN = event_periodic(0.9, **FEW)
 ALWAYS = {"x", "y", "z", "u", "v", "w", "radius", "mass", "label"}

@@ -16,6 +16,8 @@ from agglom_mpi.simulation.time_driven.neighbours import (
     update_neighbours,
 )
 
+pytestmark = pytest.mark.plain
+
 
 class Box(NamedTuple):
     escape: Submodel

@@ -16,6 +16,8 @@ from scenes import (
 
 from agglom_mpi.simulation.particles import COLLISIONS, MERGES, STEPS
 
+pytestmark = pytest.mark.plain
+
 DENSE = {"particles": 24, "size_ratio": 0.7}
 CROWD = {"particles": 300, "size_ratio": 0.6}
 SCENES = {
@@ -35,7 +37,7 @@ SCENES = {
 
 
 MIXED = ["fixed, re-entry, mixed", "adaptive, periodic, mixed"]
-CROWDED = [name for name in SCENES if "crowd" in name]
+CROWDED = [name for name, scene in SCENES.items() if scene.particles > 100]
 
 
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])

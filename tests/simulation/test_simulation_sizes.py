@@ -52,6 +52,7 @@ def test_grains_of_one_size_are_equal_grains_to_the_bit(engine):
     assert records[0]["merges"] > 10
 
 
+@pytest.mark.plain
 @pytest.mark.parametrize("engine", cases(ENGINES, ["event"]))
 def test_no_grain_and_no_mass_is_lost(engine):
     outcome = LOGNORMAL.simulate({}, 2, ENGINES[engine], frames=[0.0])
@@ -66,6 +67,7 @@ def test_no_grain_and_no_mass_is_lost(engine):
     assert first.masses[0] == pytest.approx(volumes * (first.masses[0, 0] / volumes[0]), rel=1e-12)
 
 
+@pytest.mark.plain
 def test_grains_are_placed_apart_the_largest_first():
     frames = LOGNORMAL.simulate({}, 0, frames=[0.0]).frames
     radii, places = frames.radii[0], frames.positions[0]
@@ -78,6 +80,7 @@ def test_grains_are_placed_apart_the_largest_first():
     assert frames.grains[0].tolist() == [1] * 60
 
 
+@pytest.mark.plain
 def test_each_sample_draws_its_own_sizes_and_again_the_same():
     first, again, other = (
         LOGNORMAL.simulate({}, sample, frames=[0.0]).frames.radii[0] for sample in (0, 0, 1)
@@ -94,6 +97,7 @@ def test_the_mean_radius_at_the_start_is_that_of_the_law():
     assert radii.mean() == pytest.approx(scene.radius, abs=4.0 * error)
 
 
+@pytest.mark.plain
 @pytest.mark.parametrize("engine", cases(ENGINES, ["event"]))
 def test_a_box_has_the_grains_of_the_sample_of_its_number(engine):
     outcome = LOGNORMAL.simulate({}, 3, ENGINES[engine])
@@ -103,6 +107,7 @@ def test_a_box_has_the_grains_of_the_sample_of_its_number(engine):
     assert box.particles.grains.tolist() == outcome.final.grains.tolist()
 
 
+@pytest.mark.plain
 def test_aggregates_of_different_grains_break_into_no_more_pieces_than_they_have_grains():
     text = (Path(__file__).parents[2] / "jobs/extremes/always_breaking.yaml").read_text()
     line = next(line for line in text.splitlines() if line.strip().startswith("half_width"))

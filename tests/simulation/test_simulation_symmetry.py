@@ -36,6 +36,8 @@ from agglom_mpi.simulation.engines import AdaptiveSteps
 from agglom_mpi.simulation.particles import COLLISIONS, MERGES, STEPS
 from agglom_mpi.simulation.sample import simulate_scene
 
+pytestmark = pytest.mark.plain
+
 DENSE = {"particles": 24, "size_ratio": 0.7}
 BREAKING = [
     pytest.param(breaking_event_periodic(end_time=1e-3, **DENSE), id="event"),
@@ -186,7 +188,10 @@ def test_the_mirror_image_and_other_axes_end_as_the_original_does(name, change):
     np.testing.assert_allclose(*temperatures, rtol=1e-9)
 
 
-DRIFTS = pytest.mark.parametrize("drift", [(10.0, 10.0, 100.0), (-333.0, 0.0, 1.0)])
+SLOW = pytest.mark.slow
+DRIFTS = pytest.mark.parametrize(
+    "drift", [(10.0, 10.0, 100.0), pytest.param((-333.0, 0.0, 1.0), marks=SLOW)]
+)
 CROWD = {"particles": 300, "size_ratio": 0.6}
 
 
@@ -195,11 +200,11 @@ CROWD = {"particles": 300, "size_ratio": 0.6}
     "scene",
     [
         fixed_periodic(0.0, 60, end_time=4e-4, **DENSE),
-        fixed_periodic(0.0, 60, end_time=4e-4, **CROWD),
+        pytest.param(fixed_periodic(0.0, 60, end_time=4e-4, **CROWD), marks=SLOW),
         event_periodic(0.0, end_time=4e-4, **DENSE),
-        event_periodic(0.0, end_time=4e-4, **CROWD),
-        event_periodic(0.6, end_time=4e-4, **CROWD),
-        pytest.param(merging_event_periodic(2e4, end_time=4e-4, **CROWD), marks=PLAIN),
+        pytest.param(event_periodic(0.0, end_time=4e-4, **CROWD), marks=SLOW),
+        pytest.param(event_periodic(0.6, end_time=4e-4, **CROWD), marks=SLOW),
+        pytest.param(merging_event_periodic(2e4, end_time=4e-4, **CROWD), marks=SLOW),
     ],
     ids=[
         "fixed",
@@ -242,6 +247,7 @@ def looks_the_same(scene, drift, seed):
     return same and np.allclose(moving.radius[:n], particles.radius[:n], 1e-14), record["breakups"]
 
 
+@SLOW
 @DRIFTS
 def test_breaking_and_cooling_look_the_same_to_a_moving_observer(drift):
     """Where pieces are hit while they touch, in a third of these samples, rounding decides."""
@@ -250,7 +256,7 @@ def test_breaking_and_cooling_look_the_same_to_a_moving_observer(drift):
     assert sum(same for same, breakups in found if breakups > 1) >= 10
 
 
-@pytest.mark.plain
+@SLOW
 def test_real_faces_are_seen_by_a_moving_observer():
     """Whoever moves along crosses the face that hides contacts at other times."""
     scene = event_reentry(0.6, end_time=4e-4, **CROWD)
