@@ -285,9 +285,7 @@ class CampaignFile(CampaignPlots):
         return int(string), int(sample)
 
 
-def open_campaign(
-    path: str | os.PathLike[str], allow_code: bool = False, with_unused: bool = False
-) -> CampaignFile:
+def open_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> CampaignFile:
     """Open a campaign file for reading, also while a campaign is running.
 
     Parameters
@@ -297,9 +295,6 @@ def open_campaign(
     allow_code
         Whether components of one's own, whose code the file has, may be executed. Without them
         the file has no estimates by an objective of one's own, and simulates nothing by a law.
-    with_unused
-        Whether sets, posteriors and plots count samples that ran ahead unused, too; they then
-        depend on the number of ranks and on timing.
 
     Returns
     -------
@@ -322,6 +317,4 @@ def open_campaign(
     >>> len(file.best(3))
     3
     """
-    data = read_campaign(path, allow_code)
-    data.with_unused = with_unused
-    return CampaignFile(data)
+    return CampaignFile(read_campaign(path, allow_code))
