@@ -174,8 +174,8 @@ class Bookkeeping:
         self.files, self._scenes = defaultdict(Counter), set()
 
     def pytest_runtest_logreport(self, report):
-        self._scenes.update(report.scenes)
-        self.files[report.nodeid.partition("::")[0]].update(report.core_seconds)
+        self._scenes.update(getattr(report, "scenes", ()))  # a crashed worker has none
+        self.files[report.nodeid.partition("::")[0]].update(getattr(report, "core_seconds", {}))
 
     @pytest.hookimpl(optionalhook=True)
     def pytest_testnodedown(self, node):

@@ -80,7 +80,7 @@ class Selection:
             items[:] = [item for item in items if item.nodeid in self._taken]
 
     def pytest_runtest_logreport(self, report):
-        if report.has_drawn:
+        if getattr(report, "has_drawn", False):
             self._names.add(report.nodeid)
 
     def pytest_sessionfinish(self):
