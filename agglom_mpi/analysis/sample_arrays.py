@@ -60,12 +60,13 @@ def sample_arrays(data: "CampaignData") -> "xr.Dataset":
     found = found.assign_coords(string=strings["string"].to_numpy(), sample=numbers)
     taken = {*samples, "present"}
     # Names that stay are given first.
-    for name in sorted(strings.columns.drop("string"), key=lambda name: name in taken):
+    names = [str(name) for name in strings.columns.drop("string")]
+    for name in sorted(names, key=lambda name: name in taken):
         values = strings[name]
-        own = f"{PREFIX}{name}" if name in taken else str(name)
+        own = f"{PREFIX}{name}" if name in taken else name
         while own in found:  # as a derived column may be called
             own = f"{PREFIX}{own}"
-        found[own] = ("string",), values.to_numpy(), _units(strings, str(name))
+        found[own] = ("string",), values.to_numpy(), _units(strings, name)
     order = np.argsort(strings["string"].to_numpy(), kind="stable")
     places = order[np.searchsorted(strings["string"].to_numpy()[order], samples["string"])]
     shape = len(strings), len(numbers)

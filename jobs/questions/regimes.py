@@ -47,7 +47,7 @@ def fate(laws, pair, grains):
 
 
 def lines(section, values, laws, grains):
-    """Return the closed forms: sticking speed after elastic impacts, onset and end of breaking, m/s.
+    """Return closed forms: sticking speed after elastic impacts, onset and end of breaking, m/s.
 
     Two aggregates that hardly rebound lose m*w²/2, half of which each absorbs: w = 2√(E/m*) for
     the energy E of the contacts that break, one at the onset and all at the end.
