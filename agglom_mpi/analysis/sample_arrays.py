@@ -73,10 +73,10 @@ def sample_arrays(data: "CampaignData") -> "xr.Dataset":
     present = np.zeros(shape, bool)
     present[places, which] = True
     found["present"] = ("string", "sample"), present, {"long_name": "whether there is a sample"}
-    for name, values in samples.drop(columns=["string", "sample"]).items():
-        padded = _padding(str(name), values, shape)
+    for column, values in samples.drop(columns=["string", "sample"]).items():
+        padded = _padding(str(column), values, shape)
         padded[places, which] = values.to_numpy()
-        found[str(name)] = ("string", "sample"), padded, _units(samples, str(name))
+        found[str(column)] = ("string", "sample"), padded, _units(samples, str(name))
     return found
 
 
