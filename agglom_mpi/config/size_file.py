@@ -23,10 +23,7 @@ EXAMPLE: Final = "diameter (um)"
 """Heading that messages give as an example."""
 RELATIVE: Final = ("", "1", "-")
 """Units of diameters that are relative to each other."""
-DIAMETERS: Final = {
-    *("diameter", "durchmesser", "diamètre", "diametre", "diámetro", "diametro", "size"),
-    *("diameters", "diamètres", "diametres", "diámetros", "diametros", "sizes"),
-}
+DIAMETERS: Final = {"diameter", "diameters", "size", "sizes"}
 """Words of titles of columns of diameters."""
 BESIDE_DIAMETERS: Final = {
     *("particle", "particles", "grain", "grains", "equivalent", "circle", "circular", "sphere"),
@@ -34,11 +31,11 @@ BESIDE_DIAMETERS: Final = {
     *("of", "the", "each"),
 }
 """Words that may stand beside them; with any other one, a title may mean half or a logarithm."""
-_SIEVE: Final = ("sieve", "mesh", "aperture", "siebweite", "maschenweite", "tamis")
+_SIEVE: Final = ("sieve", "mesh", "aperture")
 """Words in titles of columns with the classes of a curve, which is refused by what it is."""
 _AMOUNT: Final = {
     *("count", "frequency", "fraction", "share", "volume", "mass", "weight", "percent", "density"),
-    *("cumulative", "passing", "retained", "undersize", "oversize", "number", "anzahl", "anteil"),
+    *("cumulative", "passing", "retained", "undersize", "oversize", "number"),
 }
 """Words in titles of columns with the amount of grains of each size."""
 

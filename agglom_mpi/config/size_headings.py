@@ -1,8 +1,8 @@
 """Headings of tables of measured sizes, in the words of instruments and laboratories.
 
-A heading states the role of its column by its words, English or German and some French, and by the
-signs of ISO 9276: `Q3` is the cumulative share by volume, `p0` the share of a class by number. All
-of its words must be known: `half diameter` is no diameter, and `number density` no number.
+A heading states the role of its column by English words and by the signs of ISO 9276: `Q3` is the
+cumulative share by volume, `p0` the share of a class by number. All of its words must be known:
+`half diameter` is no diameter, and `number density` no number. An entry says what others mean.
 """
 
 import re
@@ -34,9 +34,8 @@ CURVES: Final[tuple[Role, ...]] = ("passing", "cumulative", "cumulative retained
 AMOUNTS: Final[tuple[Role, ...]] = (*CURVES, "retained", "amount")
 
 _SIZE_WORDS: Final = {
-    *("sieve", "sieves", "mesh", "opening", "aperture", "x", "channel", "class", "feret", "diam"),
-    *("siebweite", "maschenweite", "korngröße", "korngrösse", "korngroesse", "partikelgröße"),
-    *("partikelgrösse", "kornklasse", "klasse", "tamis", "minferet", *DIAMETERS),
+    *("sieve", "sieves", "mesh", "opening", "aperture", "x", "channel", "class", "feret"),
+    *("minferet", "diam", *DIAMETERS),
 }
 _BESIDE_SIZES: Final = {
     *("edge", "limit", "bound", "range", "nominal", "bin", "d", "interval", "no", "test"),
@@ -44,36 +43,23 @@ _BESIDE_SIZES: Final = {
 }
 """Words that may stand beside those of a size."""
 _EDGES: Final[dict[Role, set[str]]] = {
-    "lower": {"lower", "from", "von", "x1", "low"},
-    "upper": {"upper", "to", "bis", "x2", "high", "xo", "x0"},
-    "middle": {"mid", "middle", "centre", "center", "midpoint", "xm", "klassenmitte"},
+    "lower": {"lower", "from", "x1", "low"},
+    "upper": {"upper", "to", "x2", "high", "xo", "x0"},
+    "middle": {"mid", "middle", "centre", "center", "midpoint", "xm"},
 }
-_PASSING: Final = {
-    *("passing", "passed", "pass", "undersize", "finer", "below", "under", "durchgang"),
-    *("siebdurchgang", "passant", "passants", "tamisat", "tamisats"),
-}
-_CUMULATIVE: Final = {
-    *("cumulative", "cumul", "cum", "cumulated", "kumuliert", "kumulativ", "summe"),
-    *("summenverteilung", "cumulé", "cumulés", "accumulated"),
-}
-_RETAINED: Final = {"retained", "rückstand", "rueckstand", "siebrückstand", "refus"}
-_OVERSIZE: Final = {"oversize", "coarser", "above", "rückstandssumme", "rueckstandssumme"}
-_ERROR: Final = {
-    *("error", "errors", "sd", "std", "stdev", "sigma", "uncertainty", "deviation", "±"),
-    *("fehler", "unsicherheit", "standardabweichung"),
-}
+_PASSING: Final = {"passing", "passed", "pass", "undersize", "finer", "below", "under"}
+_CUMULATIVE: Final = {"cumulative", "cumul", "cum", "cumulated", "accumulated"}
+_OVERSIZE: Final = {"oversize", "coarser", "above"}
+_ERROR: Final = {"error", "errors", "sd", "std", "stdev", "sigma", "uncertainty", "deviation", "±"}
 _WEIGHTS: Final[dict[ShareWeight, set[str]]] = {
-    "number": {"number", "numbers", "count", "counts", "anzahl", "particles", "nombre"},
-    "area": {"area", "surface", "oberfläche"},
-    "mass": {
-        *("volume", "vol", "mass", "weight", "masse", "massenanteil", "volumen", "wt", "v/v"),
-        *("volumenanteil", "gewicht", "poids", "w/w"),
-    },
+    "number": {"number", "numbers", "count", "counts", "particles"},
+    "area": {"area", "surface"},
+    "mass": {"volume", "vol", "mass", "weight", "wt", "v/v", "w/w"},
 }
-_PERCENT: Final = {"%", "percent", "percentage", "prozent"}
+_PERCENT: Final = {"%", "percent", "percentage"}
 _OTHER_AMOUNTS: Final = {
-    *("frequency", "share", "shares", "fraction", "amount", "anteil", "häufigkeit", "chan"),
-    *("histogram", "proportion", "relative", *_PERCENT),
+    *("frequency", "share", "shares", "fraction", "amount", "chan", "histogram", "proportion"),
+    *("relative", *_PERCENT),
 }
 _BESIDE_AMOUNTS: Final = {
     *("by", "in", "of", "on", "than", "the", "each", "standard", "diff", "differential"),
@@ -133,7 +119,7 @@ def names_other_amounts(heading: Heading) -> bool:
     """Return whether a column has amounts by none of the weights: by intensity, or per length."""
     words = _words(heading.title)
     is_percent = "%" in f"{heading.title}{heading.unit or ''}"
-    return is_percent or bool(words & {"density", "dichte", "intensity", "intensität"})
+    return is_percent or bool(words & {"density", "intensity"})
 
 
 def _column(index: int, heading: Heading) -> SizeColumn | None:
@@ -166,14 +152,14 @@ def _size_role(words: set[str]) -> Role | None:
 def _amount_role(words: set[str]) -> Role | None:
     """Return the role of a column of amounts, or of their errors."""
     named = _OTHER_AMOUNTS.union(*_WEIGHTS.values())
-    curves = _OVERSIZE | _RETAINED | _PASSING | _CUMULATIVE
+    curves = _OVERSIZE | _PASSING | _CUMULATIVE | {"retained"}
     if words - named - curves - _ERROR - _BESIDE_AMOUNTS:
         return None
     if words & _ERROR:
         return None if "relative" in words else "error"
-    if words & _OVERSIZE or (words & _RETAINED and words & _CUMULATIVE):
+    if words & _OVERSIZE or ("retained" in words and words & _CUMULATIVE):
         return "cumulative retained"
-    if words & _RETAINED:
+    if "retained" in words:
         return "retained"
     if words & _PASSING:
         return "passing"

@@ -55,12 +55,12 @@ LAYOUTS = {
         "0.000\t0.063\t10.0\t10.0\t0.8\r\n0.063\t0.125\t25.0\t35.0\t0.81\r\n"
         "0.125\t0.250\t50.0\t85.0\t0.82\r\n0.250\t0.500\t15.0\t100.0\t0.83\r\n"
     ),
-    "German Excel": (
-        "Siebweite [mm];Rückstand [g];Durchgang [%]\r\n0,5;0,0;100,0\r\n0,25;30,0;85,0\r\n"
+    "decimal commas": (
+        "Sieve [mm];Retained [g];Passing [%]\r\n0,5;0,0;100,0\r\n0,25;30,0;85,0\r\n"
         "0,125;100,0;35,0\r\n0,063;50,0;10,0\r\nBoden;20,0;0,0\r\n"
     ).encode("cp1252"),
-    "German classes with a byte-order mark": (
-        "\ufeffKornklasse [µm];Massenanteil [%]\r\n<63;10,0\r\n63-125;25,0\r\n125-250;50,0\r\n"
+    "classes with a byte-order mark": (
+        "\ufeffClass [µm];Mass fraction [%]\r\n<63;10,0\r\n63-125;25,0\r\n125-250;50,0\r\n"
         "250-500;15,0\r\n"
     ),
     "Horiba": (
@@ -86,10 +86,9 @@ LAYOUTS = {
         "250\t15\n500\t\n"
     ),
     "masses and percentages": (
-        "Maschenweite in mm;Rückstand in g;Rückstand in %\n0,5;0,0;0\n0,25;30,0;15\n"
+        "Mesh in mm;Retained in g;Retained in %\n0,5;0,0;0\n0,25;30,0;15\n"
         "0,125;100,0;50\n0,063;50,0;25\nSchale;20,0;10\nSumme;200,0;100\n"
     ),
-    "French passing": "Tamis (mm);Passants cumulés (%)\n0,5;100\n0,25;85\n0,125;35\n0,063;10\n",
     "upper edges": "Upper size (um);Volume %\n63;10\n125;25\n250;50\n500;15\n",
 }
 

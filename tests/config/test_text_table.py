@@ -43,7 +43,7 @@ LAYOUTS = {
     "decimal commas": "Diameter [µm]\n40,5\n20,25\n",
     "commas and whole numbers": "Diameter [nm]\n40500\n20250,0\n",
     "quoted commas": 'ID,Diameter [um]\n1,"40,5"\n2,"20,25"\n',
-    "semicolons": "ID;Durchmesser [µm];Form\n1;40,5;rund\n2;20,25;oval\n",
+    "semicolons": "ID;Diameter [µm];Form\n1;40,5;rund\n2;20,25;oval\n",
     "tabs": "ID\tDiameter (um)\tShape\n1\t40.5\tround\n2\t20.25\toval\n",
     "a column without a title": '\t"Diameter (um)" \n0\t40.5\n1\t"20.25" \n',
     "indented": "\tDiameter (um)\n\t40.5\n\t20.25\n",
