@@ -115,7 +115,9 @@ def started_by_a_rank(environment: Mapping[str, str] = os.environ, proc: Path = 
         except OSError:
             return True
     try:
-        return any(_is_mpi_program(proc / str(pid)) for pid in _parents(os.getpid(), proc))
+        # The processes above this one, up to the launcher that has started it.
+        parents = takewhile(lambda pid: not _launches(pid, proc), _above(os.getpid(), proc))
+        return any(_is_mpi_program(proc / str(pid)) for pid in parents)
     except (OSError, ValueError):  # of another user, or just gone
         return False
 
@@ -130,11 +132,6 @@ def launching_process(proc: Path = PROC) -> int:
     """
     above = (pid for pid in _above(os.getpid(), proc) if _launches(pid, proc))
     return next(above, os.getppid())
-
-
-def _parents(pid: int, proc: Path) -> Iterator[int]:
-    """Yield the processes above one, up to the launcher that has started it."""
-    return takewhile(lambda pid: not _launches(pid, proc), _above(pid, proc))
 
 
 def _above(pid: int, proc: Path) -> Iterator[int]:

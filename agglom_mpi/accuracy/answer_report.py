@@ -19,7 +19,7 @@ from agglom_mpi.accuracy.answer_tables import (
     times_of,
 )
 from agglom_mpi.accuracy.document import MARKERS, NAME
-from agglom_mpi.accuracy.times_to_targets import Band, TimesToTargets
+from agglom_mpi.accuracy.times_to_targets import TimesToTargets
 from agglom_mpi.analysis.tables import csv_texts
 from agglom_mpi.config.answer_study import AnswerStudy, file_stem
 from agglom_mpi.formatting import format_digits, format_duration
@@ -223,15 +223,11 @@ def _draw_expected(
         if np.isinf(band.value):
             axis.plot(band.low, at, ">", color=colour, markerfacecolor="none", markersize=5)
             continue
-        ends = _ends(band, highest)
+        # An open band ends at the cost of all runs together.
+        ends = band.low, band.high if np.isfinite(band.high) else highest
         axis.plot(ends, [at, at], color=colour, lw=1.0)
         if np.isinf(band.high):
             axis.plot(ends[1], at, ">", color=colour, markersize=5)
     values, heights = [band.value for band, _ in reached], [at for _, at in reached]
     marker = MARKERS[index % len(MARKERS)]
     axis.plot(values, heights, color=colour, marker=marker, markersize=4, lw=0.8)
-
-
-def _ends(band: Band, highest: float) -> tuple[float, float]:
-    """Return the ends of a band; an open one ends at the cost of all runs together."""
-    return band.low, band.high if np.isfinite(band.high) else highest

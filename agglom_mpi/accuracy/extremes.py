@@ -78,17 +78,13 @@ def _growth(row: Any, method: str) -> str:
     )
 
 
-def _time(row: Any, method: str) -> str:
-    return time_text(_own(row, method), "sample")
-
-
 COLUMNS: Final = (
     TableColumn("scene", lambda row: f"`{row['scene']}`: {row['what']}"),
     TableColumn("ours: b/b⁰", lambda row: _growth(row, "ours")),
     TableColumn("ours", lambda row: "; ".join(_troubles(row, "ours")) or "sound"),
     TableColumn.number("ours: energy error", ".1g", "energy error"),
     TableColumn.number("ours: collisions per sample", ".3g", "collisions"),
-    TableColumn("processor time", lambda row: _time(row, "ours")),
+    TableColumn("processor time", lambda row: time_text(_own(row, "ours"), "sample")),
     TableColumn("published: b/b⁰", lambda row: _growth(row, "published")),
     TableColumn("published", lambda row: "; ".join(_troubles(row, "published")) or "sound"),
 )

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -95,7 +95,7 @@ def search_history_section(history: CampaignData, samples: Mapping[str, Rows]) -
         optimism=optimism,
         size=optimism._replace(value=abs(optimism.value)),
         is_bias=abs(optimism.value) > max(CLAIMED_ERRORS * optimism.error, rounding),
-        estimate=_again,
+        estimate=lambda row: MeanEstimate(row["estimated again"], row["standard error of that"], 2),
     )
     return sentences.section(
         title="Inversion",
@@ -159,11 +159,6 @@ def optimism_of(strings: "pd.DataFrame") -> MeanEstimate:
     error = float(np.linalg.norm(errors)) / len(strings)
     difference = strings["estimated again"] - strings["objective"]
     return MeanEstimate(float(difference.mean()), error, len(strings))
-
-
-def _again(row: Any) -> MeanEstimate:
-    """Return the fresh estimate of a row of `measure`."""
-    return MeanEstimate(row["estimated again"], row["standard error of that"], 2)
 
 
 COLUMNS: Final = (

@@ -156,7 +156,9 @@ class PlaneMap:
         chosen = {
             method: [
                 child
-                for cell in edge_cells(_sound(results), grid, level - 1)
+                for cell in edge_cells(
+                    {cell: result.sound for cell, result in results.items()}, grid, level - 1
+                )
                 for child in cell.children()
             ]
             for method, results in self.results.items()
@@ -266,10 +268,6 @@ class PlaneMap:
         spread = float(np.hypot(own["standard error"], event["standard error"]))
         exact = event["mean b/b0"]
         return CellResult(kinds, growth, growth / exact - 1.0, spread / exact)
-
-
-def _sound(results: Mapping[Cell, CellResult]) -> dict[Cell, bool]:
-    return {cell: result.sound for cell, result in results.items()}
 
 
 def _shown_error(result: CellResult) -> float:

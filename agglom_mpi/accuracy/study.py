@@ -146,11 +146,6 @@ class BudgetedEnsemble(Ensemble):
         self._min_used = min_samples
         self._budget_left = budget
 
-    @property
-    def follows_paths(self) -> bool:
-        """False: the cost of each sample counts."""
-        return False
-
     def add(self, outcome: SampleSummary) -> None:
         """Take the next sample."""
         super().add(outcome)

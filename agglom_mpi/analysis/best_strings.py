@@ -103,7 +103,7 @@ def collect_best(file: CampaignData, count: int) -> list[dict[str, Any]]:
         _entry(file, rows[string], parameters[string], again.get(string))
         | {"seconds": float(wall[string]), "processor_seconds": float(cpu[string])}
         | _filled(file, string)
-        | _quantities(file, string)
+        | ({"quantities": as_entries(file, string)} if file.quantities else {})
         | _finite_size(file, string)
         | {
             column.name: float(values_of(file, [string], column.name)[0])
@@ -144,11 +144,6 @@ def reached_moments(file: CampaignData, rows: np.ndarray) -> dict[str, Any]:
     if not law.has_moments:
         return {}
     return {"moments": {moment.name: moment.as_dict() for moment in law.reached(summaries(rows))}}
-
-
-def _quantities(file: CampaignData, string: int) -> dict[str, Any]:
-    """Return the means of the `quantities` of a string's samples; empty where there are none."""
-    return {"quantities": as_entries(file, string)} if file.quantities else {}
 
 
 def _finite_size(file: CampaignData, string: int) -> dict[str, Any]:

@@ -56,17 +56,7 @@ def is_same(stored: np.void, computed: np.void, version: int) -> bool:
 
 
 def is_same_sample(stored: np.void, outcome: "Outcome", version: int, with_function: bool) -> bool:
-    """Return whether a sample gives its stored row again, with what the user's function returned.
-
-    Parameters
-    ----------
-    stored, version
-        As for `is_same`.
-    outcome
-        The sample, simulated again.
-    with_function
-        Whether the objective is a function, which was called again.
-    """
+    """Return whether a sample gives its row again, `with_function` also what that returned."""
     values = {"objective": outcome.objective, **outcome.quantities} if with_function else {}
     same = all(np.float64(value) == stored[name] for name, value in values.items())
     return same and is_same(stored, outcome.record, version)

@@ -76,7 +76,7 @@ def sample_arrays(data: "CampaignData") -> "xr.Dataset":
     for column, values in samples.drop(columns=["string", "sample"]).items():
         padded = _padding(str(column), values, shape)
         padded[places, which] = values.to_numpy()
-        found[str(column)] = ("string", "sample"), padded, _units(samples, str(name))
+        found[str(column)] = ("string", "sample"), padded, _units(samples, str(column))
     return found
 
 

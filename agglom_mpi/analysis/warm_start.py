@@ -90,11 +90,7 @@ def warm_start(campaign: Campaign, output: Path | None = None) -> WarmStart:
 def _ranked_strings(campaign: Campaign, path: Path) -> tuple[NDArray[np.int64], Floats]:
     """Return the judged strings of another campaign, ranked as in a report.
 
-    Returns
-    -------
-    tuple
-        Their numbers, shape (n,), and the campaign's variables of them, shape (n, k), nan
-        where the other campaign lacks one.
+    They are numbers, (n,), and this campaign's variables, (n, k), nan where the other lacks one.
     """
     data = read_inversion(str(path), permitted_modules(campaign))
     strings, order = data.string_rows(), np.asarray(rank_strings(data).order, np.int64)
@@ -108,23 +104,9 @@ def _ranked_strings(campaign: Campaign, path: Path) -> tuple[NDArray[np.int64], 
 def _chosen(
     campaign: Campaign, wanted: int, numbers: NDArray[np.int64], best: Floats
 ) -> tuple[Floats, str]:
-    """Return the first ranked strings that a search can begin with, as many as are wanted.
+    """Return the first ranked strings that a search can begin with, (wanted, k).
 
-    Parameters
-    ----------
-    campaign, wanted
-    numbers, best
-        As from `_ranked_strings`.
-
-    Returns
-    -------
-    tuple
-        The strings, shape (wanted, 10), and text on better ones that are left out, or nothing.
-
-    Raises
-    ------
-    ValueError
-        If there are too few.
+    The text names better ones that are left out. A ValueError is raised if there are too few.
     """
     strings, outside = _in_the_box(campaign, best)
     names = campaign.variables.table.names

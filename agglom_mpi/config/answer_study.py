@@ -172,17 +172,7 @@ def load_answer_study(path: str, allow_code: bool = False) -> AnswerStudy:
 
 
 class _Variants:
-    """Campaigns that differ from a question's by what a study's file says.
-
-    Parameters
-    ----------
-    source
-        The file of the study.
-    question
-        The campaign.
-    allow_code
-        Whether components of one's own may be executed.
-    """
+    """Campaigns that differ from a question's by what the file of a study, `source`, says."""
 
     def __init__(self, source: Source, question: Campaign, allow_code: bool) -> None:
         self._source = source

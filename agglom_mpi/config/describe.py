@@ -252,7 +252,8 @@ def _scene(campaign: "CampaignSections") -> list[str]:
     paths = campaign.variables.table.further_names
     if scene.diameter is not None:
         diameter = value_with_prefix(scene.diameter, "m")
-        if campaign.scenes.lengths_differ and len(set(_diameters(campaign))) > 1:
+        diameters = {campaign.at(string).section.diameter for string in _ends(campaign)}
+        if campaign.scenes.lengths_differ and len(diameters) > 1:
             diameter = "as in variables"
         size = f"grains: {mean}diameter {diameter}; the box follows from it"
     else:
@@ -313,10 +314,6 @@ def _fractions(campaign: "CampaignSections") -> tuple[float, float]:
         section, values = campaign.at(string)
         found.append(volume_fraction(values["size_ratio"], section.third_moment))
     return min(found), max(found)
-
-
-def _diameters(campaign: "CampaignSections") -> list[float | None]:
-    return [campaign.at(string).section.diameter for string in _ends(campaign)]
 
 
 def _variables(campaign: "CampaignSections") -> list[str]:

@@ -169,7 +169,8 @@ class StringEstimate(metaclass=PublicFace):
             if m.samples
         ]
         for name, mean in self.quantities.items():
-            label = _with_unit(name, self.quantity_units[name])
+            unit = self.quantity_units[name]
+            label = name if unit == "1" else f"{name}_{unit}"
             lines.append(f"  {label:<22}{value_with_error(mean.value, mean.error)}")
         if (filled := self.volume_fraction) is not None:
             lines.append(f"  {'volume fraction':<22}{value_with_error(filled.value, filled.error)}")
@@ -188,10 +189,6 @@ class StringEstimate(metaclass=PublicFace):
 
 def _line(name: str, value: float, unit: str) -> str:
     return in_unit(f"  {name:<22}{value:.6g}", unit)
-
-
-def _with_unit(name: str, unit: str) -> str:
-    return name if unit == "1" else f"{name}_{unit}"
 
 
 def _finite(value: float) -> float | None:

@@ -142,16 +142,7 @@ def _path_in_file(loc: FieldPath, source: Source) -> FieldPath:
 
 
 class _Models(NamedTuple):
-    """The models that the data of a source is validated by, the outermost first.
-
-    Attributes
-    ----------
-    source
-    outermost
-        Model of all sections.
-    reading
-        Finds components of one's own.
-    """
+    """The models, `outermost` first, that the data of a source is validated by."""
 
     source: Source
     outermost: type[Any]

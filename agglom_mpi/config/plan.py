@@ -77,13 +77,7 @@ MAX_VOLUMES: Final = 8
 
 
 def _read_volumes(value: Any) -> Any:
-    """Return a list of factors in ascending order.
-
-    Raises
-    ------
-    ValueError
-        If it is no list, lacks 1 or has a factor twice.
-    """
+    """Return different factors in ascending order, with 1 among them; or raise a ValueError."""
     allowed = "must be a list of different whole numbers with 1 among them, like [1, 2, 4]"
     if not isinstance(value, list | tuple):
         raise ValueError(f"is {quoted(value)}; {allowed}")

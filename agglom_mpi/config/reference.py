@@ -42,13 +42,10 @@ def component_tables() -> str:
 def section_tables() -> str:
     """Return a Markdown table of the keys of each section, and of each mapping of a component."""
     sections = [(), *(path for path, topic in topics().items() if not topic.example)]
-    tables = (_section_table(path) for path in sections if _has_keys(path))
+    # Keys stand below the others, and not components.
+    with_keys = (path for path in sections if any(not topic.example for topic in below(path)))
+    tables = map(_section_table, with_keys)
     return "\n".join(dict.fromkeys(tables))  # racing is the same of several rules
-
-
-def _has_keys(path: Path) -> bool:
-    """Return whether keys stand below a path, and not components."""
-    return any(not topic.example for topic in below(path))
 
 
 def _section_table(path: Path) -> str:

@@ -102,21 +102,8 @@ class SimulatedSamples(metaclass=PublicFace):
 class _Work(NamedTuple):
     """Work that the threads share.
 
-    Attributes
-    ----------
-    campaign
-    strings
-        Shape (m, k), SI units.
-    first
-        Number of the first sample of each string.
-    engine
-        Engine section.
-    rows
-        Results, shape (m, samples), with the columns of `OUTCOME`, and more.
-    reasons
-        Reasons of samples that failed by an exception or a law.
-    abort
-        Shape (1,); anything but 0 ends all samples.
+    `strings`, (m, k), are in SI units. `rows`, (m, samples), have the columns of `OUTCOME`.
+    Anything but 0 in `abort`, (1,), ends all samples.
     """
 
     campaign: "CampaignSections"

@@ -139,10 +139,7 @@ def _separator(lines: list[NumberedLine]) -> str | None:
 def _comma_meaning(lines: list[NumberedLine], body: list[int], texts: list[str]) -> str | None:
     """Return whether commas of lines like `40,5` separate two columns, or None for one column.
 
-    Raises
-    ------
-    TableError
-        If they can be both.
+    Raises a TableError if they can be both.
     """
     above = lines[body[0] - 1][1].strip().rstrip(",") if body[0] > 0 else ""
     titles = next(csv.reader([above])) if above else []

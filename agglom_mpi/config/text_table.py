@@ -8,7 +8,8 @@ machine.
 
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
+from itertools import chain
 from typing import Final, NamedTuple
 
 from agglom_mpi.config.bounded_reading import quoted_start
@@ -274,14 +275,10 @@ def _check_widths(rows: list[tuple[int, list[str]]], headings: int) -> None:
 def _has_decimal_comma(rows: list[list[str]]) -> bool:
     """Return whether numbers have decimal commas: one is no thousand, and none has a point."""
     clear = False
-    for cell in _all_cells(rows):
+    for cell in chain.from_iterable(rows):
         if "," in cell:
             comma = COMMA_NUMBER.fullmatch(cell) and not _THOUSANDS.fullmatch(cell)
             clear = clear or bool(comma)
         elif "." in cell and NUMBER.fullmatch(cell):
             return False
     return clear
-
-
-def _all_cells(rows: list[list[str]]) -> Iterator[str]:
-    return (cell for cells in rows for cell in cells)

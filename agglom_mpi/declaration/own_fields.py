@@ -49,7 +49,9 @@ def check_number(
     parts = list(_parts(field.annotation))
     if kind not in parts or not {kind, NoneType}.issuperset(parts):
         allowed = f"{kind.__name__}, or a tuple of a fixed number of these"
-        raise TypeError(f"field {name} is {_text(field.annotation)}; must be {allowed}")
+        found = field.annotation
+        text = found.__name__ if isinstance(found, type) else str(found)
+        raise TypeError(f"field {name} is {text}; must be {allowed}")
     if field.default is MISSING or (field.default is None and NoneType in parts):
         return
     several = get_origin(field.annotation) is tuple
@@ -74,7 +76,3 @@ def _parts(annotation: Any) -> Iterator[Any]:
         return
     for each in inner:
         yield from _parts(each)
-
-
-def _text(annotation: Any) -> str:
-    return annotation.__name__ if isinstance(annotation, type) else str(annotation)

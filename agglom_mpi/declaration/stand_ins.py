@@ -69,11 +69,7 @@ def record_of(component: Component) -> Record:
     return {
         "file": own.file,
         "sha256": own.sha256,
-        **(
-            {"read": dict(own.values)}
-            if (own := own_module(kind.__module__)) and own.values
-            else {}
-        ),
+        **({"read": dict(own.values)} if own.values else {}),
         "base": f"{base.__module__}:{base.__qualname__}",
         "fields": {
             name: _field_record(field, getattr(component, name))

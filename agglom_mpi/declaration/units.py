@@ -147,10 +147,7 @@ def unit_in(value: Any) -> str:
 def _unit(text: str) -> Any:
     """Return the unit of a text; in `kg/m3` and `J kg-1 K-1` a number behind a name is a power.
 
-    Raises
-    ------
-    ValueError
-        If there is no such unit, or a part of it is logarithmic, such as dB: it has no factor.
+    Raises a ValueError of an unknown unit, and of a logarithmic one such as dB: it has no factor.
     """
     from pint.errors import UndefinedUnitError
 

@@ -44,7 +44,8 @@ def check_nodes(environment: Mapping[str, str] = os.environ) -> Iterator[Finding
         found = ", ".join(local_networks())
         if found and "OMPI_MCA_btl_tcp_if_include" not in environment:
             yield Finding("networks", f"{found} in this machine alone", OPEN_MPI_NETWORK)
-    limit = re.search(r"SlurmdTimeout\s*= (\d+ sec)", _slurm_configuration(environment))
+    configuration = _output_of(["scontrol", "show", "config"], environment)
+    limit = re.search(r"SlurmdTimeout\s*= (\d+ sec)", configuration)
     if limit:
         found = f"srun ends the job {limit[1]} or more after a node is lost (SlurmdTimeout)"
         yield Finding("lost node", found)
@@ -56,10 +57,6 @@ def local_networks(devices: Path = NETWORK_DEVICES) -> list[str]:
         return sorted(path.name for path in devices.iterdir() if LOCAL_NETWORKS.match(path.name))
     except OSError:
         return []
-
-
-def _slurm_configuration(environment: Mapping[str, str]) -> str:
-    return _output_of(["scontrol", "show", "config"], environment)
 
 
 def _output_of(words: list[str], environment: Mapping[str, str]) -> str:

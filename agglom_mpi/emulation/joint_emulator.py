@@ -70,7 +70,9 @@ class JointEmulator:
         self.processes = [Emulator(merge_samples(points, n), random, groups) for n in mixed]
         # One number is the quantity itself.
         self._is_single = k == 1
-        self._normal = _normal_points(k) if k > 1 else np.empty((0, 1))
+        self._normal = np.empty((0, 1))
+        if k > 1:  # evenly spread
+            self._normal = np.asarray(ndtri(qmc.Sobol(k, seed=1).random(NORMAL_POINTS)))
 
     @property
     def held_out(self) -> list[tuple[Floats, Floats, Floats]]:
@@ -152,8 +154,3 @@ class JointFunctions:
         """Return the n functions at points, (m, p), shape (n, m, q)."""
         numbers = np.stack([drawn(points) for drawn in self._functions], axis=-1)
         return self._emulator._quantities(numbers @ self._emulator.mixing.T)
-
-
-def _normal_points(k: int) -> Floats:
-    """Return evenly spread points of k standard normal numbers, shape (`NORMAL_POINTS`, k)."""
-    return np.asarray(ndtri(qmc.Sobol(k, seed=1).random(NORMAL_POINTS)))

@@ -33,11 +33,13 @@ def to_json(report: ForecastReport) -> str:
         forecast._asdict() | {name: getattr(forecast, name) for name in properties}
         for forecast in report.forecasts
     ]
+    measured = report.pilot.wall_over_cpu
+    slowed = measured if math.isfinite(measured) else None
     content: dict[str, Any] = {
         "campaign": report.campaign.name,
         "generations": report.campaign.stopping.generations,
         "most_strings": report.campaign.max_strings,
-        "samples": report.pilot._asdict() | {"wall_over_cpu": _finite(report.pilot.wall_over_cpu)},
+        "samples": report.pilot._asdict() | {"wall_over_cpu": slowed},
         "costs": report.costs._asdict(),
         "forecasts": forecasts,
         "not_forecast": report.not_forecast,
@@ -46,10 +48,6 @@ def to_json(report: ForecastReport) -> str:
         "finite_size": report.grains and report.grains.as_dict(),
     }
     return json.dumps(content, indent=2)
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def forecast_table(report: ForecastReport) -> RenderableType:

@@ -314,14 +314,14 @@ def failed_samples(data: CampaignData, failed: np.ndarray) -> FailedSamples:
     strings, failures = np.unique(failed["string"], return_counts=True)
     most = np.argsort(-failures, kind="stable")[:MOST_FAILING]
     return FailedSamples(
-        [(count, _reason(code)) for code, count in enumerate(counts) if count],
+        [
+            (count, REASONS[code] if 0 < code < len(REASONS) else f"unknown reason ({code})")
+            for code, count in enumerate(counts)
+            if count
+        ],
         [(int(strings[i]), int(failures[i])) for i in most],
         [_failure(row) for row in data.failures()[-LAST:]],
     )
-
-
-def _reason(code: int) -> str:
-    return REASONS[code] if 0 < code < len(REASONS) else f"unknown reason ({code})"
 
 
 def _failure(row: np.void) -> str:

@@ -90,7 +90,8 @@ def select_samples(file: CampaignData, selection: FrameSelection) -> list[Select
     samples = list(dict.fromkeys(selection.samples))
     for sample in samples:
         recorded_sample(file, string, sample)
-    samples = samples or _with_frames(file, string) or [_first_completed(file, string)]
+    framed = [sample for other, sample in file.particles.framed() if other == string]
+    samples = samples or framed or [_first_completed(file, string)]
     if len(samples) == 1:
         return [SelectedSample(string, samples[0], target)]
     stem = f"{target.stem}_{string}"
@@ -103,10 +104,6 @@ def _best(file: CampaignData) -> int:
     if not order:
         raise mistaken(file.path, "--string", "is missing, and none is judged yet")
     return order[0]
-
-
-def _with_frames(file: CampaignData, string: int) -> list[int]:
-    return [sample for other, sample in file.particles.framed() if other == string]
 
 
 def _first_completed(file: CampaignData, string: int) -> int:

@@ -66,13 +66,12 @@ def _shares(of: FeasibleSet) -> LabelledTexts:
         table.add_row("the set", empty_text(of))
         table.add_row("nearest", f"{of.nearest.reached}, {_probability(of.nearest.probability)}")
     else:
-        table.add_row(
-            "share of the box",
-            f"{_share_text(of.volume, of.volume_error)}; {measure_text(of.emulated.box)}",
-        )
+        share = value_with_error(100.0 * of.volume, 100.0 * of.volume_error)
+        table.add_row("share of the box", f"{share} %; {measure_text(of.emulated.box)}")
     if of.allowed < 1.0:
         shares = "" if of.empty else "; shares refer to the allowed part"
-        table.add_row("constraints", f"{_allowed(of)} of the box{shares}")
+        allowed = allowed_share(of.emulated.box.campaign)
+        table.add_row("constraints", f"allow {allowed} of the box{shares}")
     if not of.empty:
         table.add_row(f"  surely (P ≥ {INNER_PROBABILITY:g})", percent(of.inner))
         table.add_row(f"  possibly (P ≥ {OUTER_PROBABILITY:g})", percent(of.outer))
@@ -98,14 +97,6 @@ def _taken_by(of: FeasibleSet) -> str:
     if not campaign.objective.is_magnitude or campaign.search.looks_for_a_set:
         return ""
     return " of a search with aim: set"
-
-
-def _share_text(share: float, error: float) -> str:
-    return f"{value_with_error(100.0 * share, 100.0 * error)} %"
-
-
-def _allowed(of: FeasibleSet) -> str:
-    return f"allow {allowed_share(of.emulated.box.campaign)}"
 
 
 def empty_text(of: FeasibleSet) -> str:

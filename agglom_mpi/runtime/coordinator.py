@@ -254,13 +254,7 @@ class Coordinator:
     def _assign(
         self, scheduler: Scheduler | StaticScheduler, progress: Callable[[], RunProgress]
     ) -> bool:
-        """Assign tasks where anything has changed, and do what is due from time to time.
-
-        Returns
-        -------
-        bool
-            Whether any were assigned.
-        """
+        """Assign tasks where anything has changed, and do what is due; return whether any were."""
         now, assigned = self._watch.now(), False
         if self._may_assign:
             self._may_assign = False

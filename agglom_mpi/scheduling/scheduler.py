@@ -127,7 +127,8 @@ class Scheduler:
         self._range_loss = min(MAX_RANGE_LOSS, RANGE_LOSS * math.sqrt(weight))
         self._least = self.batch_sizer.least(self._ranks, self._waiting)
         for batches in range(self.batch_sizer.batches_per_rank(size)):
-            least = self._min_probability(batches, size)
+            # Of samples for a rank with so many batches in flight.
+            least = self.batch_sizer.queue_probability(size) if batches else MIN_PROBABILITY
             while (rank := self.next_rank(batches)) is not None:
                 batch = self._next_batch(size, least)
                 if not batch:
@@ -326,10 +327,6 @@ class Scheduler:
         need = max(self.sample_counts.mean, used + 1.0)
         fair = need * len(self._open) / (2 * self._ranks)
         return max(1, int(max(fair, self._least)))
-
-    def _min_probability(self, batches: int, size: int) -> float:
-        """Return the least probability of samples for a rank with `batches` batches in flight."""
-        return self.batch_sizer.queue_probability(size) if batches else MIN_PROBABILITY
 
     def _batch_size(self) -> int:
         """Return the samples of a message: worth one, and no more than are surely needed."""

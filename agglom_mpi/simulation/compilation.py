@@ -131,7 +131,8 @@ def compile_kernels(
     if new := [name for name in names if is_new[name]]:
         show(f"compiling {pluralise(len(new), 'kernel')} of a new kind of scene: {', '.join(new)}")
     with engine_compiled_elsewhere(scene) if together else nullcontext(_nothing) as finish:
-        for name in [*_called(scene), *names, STREAMS]:
+        cells = [CELLS] if law_of(scene.engine).uses_linked_cells else []
+        for name in [CONTACT, *cells, *names, STREAMS]:
             if name == ENGINE:
                 finish()
             compiled |= _compile(name, scene)
@@ -145,13 +146,7 @@ def compile_kernels(
 
 
 def _compile(name: str, scene: Scene) -> bool:
-    """Compile or load a kernel of a scene; return whether it was compiled.
-
-    Raises
-    ------
-    UncompiledLawError
-        If a law of the user's cannot be compiled.
-    """
+    """Compile or load a kernel of a scene; return whether it was compiled."""
     try:
         return compile_ahead(*_example(name, scene))
     except Exception:  # Numba raises many kinds
@@ -170,11 +165,6 @@ def ensure_compiled(scene: Scene, frames: bool = False, counts: bool = False) ->
 
 READY: Final[set[tuple[str, bool, bool]]] = set()
 """Kinds of scenes, whether with frames and with censuses, that this process has found compiled."""
-
-
-def _called(scene: Scene) -> list[str]:
-    """Return the names of the kernels that the engine of a scene calls, in the order of need."""
-    return [CONTACT, CELLS] if law_of(scene.engine).uses_linked_cells else [CONTACT]
 
 
 def _example(name: str, scene: Scene) -> tuple[Any, tuple[Any, ...]]:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.report.drawing import COLOURS, legend_below, style_axes
-from agglom_mpi.report.figures.figure import Figure, FigureOptions
+from agglom_mpi.report.figures.figure import Figure
 from agglom_mpi.storage.reader import CampaignData
 
 Floats = NDArray[np.float64]
@@ -183,14 +183,10 @@ def utilisation_of(data: CampaignData) -> Utilisation | None:
     return utilisation(legs, samples["finished"], samples["seconds"], samples["rank"])
 
 
-def _utilisation_data(data: CampaignData, _: FigureOptions) -> Utilisation | None:
-    return utilisation_of(data)
-
-
 UTILISATION: Final = Figure(
     "busy",
     "run",
-    _utilisation_data,
+    lambda data, _: utilisation_of(data),
     draw_utilisation,
     "Share of the time in which the ranks simulated, of all and of the idlest and busiest; "
     "compiling before the first sample, deciding and waiting are the rest.",
