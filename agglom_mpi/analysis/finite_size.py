@@ -105,11 +105,6 @@ class FiniteSize(NamedTuple):
         return shift.is_resolved and abs(shift.value) > self.quoted.error
 
     @property
-    def has_known_curvature(self) -> bool:
-        """Whether the effect of a term 1/N² on the limit is known, as from three volumes on."""
-        return math.isfinite(self.growth.curvature.value)
-
-    @property
     def enough_grains(self) -> int:
         """Number of grains with which the shift is at most the present standard error.
 
@@ -348,7 +343,8 @@ def finite_size_warnings(data: "CampaignData", shown: Sequence[int]) -> Iterator
     if over:
         place, worst = max(over, key=lambda pair: abs(pair[1].growth.shift.value))
         first, shift = worst.volumes[0], worst.growth.shift
-        advice = "publish the limit" if worst.has_known_curvature else "add a third volume"
+        is_curved = math.isfinite(worst.growth.curvature.value)  # as three volumes tell
+        advice = "publish the limit" if is_curved else "add a third volume"
         yield (
             f"scene.particles: with {first.grains:,} grains the mean b/b0 of "
             f"#{place}{_others(over)} is {value_with_error(abs(shift.value), shift.error)} "

@@ -50,14 +50,16 @@ def strings(data: "CampaignData") -> "pd.DataFrame":
     `seconds` and `cpu_seconds` are the wall-clock and the processor time of all samples of a
     string; the latter is nan in files of format versions 1 and 2.
     """
-    pandas, rows, results = _pandas(), data.counted_strings, data.result_rows()
+    pandas, every, results = _pandas(), data.string_rows(), data.result_rows()
+    counted = data.with_unused | np.isin(every["string"], [*data.samples_used])
+    rows = every[counted]
     variables, samples = data.variable_rows(), data.all_sample_rows()
     unused = set(data.variables.names) - set(_used_names(variables))
     first = _columns(pandas, rows, without={"origin", "parents", *unused})
     first.insert(3, "origin", _texts(rows["origin"], ORIGINS))
     first.insert(4, "parent_1", rows["parents"][:, 0])
     first.insert(5, "parent_2", rows["parents"][:, 1])
-    derived, counted = derived_columns(data), np.isin(data.string_rows()["string"], rows["string"])
+    derived = derived_columns(data)
     for column in derived:
         first[column.name] = column.values[counted]
     second = _columns(pandas, results).set_index("string").reindex(rows["string"])

@@ -5,7 +5,7 @@ the files; the identity of a campaign has their numbers, so that a stored campai
 """
 
 from collections.abc import Iterator
-from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple, Self
+from typing import Annotated, Any, ClassVar, Final, Literal, Self
 
 import numpy as np
 from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_validator
@@ -222,50 +222,42 @@ CURVE_NUMBERS: Final = ("edges", "shares", "errors")
 """Entries of an identity with the numbers of a file."""
 
 
-class DataLimits(NamedTuple):
-    """Limits of a scene on data.
+def impossible_data(
+    data: tuple[DatumEntry, ...], end: float | None, has_heat: bool
+) -> Iterator[tuple[FieldPath, str]]:
+    """Yield data that a scene cannot have.
 
-    Attributes
-    ----------
-    end
-        Fixed end of the samples in s; None where it differs between strings.
-    has_heat
-        Whether particles have a temperature.
+    `end` is the fixed end of its samples in s, None where it differs between strings.
     """
+    for i, entry in enumerate(data):
+        if entry.time is not None and end is not None and entry.time > end:
+            own, last = (value_with_prefix(time, "s") for time in (entry.time, end))
+            yield (i, "time"), f"is {own}; must be at most the end_time of the scene, {last}"
+        if entry.time is not None and end is None:
+            own = value_with_prefix(entry.time, "s")
+            message = f"is {own}; needs a fixed end_time of the scene, which every sample reaches"
+            yield (i, "time"), message
+        if entry.quantity == "temperature" and not has_heat:
+            message = "is 'temperature', but heating is 'none'; the scene must have heating"
+            yield (i, "quantity"), message
 
-    end: float | None
-    has_heat: bool
 
-    def problems(self, data: tuple[DatumEntry, ...]) -> Iterator[tuple[FieldPath, str]]:
-        """Yield data that the scene cannot have."""
-        for i, entry in enumerate(data):
-            if entry.time is not None and self.end is not None and entry.time > self.end:
-                own, end = (value_with_prefix(time, "s") for time in (entry.time, self.end))
-                yield (i, "time"), f"is {own}; must be at most the end_time of the scene, {end}"
-            if entry.time is not None and self.end is None:
-                own = value_with_prefix(entry.time, "s")
-                message = (
-                    f"is {own}; needs a fixed end_time of the scene, which every sample reaches"
-                )
-                yield (i, "time"), message
-            if entry.quantity == "temperature" and not self.has_heat:
-                message = "is 'temperature', but heating is 'none'; the scene must have heating"
-                yield (i, "quantity"), message
+def repeated_data(
+    data: tuple[DatumEntry, ...], end: float | None
+) -> Iterator[tuple[FieldPath, str]]:
+    """Yield data that stand twice, with the same numbers or under another name.
 
-    def repeated(self, data: tuple[DatumEntry, ...]) -> Iterator[tuple[FieldPath, str]]:
-        """Yield data that stand twice, with the same numbers or under another name.
-
-        Data of one name with different numbers are two measurements.
-        """
-        found: list[tuple[Any, str, dict[str, Any]]] = []
-        for i, entry in enumerate(data):
-            time = None if entry.time == self.end else entry.time
-            same = (*one_name(entry.quantity, entry.used_weight), time)
-            for j, (other, label, numbers) in enumerate(found):
-                if same == other and (entry.label != label or entry.entries() == numbers):
-                    yield (i,), f"is the same as data.{j}, {label}; each must stand once"
-                    break
-            found.append((same, entry.label, entry.entries()))
+    Data of one name with different numbers are two measurements.
+    """
+    found: list[tuple[Any, str, dict[str, Any]]] = []
+    for i, entry in enumerate(data):
+        time = None if entry.time == end else entry.time
+        same = (*one_name(entry.quantity, entry.used_weight), time)
+        for j, (other, label, numbers) in enumerate(found):
+            if same == other and (entry.label != label or entry.entries() == numbers):
+                yield (i,), f"is the same as data.{j}, {label}; each must stand once"
+                break
+        found.append((same, entry.label, entry.entries()))
 
 
 def _length(word: str, length: float) -> str:

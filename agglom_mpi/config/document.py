@@ -23,7 +23,7 @@ from agglom_mpi.config.bounds import (
     required_variables,
 )
 from agglom_mpi.config.data_files import with_curves
-from agglom_mpi.config.data_section import DataLimits, DatumEntry
+from agglom_mpi.config.data_section import DatumEntry, impossible_data, repeated_data
 from agglom_mpi.config.field_errors import to_campaign_error
 from agglom_mpi.config.path_entries import PathEntries, read_paths
 from agglom_mpi.config.plan import (
@@ -144,10 +144,10 @@ class SceneDocument(Section):
         if "scene" in info.data:
             scene = info.data["scene"]
             differs = scene.end_time == "characteristic" or "end_time" in reading.variables
-            limits = DataLimits(None if differs else scene.end_time, not scene.heating.is_absent)
-            raise_field_errors(limits.problems(entries))
+            end = None if differs else scene.end_time
+            raise_field_errors(impossible_data(entries, end, not scene.heating.is_absent))
             if not reading.recorded:
-                raise_field_errors(limits.repeated(entries))
+                raise_field_errors(repeated_data(entries, end))
         return entries
 
     @field_validator("objective")

@@ -85,7 +85,8 @@ def _messages(
             yield (*_path_in_file(loc[:-1], source), last), message
         case "extra_forbidden":
             section = ".".join(part for part in path[:-1] if isinstance(part, str))
-            yield path, _unknown_key(str(loc[-1]), models.at(loc[:-1])) + _more_on(section)
+            more = f" (see `{' '.join(filter(None, ('agglom explain', section)))}`)"
+            yield path, _unknown_key(str(loc[-1]), models.at(loc[:-1])) + more
         case "union_tag_not_found":
             key = context["discriminator"].strip("'")
             tags = [tag for found in models.at(loc) for tag in _tags(found)]
@@ -125,11 +126,6 @@ def _unquoted(quoted: str) -> str:
 def _unknown_key(key: str, models: Models) -> str:
     allowed = [name for model in models for name in model.model_fields]
     return f"unknown key '{key[:40]}'; {suggestion(key, allowed)}"
-
-
-def _more_on(section: str) -> str:
-    """Return where the keys of a section are explained."""
-    return f" (see `{' '.join(filter(None, ('agglom explain', section)))}`)"
 
 
 def _path_in_file(loc: FieldPath, source: Source) -> FieldPath:

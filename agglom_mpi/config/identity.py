@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, Final
 if TYPE_CHECKING:
     from agglom_mpi.config.bounds import Bounds
     from agglom_mpi.config.campaign_sections import CampaignSections
-    from agglom_mpi.config.plan import Plan
 
 SEPARATORS: Final = (",", ":")
 STUDY_SEPARATORS: Final = (", ", ": ")
@@ -41,7 +40,9 @@ def identity(campaign: "CampaignSections") -> dict[str, object]:
     if campaign.data_entries:
         sections["data"] = [entry.entries() for entry in campaign.data_entries]
     if campaign.plan is not None:
-        sections |= _required_plan(campaign.plan)
+        plan = campaign.plan
+        sections |= {"search": plan.search.entries(), "ensemble": plan.ensemble.entries()}
+        sections["stopping"] = plan.stopping.recorded()
     given = {f"scene.{name}" for name in _given_as_variables(variables)}
     return {name: value for name, value in _flat(sections) if name not in given}
 
@@ -67,14 +68,6 @@ def objective(campaign: "CampaignSections") -> dict[str, object]:
             raise campaign.function_error("is a function whose source was not read")
         entries |= campaign.user_function.module.entries()
     return entries
-
-
-def _required_plan(plan: "Plan") -> dict[str, object]:
-    return {
-        "search": plan.search.entries(),
-        "ensemble": plan.ensemble.entries(),
-        "stopping": plan.stopping.recorded(),
-    }
 
 
 def digest(entries: Mapping[str, object], separators: tuple[str, str] = SEPARATORS) -> str:

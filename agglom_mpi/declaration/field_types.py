@@ -49,11 +49,7 @@ class NotEmpty:
         return handler.generate_schema(Annotated[Line, Field(min_length=1)])
 
 
-def _none(value: Any) -> Any:
-    return None if value == "none" else value
-
-
-NONE = Reads(_none)
+NONE = Reads(lambda value: None if value == "none" else value)
 """Metadata that reads the word `none` as None."""
 
 

@@ -94,5 +94,7 @@ def _late(
 ) -> NDArray[np.int64]:
     """Return the number of samples of each different string that took too long and have no row."""
     of_string = dict(zip(strings["string"].tolist(), which.tolist(), strict=True))
-    late = [of_string[string] for string, _ in data.counted_timed_out if string in of_string]
+    counted = {*data.judged_timed_out} | data.fresh_timed_out
+    timed_out = data.timed_out if data.with_unused else counted
+    late = [of_string[string] for string, _ in timed_out if string in of_string]
     return np.bincount(np.array(late, np.int64), minlength=count)

@@ -242,21 +242,9 @@ class CampaignData(CampaignHeader):
         return self.derived(_counted_samples)
 
     @property
-    def counted_strings(self) -> np.ndarray:
-        """Rows of the strings that have a result; of all that were proposed, `with_unused`."""
-        rows = self.string_rows()
-        return rows if self.with_unused else rows[np.isin(rows["string"], [*self.samples_used])]
-
-    @property
     def unused_notes(self) -> list[str]:
         """A line on what is counted, `with_unused`; else none."""
         return [UNUSED_NOTE] if self.with_unused else []
-
-    @property
-    def counted_timed_out(self) -> set[tuple[int, int]]:
-        """Timed-out samples that analyses count as failed, as (string, sample)."""
-        counted = {*self.judged_timed_out} | self.fresh_timed_out
-        return self.timed_out if self.with_unused else counted
 
     @property
     def searched_samples(self) -> np.ndarray:

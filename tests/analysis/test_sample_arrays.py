@@ -40,6 +40,16 @@ def test_columns_of_strings_keep_their_values_whatever_they_are_called(path, mon
     assert np.array_equal(found["string_string_objective"], objective, equal_nan=True)
 
 
+def test_columns_have_their_own_units(path):
+    pytest.importorskip("xarray")
+    data = read_campaign(path)
+    found = module.sample_arrays(data)
+    units = module.table_of(data, "samples").attrs["units"]
+    for name in ("seconds", "merges", "mean_radius_ratio"):
+        assert found[name].attrs.get("units", "1") == (units[name] or "1")
+    assert found["seconds"].attrs["units"] == "s"
+
+
 def test_a_pickled_campaign_file_opens_its_file_again(path):
     file = open_campaign(path)
     again = pickle.loads(pickle.dumps(file))
