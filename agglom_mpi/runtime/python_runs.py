@@ -100,7 +100,7 @@ def follow(words: list[str]) -> tuple[int, list[str]]:
     """
     last: deque[str] = deque(maxlen=LAST_LINES)
     process = subprocess.Popen(
-        [sys.executable, "-ISc", ENDS_WITH_PARENT, str(os.getpid()), *words],
+        [*python_command(ENDS_WITH_PARENT), str(os.getpid()), *words],
         env=without_rank_variables(os.environ),  # this process may be a rank itself
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
