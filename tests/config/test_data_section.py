@@ -122,7 +122,6 @@ REFUSED = {
     "a later time": (f"{{{D50}, time: 7 ms}}", "time", ("7 ms", "6 ms")),
     "a time of 0": (f"{{{D50}, time: 0}}", "time", ("0",)),
     "an error of 0": ("{quantity: d50, value: 140 um, error: 0}", "error", ("0 m",)),
-    "a relative error": ("{quantity: d50, value: 140 um, error: 5 percent}", "error", ("length",)),
     "no error": ("{quantity: d50, value: 140 um}", "error", ("missing",)),
     "no value": ("{quantity: d50, error: 8 um}", "value", ("missing",)),
     "a value without sense": ("{quantity: d50, value: -1 um, error: 8 um}", "value", ("-1 um",)),
