@@ -1,20 +1,14 @@
 """`agglom check`: validate a campaign, or verify a campaign file."""
 
 import json
-import os
-import signal
-import threading
-import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import click
 
 from agglom_mpi.cli.common import ALLOW_CODE, JSON, STRICT, examples, exit_with, say
-from agglom_mpi.errors import BAD_INPUT
 from agglom_mpi.file_kinds import is_hdf5
 from agglom_mpi.formatting import in_unit
 
@@ -22,10 +16,6 @@ if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
     from agglom_mpi.config.yaml_source import Problem
     from agglom_mpi.simulation.sample import Outcome
-
-
-MAX_TEST_SECONDS: Final = 300.0
-"""Maximum processor time of the tests of own components, s; some seconds are usual."""
 
 
 @click.command(
@@ -75,8 +65,7 @@ def check(file: str, allow_code: bool, strict: bool, as_json: bool) -> int:
         size = file_bytes(sizes)
     warnings = [*loaded.warnings(), *narrow, *_of_start(loaded)]
     warn(warnings, strict, lambda line: say(line, error=True))
-    with _ended_if_endless(allow_code):
-        promises = promises_of(loaded, allow_code)
+    promises = promises_of(loaded, allow_code)
     tried = loaded.try_function() if allow_code else None
     if as_json:
         found = loaded.description() | {"warnings": [str(warning) for warning in warnings]}
@@ -96,33 +85,6 @@ def check(file: str, allow_code: bool, strict: bool, as_json: bool) -> int:
         for line in _function_lines(tried, loaded.objective.quantity_units):
             say(line)
     return 0
-
-
-@contextmanager
-def _ended_if_endless(allow_code: bool) -> Iterator[None]:
-    """End the process if tests of own components take too long, and at once on Ctrl-C.
-
-    Compiled code looks for neither.
-    """
-    tested, begin = threading.Event(), time.process_time()
-
-    def watch() -> None:
-        while not tested.wait(0.1):
-            if time.process_time() - begin > MAX_TEST_SECONDS:
-                limit = f"{MAX_TEST_SECONDS:g} s of processor time"
-                say(f"a formula or method of an own component does not end: {limit}", error=True)
-                os._exit(BAD_INPUT)
-
-    if not allow_code or threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    handler = signal.signal(signal.SIGINT, signal.SIG_DFL)
-    threading.Thread(target=watch, daemon=True).start()
-    try:
-        yield
-    finally:
-        tested.set()
-        signal.signal(signal.SIGINT, handler)
 
 
 def _function_lines(tried: "Outcome", units: Mapping[str, str]) -> Iterator[str]:

@@ -1,7 +1,14 @@
 """Test the components of one's own that a campaign names, in its scene and over its box."""
 
 import math
+import os
+import signal
+import sys
+import threading
+import time
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import Final
 
 from agglom_mpi.compilation.kernels import runs_compiled
 from agglom_mpi.config.campaign import Campaign
@@ -24,8 +31,11 @@ from agglom_mpi.contracts.tested_laws import (
 )
 from agglom_mpi.declaration.components import Component
 from agglom_mpi.declaration.laws import Law
-from agglom_mpi.errors import UserError
+from agglom_mpi.errors import BAD_INPUT, UserError
 from agglom_mpi.simulation.own_laws import compiled_formulas
+
+MAX_TEST_SECONDS: Final = 300.0
+"""Maximum processor time of the tests of a component, s; some seconds are usual."""
 
 
 class BrokenComponentError(UserError, ValueError):
@@ -42,10 +52,40 @@ def tested_components(campaign: Campaign, components: Iterable[Component]) -> li
     UncompiledLawError
         If a formula of one cannot be compiled.
     """
-    findings = [each for own in components if own.own for each in _of(campaign, own)]
+    findings = list[PropertyFinding]()
+    for own in [each for each in components if each.own]:
+        with _ended_if_endless(component_label(type(own))):
+            findings += _of(campaign, own)
     if failed := [str(each) for each in findings if each.verdict is Verdict.FAILS]:
         raise BrokenComponentError("\n".join(failed))
     return findings
+
+
+@contextmanager
+def _ended_if_endless(label: str) -> Iterator[None]:
+    """End the process if tests of a component take too long, and at once on Ctrl-C.
+
+    Compiled code looks for neither.
+    """
+    tested, begin = threading.Event(), time.process_time()
+
+    def watch() -> None:
+        while not tested.wait(0.1):
+            if time.process_time() - begin > MAX_TEST_SECONDS:
+                limit = f"{MAX_TEST_SECONDS:g} s of processor time"
+                print(f"{label}: a formula or method does not end: {limit}", file=sys.stderr)
+                os._exit(BAD_INPUT)
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    handler = signal.signal(signal.SIGINT, signal.SIG_DFL)
+    threading.Thread(target=watch, daemon=True).start()
+    try:
+        yield
+    finally:
+        tested.set()
+        signal.signal(signal.SIGINT, handler)
 
 
 def _of(campaign: Campaign, component: Component) -> list[PropertyFinding]:

@@ -80,12 +80,11 @@ def executed(own: OwnModule) -> ExecutedModule:
     ------
     ValueError
         If it cannot be executed, with the reason and its line; or if it has read other values than
-        those that `own` has.
+        those that `own` has, which may have less of them.
     """
     module = _executed(own._replace(values=None))
-    if own.values is not None and own.values != module.own.values:
-        changed = {name for name, _ in {*own.values} ^ {*(module.own.values or ())}}
-        named = ", ".join(sorted(changed))
+    if changed := {*(own.values or ())} - {*(module.own.values or ())}:
+        named = ", ".join(sorted(name for name, _ in changed))
         raise ValueError(f"{own.file}: {named}: other values than the campaign was run with")
     return module
 

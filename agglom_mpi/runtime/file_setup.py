@@ -6,7 +6,7 @@ from typing import Any
 
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.own_components import recorded_texts
-from agglom_mpi.declaration.reading import SOURCE_SHA256
+from agglom_mpi.declaration.reading import SOURCE_SHA256, SOURCE_VALUES
 from agglom_mpi.errors import UserError
 from agglom_mpi.formatting import pluralise, shortened
 from agglom_mpi.runtime.experiment import Experiment
@@ -139,8 +139,12 @@ def last_sources(stored: CampaignData) -> str:
 
 
 def check_same_campaign(path: Path, stored: dict[str, Any], wanted: dict[str, Any]) -> None:
-    """Raise an OutputError that names every difference between two campaigns."""
-    keys = sorted(stored.keys() | wanted.keys())
+    """Raise an OutputError that names every difference between two campaigns.
+
+    Values of own code that the file does not record are none: earlier versions left some out.
+    """
+    unknown = {key for key in wanted.keys() - stored.keys() if f".{SOURCE_VALUES}." in key}
+    keys = sorted((stored.keys() | wanted.keys()) - unknown)
     different = [key for key in keys if stored.get(key) != wanted.get(key)]
     if different == ["seed"]:
         held, asked = stored["seed"], wanted["seed"]

@@ -262,6 +262,8 @@ def test_what_a_law_has_read_is_another_campaign_and_other_machine_code(tmp_path
             found[0] | {"scene.restitution.source_values.E_WALL": "0.9"},
             found[0] | {"scene.restitution.source_values.E_WALL": "0.1"},
         )
+    unrecorded = found[0] | {"scene.restitution.source_values.E_WALL": "0.9"}
+    check_same_campaign(tmp_path / "own.h5", found[0], unrecorded)  # of an earlier version
 
 
 def test_a_law_that_reads_nothing_has_no_such_entries(tmp_path):

@@ -181,17 +181,18 @@ def test_a_function_that_returns_another_value_when_it_is_called_again_is_refuse
 ENDLESS = "while pair.approach_speed > 0.0:\n            pass\n        deficit = 0.0"
 CHECK = """
 import os, signal, sys, threading, time
-import agglom_mpi.cli.check as command
+from agglom_mpi.cli.check import check
+from agglom_mpi.contracts import tested_components
 
 def interrupt():
     while time.process_time() < {start}:
         time.sleep(0.1)
     os.kill(os.getpid(), signal.SIGINT)
 
-command.MAX_TEST_SECONDS = {limit}
+tested_components.MAX_TEST_SECONDS = {limit}
 threading.Thread(target=interrupt, daemon=True).start()
 sys.argv = ["agglom", {path!r}, "--allow-code"]
-command.check()
+check()
 """
 
 
@@ -205,3 +206,4 @@ def test_a_check_of_an_endless_formula_ends(tmp_path, limit, start, code):
     done = subprocess.run(words, capture_output=True, text=True, timeout=600)
     assert done.returncode == code
     assert "Traceback" not in done.stderr
+    assert code < 0 or "sticking.py:SpeedRestitution: " in done.stderr

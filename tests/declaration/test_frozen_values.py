@@ -21,17 +21,15 @@ def values_of(source, folder=""):
     "source",
     [
         "E = 0.9\nTABLE = {1: [E, 2 * E]}\ndef f(x, n=3): return TABLE[n][0] * E",
-        "import math\nfrom math import pi\nB = math.sqrt(pi)\ndef f(x): return B",
-        "import numpy as np\nT = np.linspace(0, 1, 5)\ndef f(x): return np.interp(x, T, T)",
-        "def twice(x): return 2 * x\nT = [twice(i) for i in range(3)]\ndef f(x): return T",
+        "import math\nfrom math import pi\nB = -2 * math.tau * pi\ndef f(x): return B + pi",
+        "import numpy as np\ndef g(x, n=3): return np.interp(x, n, n)\ndef f(x): return g(x)",
         "SEEN = {}\ndef f(x):\n    SEEN[x] = 1\n    return SEEN",
         "class A:\n    table = (1.0, 2.0)\n    def f(self): return self.table",
         "import os\nE = float(os.environ['WALL'])\ndef f(x): return x",
-        "import time, random\nT = random.Random(3)\ndef f(x): return T.random()",
-        "TOTAL = 1\nTOTAL += 2\ndef f(x): return TOTAL",
+        "import logging\nL = logging.getLogger('walls')\ndef f(x): return L.info(x)",
     ],
 )
-def test_what_the_source_determines_or_no_function_uses_is_no_such_value(source, monkeypatch):
+def test_what_the_source_states_or_no_function_uses_is_no_such_value(source, monkeypatch):
     monkeypatch.setenv("WALL", "0.5")
     assert values_of(source) == {}
 
