@@ -81,6 +81,7 @@ def test_a_powder_that_lost_half_of_its_fines_is_a_fifth_coarser_at_any_speed(tm
         assert objective == pytest.approx(wanted, abs=3e-4)
 
 
+@pytest.mark.slow(guard="runtime/test_quantity_runs.py")
 def test_the_readings_of_a_powder_are_what_a_granulometer_measures(tmp_path):
     campaign = load_campaign(QUESTIONS / "fines.yaml", allow_code=True)
     outcome = campaign.simulate({}, 0)

@@ -79,9 +79,8 @@ def test_another_engine_is_that_of_simulate(campaign):
     assert found.mean_radius_ratio[0, 0] == outcome.mean_radius_ratio
 
 
-@pytest.mark.parametrize(
-    "job", ["questions/fines", pytest.param("questions/powder", marks=pytest.mark.slow)]
-)
+@pytest.mark.slow(guard="config/test_simulate_many.py::test_each_sample_is_that_of_simulate")
+@pytest.mark.parametrize("job", ["questions/fines", "questions/powder"])
 def test_functions_and_sizes_are_those_of_simulate(job):
     campaign = load_campaign(JOBS / f"{job}.yaml", allow_code=True)
     found = campaign.simulate_many({"relative_speed": [0.3, 0.6]}, samples=2, workers=2)

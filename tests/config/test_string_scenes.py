@@ -6,6 +6,7 @@ import pickle
 import numpy as np
 import pytest
 from path_campaigns import COLD, COLD_VARIABLES, HOT, HOT_VARIABLES, campaign_of
+from plain_python import cases
 
 from agglom_mpi.config.describe import as_dict
 from agglom_mpi.config.simulate import random_numbers
@@ -56,6 +57,12 @@ def with_entry(scene: dict, path: str, value: str | None) -> dict:
     return {**scene, key: f"{{{entry}}}"}
 
 
+QUICK = ["restitution.value", "sizes.spread", "duration.length_ratio", "cooling.emissivity"]
+SIMULATED = pytest.mark.parametrize(
+    "case", cases(CASES, QUICK, pytest.mark.slow), indirect=True, scope="module"
+)
+
+
 @pytest.fixture(params=CASES, scope="module")
 def case(request):
     """Return path, value, a campaign that searches it, one that fixes it, and one in its scene."""
@@ -78,6 +85,7 @@ def test_the_scene_of_a_string_is_that_with_the_number_in_it(case):
     assert searched.at(searched.parameters()).build() != own.at(own.parameters()).build()
 
 
+@SIMULATED
 @pytest.mark.plain
 def test_a_string_simulated_at_a_point_is_the_scene_with_that_number(case):
     """Strings share configurations, so that their random numbers are the same."""
@@ -89,6 +97,7 @@ def test_a_string_simulated_at_a_point_is_the_scene_with_that_number(case):
     assert np.array_equal(one.final.radii, other.final.radii)
 
 
+@SIMULATED
 @pytest.mark.plain
 def test_a_number_that_variables_fix_gives_the_samples_of_the_scene_that_has_it(case):
     """Bit for bit, each string with random numbers of its own."""

@@ -59,8 +59,8 @@ def assert_nothing_is_lost(path, rows):
 @pytest.mark.parametrize(
     ("ranks", "kills"),
     [
-        pytest.param(None, 1, marks=pytest.mark.slow),
-        (2, 1),
+        (None, 1),
+        pytest.param(2, 1, marks=pytest.mark.ranks(guard="mpi/test_mpi_silent.py")),
         pytest.param(None, 3, marks=pytest.mark.slow),
         pytest.param(2, 3, marks=pytest.mark.slow),
     ],

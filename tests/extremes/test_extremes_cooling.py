@@ -24,6 +24,8 @@ from agglom_mpi.physics.cooling import (
     panel_time,
 )
 
+pytestmark = pytest.mark.plain
+
 B = 5.670374419e-8
 SURFACE = 2.0
 CAPACITY = 3.0

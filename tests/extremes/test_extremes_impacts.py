@@ -30,6 +30,8 @@ from hypothesis import strategies as st
 from agglom_mpi.physics.contact import CompressionRecoveryDuration, ContactArea, MeanSpeedDuration
 from agglom_mpi.simulation.impact import solve_impact
 
+pytestmark = pytest.mark.plain
+
 KINDS = pytest.mark.parametrize("make", CLOSED)
 ALL_KINDS = pytest.mark.parametrize("make", [*CLOSED, make_own_energy])
 DURATIONS = pytest.mark.parametrize(

@@ -36,12 +36,14 @@ IN_PLAIN_PYTHON = {
 }  # fmt: skip
 """Small ones of the type of `jobs/accretion_2003.yaml`."""
 LONG = {"coarse_steps", "creeping", "hard"}
+RARE = {"adhesive_kilometres", "adhesive_nanometres", "collapse", "viscous_binder"}
+"""Of laws that no other quick test compiles; `tests/physics` has their formulas."""
 
 tested: set[str] = set()
 
 
 def marks_of(name):
-    return [PLAIN] * (name in IN_PLAIN_PYTHON) + [pytest.mark.slow] * (name in LONG)
+    return [PLAIN] * (name in IN_PLAIN_PYTHON) + [pytest.mark.slow] * (name in LONG | RARE)
 
 
 def about(*names):

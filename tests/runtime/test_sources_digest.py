@@ -47,26 +47,30 @@ def package(tmp_path):
     return copy
 
 
-def edited(package, name, old, new):
+def edit(package, name, old, new):
     path = package / name
     text = path.read_text()
     assert old in text
     path.write_text(text.replace(old, new))
-    return sources_digest(package)
 
 
 def test_a_copy_has_the_same_digest(package):
     assert sources_digest(package) == sources_digest()
 
 
-@pytest.mark.parametrize(("name", "old", "new"), SAME)
-def test_a_better_sentence_changes_nothing(package, name, old, new):
-    assert edited(package, name, old, new) == sources_digest()
+def test_better_sentences_change_nothing(package):
+    for name, old, new in SAME:
+        edit(package, name, old, new)
+    assert sources_digest(package) == sources_digest()
 
 
-@pytest.mark.parametrize(("name", "old", "new"), OTHER)
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [*OTHER[:3], *(pytest.param(*each, marks=pytest.mark.slow) for each in OTHER[3:])],
+)
 def test_another_decision_is_seen(package, name, old, new):
-    assert edited(package, name, old, new) != sources_digest()
+    edit(package, name, old, new)
+    assert sources_digest(package) != sources_digest()
 
 
 BEGUN_BY = ("config/loading.py", "runtime/experiment.py", "runtime/sample_runner.py")

@@ -46,6 +46,7 @@ def test_eight_stretches_are_one_to_the_bit(name):
     assert at_once.breakups == 0 or name.startswith("breaking")
 
 
+@pytest.mark.slow(guard="simulation/test_box_steps.py::test_eight_stretches_are_one_to_the_bit")
 def test_boxes_do_what_they_are_named_for():
     """About one sample in a hundred breaks nothing."""
     for name, (_, _, time) in BOXES.items():

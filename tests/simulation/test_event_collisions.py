@@ -220,6 +220,7 @@ def test_beyond_chaos_the_means_agree():
         assert abs(difference.mean()) <= 4.0 * difference.std(ddof=1) / np.sqrt(20.0)
 
 
+@pytest.mark.plain
 def test_few_particles_have_cells_only_if_they_are_going_to_stay_as_many():
     options = {"particles": 100, "size_ratio": size_ratio(0.05), "end_time": 1e-6}
     for scene, cells in (

@@ -450,6 +450,9 @@ def simulated(restitution, seed, budget=2000):
 SEEDS = pytest.mark.parametrize("seed", cases(range(3), [0], pytest.mark.slow))
 
 
+@pytest.mark.slow(
+    guard="simulation/test_event_degenerate.py::test_collapse_may_exhaust_the_budget_unless_contacts_last"
+)
 @pytest.mark.parametrize("e", [0.1, 0.2])
 def test_collapse_ends_at_rounding_and_much_sooner_if_contacts_last(e):
     collisions = []
@@ -467,6 +470,7 @@ def test_collapse_ends_at_rounding_and_much_sooner_if_contacts_last(e):
         assert sum(collisions[:6]) > 2.0 * sum(collisions[6:])
 
 
+@pytest.mark.plain
 @SEEDS
 def test_collapse_may_exhaust_the_budget_unless_contacts_last(seed):
     record, _ = simulated(ConstantRestitution.Numbers(0.1), seed, budget=100)

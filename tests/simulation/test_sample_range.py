@@ -54,7 +54,6 @@ def first_with_both(scene):
     return max(0, len(states) - 4)
 
 
-@pytest.mark.plain
 def test_a_sample_that_fails_is_one_of_its_range():
     """Some need more events than the budget, some have a grain as large as the box."""
     scene = SMALL_SCENES["event"]._replace(end_time=3e-2)

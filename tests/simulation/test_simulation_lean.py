@@ -153,7 +153,7 @@ SLOW = pytest.mark.slow
         *(
             pytest.param(n, SOME, marks=PLAIN, id=f"{n}, some")
             for n in LAWS_AND_ENGINES
-            if n != "adaptive"
+            if n not in ("adaptive", "fixed")
         ),
     ],
 )

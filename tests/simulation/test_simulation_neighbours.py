@@ -50,8 +50,9 @@ SLOW = pytest.mark.slow
     ("count", "drift"),
     [
         (60, 0.0),
+        (60, 30.0),
         pytest.param(300, 0.0, marks=SLOW),
-        (300, 30.0),
+        pytest.param(300, 30.0, marks=SLOW),
         pytest.param(900, 0.0, marks=SLOW),
     ],
 )

@@ -41,7 +41,8 @@ def quickstart(sizes=None, particles=60):
 LOGNORMAL = quickstart("{law: lognormal, spread: 1.4}")
 
 
-@pytest.mark.parametrize("engine", cases(ENGINES, ["event"]))
+@pytest.mark.plain
+@pytest.mark.parametrize("engine", cases(ENGINES, ["event"], pytest.mark.slow))
 def test_grains_of_one_size_are_equal_grains_to_the_bit(engine):
     campaign = quickstart()
     chosen = campaign.engine(ENGINES[engine])
@@ -98,7 +99,7 @@ def test_the_mean_radius_at_the_start_is_that_of_the_law():
 
 
 @pytest.mark.plain
-@pytest.mark.parametrize("engine", cases(ENGINES, ["event"]))
+@pytest.mark.parametrize("engine", cases(ENGINES, ["event"], pytest.mark.slow))
 def test_a_box_has_the_grains_of_the_sample_of_its_number(engine):
     outcome = LOGNORMAL.simulate({}, 3, ENGINES[engine])
     box = Box(LOGNORMAL, sample=3, engine=ENGINES[engine])
@@ -107,7 +108,7 @@ def test_a_box_has_the_grains_of_the_sample_of_its_number(engine):
     assert box.particles.grains.tolist() == outcome.final.grains.tolist()
 
 
-@pytest.mark.plain
+@pytest.mark.slow(guard="simulation/test_simulation_sizes.py::test_no_grain_and_no_mass_is_lost")
 def test_aggregates_of_different_grains_break_into_no_more_pieces_than_they_have_grains():
     text = (Path(__file__).parents[2] / "jobs/extremes/always_breaking.yaml").read_text()
     line = next(line for line in text.splitlines() if line.strip().startswith("half_width"))

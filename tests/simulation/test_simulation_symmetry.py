@@ -88,7 +88,7 @@ def scaled(scene, length, time):
     return other, state(other, positions, velocities)
 
 
-@pytest.mark.parametrize(("length", "time"), [(2.0**7, 1.0), (1.0, 2.0**-9), (2.0**-5, 2.0**3)])
+@pytest.mark.parametrize(("length", "time"), [(2.0**-5, 2.0**3)])
 @pytest.mark.parametrize("name", cases(BOUNCING, ["fixed", "event"]))
 def test_units_by_powers_of_two_do_not_change_a_bit(name, length, time):
     scene, particles = scaled(BOUNCING[name], 1.0, 1.0)
