@@ -151,7 +151,7 @@ def exit_with(command: Callable[..., int]) -> Callable[..., None]:
     """Return a function that ends the process with the exit code that `command` returns.
 
     A UserError or an OSError becomes one message on standard error and its exit code, and so does
-    what code of one's own raises.
+    a version of Numba that kernels do not work with, and what code of one's own raises.
     """
 
     @functools.wraps(command)
@@ -162,6 +162,9 @@ def exit_with(command: Callable[..., int]) -> Callable[..., None]:
             say(error_text(error), error=True)
             code = error.exit_code if isinstance(error, UserError) else BAD_INPUT
         except Exception as error:
+            if isinstance(error, ImportError) and error.name == "numba":
+                say(str(error), error=True)
+                sys.exit(FAILURE)
             if not (text := own_error(error)):
                 raise
             say(printable(text), error=True)

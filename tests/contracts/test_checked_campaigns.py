@@ -58,7 +58,7 @@ def test_a_property_that_the_class_breaks_is_printed_with_its_reason(tmp_path):
     source = source.replace("pair.approach_speed) **", "pair.approach_speed**0.9) **")
     code, output, complaints = checked(write_scene(tmp_path, source), "--json")
     assert code == 0, complaints
-    breaks, held = json.loads(output)["properties"]
+    breaks, held, _ = json.loads(output)["properties"]
     assert breaks == "sticking.py:SpeedRestitution means to break units: a number of the sieve"
     assert "units" not in held
 
