@@ -6,7 +6,7 @@ import pytest
 from click.testing import CliRunner
 
 from agglom_mpi.cli import main
-from agglom_mpi.cli.common import read_duration
+from agglom_mpi.cli.common import exit_with, read_duration
 from agglom_mpi.cli.invert import invert_command
 
 ROOT = Path(__file__).parents[2]
@@ -31,6 +31,17 @@ ROOT = Path(__file__).parents[2]
 )
 def test_a_walltime_is_read(text, seconds):
     assert read_duration(None, None, text) == seconds
+
+
+def test_a_version_of_numba_that_does_not_do_is_one_message(capsys):
+    @exit_with
+    def command():
+        raise ImportError("numba 9 is not a version that kernels were tried with", name="numba")
+
+    with pytest.raises(SystemExit) as ended:
+        command()
+    assert ended.value.code == 1
+    assert capsys.readouterr().err == "numba 9 is not a version that kernels were tried with\n"
 
 
 def test_no_walltime_is_none():
