@@ -20,6 +20,7 @@ from agglom_mpi.planning.forecast import MessageCosts
 from agglom_mpi.runtime.coordinator import Coordinator
 from agglom_mpi.runtime.experiment import Experiment
 from agglom_mpi.runtime.file_setup import prepare
+from agglom_mpi.runtime.gone_ranks import GoneRanks
 from agglom_mpi.runtime.messages import RankMessage
 from agglom_mpi.runtime.stop_request import StopRequest
 from agglom_mpi.runtime.worker_pool import WorkerPool
@@ -115,7 +116,8 @@ class InstantRanks:
     ) -> None:
         self.size = ranks
         self.hosts: dict[int, str] = {}
-        self.missing: set[int] = set()
+        self.missing, self.deserted = set[int](), set[int]()
+        self.gone = GoneRanks()
         self.costs: list[PollCost] = []
         self._workload = workload
         self._inversion = inversion
