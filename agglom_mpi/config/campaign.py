@@ -38,8 +38,7 @@ if TYPE_CHECKING:
 
 CAMPAIGN_INTERNALS: Final = (
     *("scene", "variables", "objective", "plan", "output", "final", "user_function", "relations"),
-    *("data", "data_entries"),
-    *("at", "measured_at", "most_grains", "objective_at", "scenes", "used_values"),
+    *("at", "measured_at", "most_grains", "objective_at", "scenes", "used_values", "used_columns"),
     *("search", "ensemble", "stopping", "common_configurations", "max_framed", "max_strings"),
     *("first_sample", "given_strings", "space", "allowed_strings", "fraction", "volume"),
     *("derived_values", "function_error", "check_scales"),

@@ -31,6 +31,7 @@ from agglom_mpi.contracts.tested_laws import (
 )
 from agglom_mpi.declaration.components import Component
 from agglom_mpi.declaration.laws import Law
+from agglom_mpi.declaration.users_code import users_code
 from agglom_mpi.errors import BAD_INPUT, UserError
 from agglom_mpi.simulation.own_laws import compiled_formulas
 
@@ -111,8 +112,9 @@ def _listed(
     kind, names = type(component), list(known)
     label, texts = component_label(kind), dict[str, str]()
     try:
-        for name, text in failures:
-            texts.setdefault(name, text)
+        with users_code(label):
+            for name, text in failures:
+                texts.setdefault(name, text)
     except Exception as error:  # a component of the user's may raise any
         texts["raises"] = f"{type(error).__name__}: {error}"
         names = ["raises"]

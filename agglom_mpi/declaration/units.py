@@ -117,7 +117,8 @@ def _convert(text: str, unit: str) -> float:
             return float(plain)
         raise ValueError(f"is the text {quoted(text)}, a number in quotes; leave out the quotes")
     if _SECOND_NUMBER.match(given):
-        raise ValueError(f"is the text {quoted(text)}; must be one number and its unit, no ± error")
+        advice = remedy(text) or "; must be one number and its unit, no ± error"
+        raise ValueError(f"is the text {quoted(text)}{advice}")
     registry = _registry()
     try:
         source = _unit(given)
