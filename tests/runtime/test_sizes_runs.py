@@ -98,8 +98,8 @@ def test_the_report_states_what_the_drawn_grains_of_completed_samples_fill(run):
 def test_jammed_samples_of_a_wide_law_are_warned_of(run, monkeypatch):
     file = read_campaign(run[0] / "sizes.h5")
     assert not any(line.startswith("scene.sizes") for line in run_warnings(file))
-    rows = file.all_sample_rows().copy()
+    rows = file.counted_samples.copy()
     rows["reason"][:2] = FailureReason.PLACEMENT_JAMMED
-    monkeypatch.setattr(type(file), "all_sample_rows", lambda self: rows)
+    monkeypatch.setattr(type(file), "counted_samples", property(lambda self: rows))
     [line] = [line for line in run_warnings(file) if line.startswith("scene.sizes")]
     assert line.startswith(f"scene.sizes: 2 of {len(rows)} samples found no place")
