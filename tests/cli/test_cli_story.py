@@ -40,8 +40,8 @@ def carried_out(command, folder):
 
 
 def labels(lines):
-    """What lines begin with, up to the first number."""
-    return {re.match(r"[^\d#]*", line)[0].strip() for line in lines}
+    """What lines begin with, up to the first number; columns may have other widths."""
+    return {" ".join(re.match(r"[^\d#]*", line)[0].split()) for line in lines}
 
 
 def mean_radius(lines):
