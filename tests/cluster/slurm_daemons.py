@@ -128,6 +128,11 @@ class Slurm:
         """State of a job in Slurm's words."""
         return self.about(job)["JobState"]
 
+    def hands_signals_on(self, job):
+        """Whether the script of a running job does: not in the first 15 s, nor while it starts."""
+        hours, minutes, seconds = self.about(job)["RunTime"].split(":")
+        return 3600 * int(hours) + 60 * int(minutes) + int(seconds) >= 18
+
     def restarts(self, job):
         """How many times a job was started again."""
         return int(self.about(job)["Restarts"])

@@ -66,6 +66,7 @@ def legs(path):
 
 def test_a_job_that_nears_its_walltime_stops_requeues_itself_and_finishes(slurm, begun, wanted):
     folder, job = begun
+    slurm.wait(lambda: slurm.hands_signals_on(job), "does not run")
     slurm("scancel", "--signal=USR1", "--batch", job)
     slurm.wait(lambda: slurm.restarts(job) == 1, "not requeued")
     allow_all(folder)
@@ -135,6 +136,7 @@ def test_one_task_of_an_array_that_stops_early_is_requeued_alone(slurm, tmp_path
     about = ("-n1", export(tmp_path), "--array=0-1")
     array = slurm.submit(tmp_path, *about, script("array.sbatch"), "one.yaml", "two.yaml")
     slurm.wait(lambda: samples_in(tmp_path / "two.h5") >= 10, "no samples")
+    slurm.wait(lambda: slurm.hands_signals_on(f"{array}_1"), "does not run")
     slurm("scancel", "--signal=USR1", "--batch", f"{array}_1")
     slurm.wait(lambda: slurm.restarts(f"{array}_1") == 1, "not requeued")
     allow_all(tmp_path)
