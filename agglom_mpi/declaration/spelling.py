@@ -17,7 +17,7 @@ _MINUS: Final = str.maketrans("\N{MINUS SIGN}", "-")
 _REMEDIES: Final = (
     (re.compile(r"\d,\d"), "write a decimal point, and no comma, like 2500.5"),
     (re.compile(r"10\s*(?:\^|\*\*)|[x×·*]\s*10"), "write a power of ten like 2.5e7"),
-    (re.compile(r"\d[\s_'’]\d"), "write the digits of a number without gaps"),
+    (re.compile(r"\d[\s_'’]\d{3}(?!\d)"), "write the digits of a number without gaps"),
 )
 
 
