@@ -8,6 +8,7 @@ import kinetic_theory as theory
 import numpy as np
 import pytest
 from box_runs import BOXES, BREAKING, GAS, make
+from plain_python import cases
 from scenes import HALF, image
 
 from agglom_mpi import Box
@@ -24,7 +25,7 @@ def energies(state, capacity):
 
 
 @pytest.mark.plain
-@pytest.mark.parametrize("name", WARM)
+@pytest.mark.parametrize("name", cases(WARM, WARM[:3], pytest.mark.slow))
 def test_mass_momentum_and_energy_are_kept_across_steps(name):
     capacity, step = HEAT_CAPACITY[name.split(",")[0]], BOXES[name][2] / 5
     box = make(name)
@@ -141,7 +142,7 @@ def test_a_box_cools_by_haffs_law():
     assert np.all(np.abs(mean - expected) <= 4.0 * error + 0.01 * expected)
 
 
-@pytest.mark.plain
+@pytest.mark.slow(guard="simulation/test_box_steps.py")
 def test_the_examples_of_the_box_are_true(monkeypatch):
     monkeypatch.chdir(Path(__file__).parents[2])
     tried = doctest.testmod(example)

@@ -22,10 +22,17 @@ INSTANTANEOUS = (
     "mean_temperature",
 )
 COUNTS = ("collisions", "merges", "breakups")
+SLOWEST = "breaking, adaptive"
 RATES = ("dissipation_rate", "heat_release_rate", "cooling_rate", "surface_energy_rate")
 
 
-@pytest.mark.parametrize("name", cases(BOXES, ["gas"]))
+@pytest.mark.parametrize(
+    "name",
+    [
+        *cases([name for name in BOXES if name != SLOWEST], ["gas"]),
+        pytest.param(SLOWEST, marks=pytest.mark.slow),
+    ],
+)
 def test_eight_stretches_are_one_to_the_bit(name):
     time = BOXES[name][2]
     whole, parts = make(name), make(name)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from event_reference import SAME, run_reference, untied
 from event_runs import bouncing, recorded, same_place, size_ratio
-from plain_python import cases
+from plain_python import PLAIN, cases
 from scenes import HALF, ball_mass, kinetic_energy, merging_event_periodic, momentum, placed, state
 
 from agglom_mpi.simulation.collision import BONDED, BOUNCED
@@ -61,15 +61,15 @@ IMPACTS = pytest.mark.parametrize(
 )
 
 
-@BOTH
 @IMPACTS
 @pytest.mark.parametrize(
-    ("number", "fraction", "per_sphere", "cells"),
+    ("number", "fraction", "per_sphere", "cells", "escape"),
     [
-        (150, 0.03, 3, True),
-        pytest.param(150, 0.2, 8, True, marks=SLOW),
-        (20, 0.1, 4, False),
-        pytest.param(30, 0.2, 4, False, marks=SLOW),
+        (150, 0.03, 3, True, "periodic"),
+        pytest.param(150, 0.03, 3, True, "reentry", marks=SLOW),
+        pytest.param(150, 0.2, 8, True, "periodic", marks=SLOW),
+        (20, 0.1, 4, False, "periodic"),
+        pytest.param(20, 0.1, 4, False, "reentry", marks=PLAIN),
     ],
 )
 def test_the_same_pairs_collide_at_the_same_times(
@@ -129,7 +129,7 @@ def mixture(scene, seed, large):
     return state(scene, positions[order], velocities[order], radii[order])
 
 
-@BOTH
+@pytest.mark.parametrize("escape", cases(["periodic", "reentry"], ["periodic"], SLOW))
 @IMPACTS
 @pytest.mark.parametrize("large", [pytest.param([0.4], marks=SLOW), [0.45, 0.3, 0.3]])
 def test_oversize_spheres_among_grains_collide_as_without_cells(large, e, friction, escape):

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from plain_python import PLAIN, cases
+from plain_python import cases
 from scenes import (
     HALF,
     ball_mass,
@@ -56,8 +56,7 @@ SLOW = pytest.mark.slow
     ("name", "seed"),
     [
         ("event, periodic", 0),
-        *(pytest.param("event, periodic", seed, marks=SLOW) for seed in range(1, 6)),
-        *(pytest.param(name, seed, marks=SLOW) for name in OTHERS for seed in range(6)),
+        *(pytest.param(name, seed, marks=SLOW) for name in OTHERS for seed in range(2)),
     ],
 )
 def test_momentum_energy_mass_and_grains_are_kept_through_merges_and_breakups(name, seed):
@@ -81,25 +80,21 @@ def test_momentum_energy_mass_and_grains_are_kept_through_merges_and_breakups(na
     assert np.all(np.abs(particles.position[:, :left]) <= HALF)
 
 
-@pytest.mark.parametrize("drift", [*(pytest.param(each, marks=SLOW) for each in (10.0, 1e4)), 1e7])
-def test_a_mean_flow_a_million_times_the_spread_costs_the_ledger_no_digit(drift):
+def test_a_mean_flow_a_million_times_the_spread_costs_the_ledger_no_digit():
     """It is kept in the centre-of-mass frame; velocities in the box have lost six digits."""
-    scene = BREAKING["event, periodic"]
+    scene, drift = BREAKING["event, periodic"], 1e7
     velocities = scene.velocities._replace(mean=(drift, -0.3 * drift, 0.01 * drift))
-    for seed in range(3):
-        record, particles = simulate_scene(
-            scene._replace(velocities=velocities), np.random.default_rng(seed)
-        )
-        assert (record["state"], record["merges"] > 20) == (1, True)
-        rounding = 2.0**-52 * record["collisions"]  # of the whole, at each
-        assert record["momentum_error"] <= rounding
-        assert abs(record["energy_error"]) <= 1e-12
-        left = int(record["particles"])
-        whole = particles.velocity[:, :left] @ particles.mass[:left] / (60 * scene.mass)
-        assert (
-            np.linalg.norm(whole - velocities.mean)
-            <= 4.0 * scene.velocities.relative_speed / 60**0.5
-        )
+    record, particles = simulate_scene(
+        scene._replace(velocities=velocities), np.random.default_rng(0)
+    )
+    assert (record["state"], record["merges"] > 20) == (1, True)
+    rounding = 2.0**-52 * record["collisions"]  # of the whole, at each
+    assert record["momentum_error"] <= rounding
+    assert abs(record["energy_error"]) <= 1e-12
+    left = int(record["particles"])
+    whole = particles.velocity[:, :left] @ particles.mass[:left] / (60 * scene.mass)
+    off = np.linalg.norm(whole - velocities.mean)
+    assert off <= 4.0 * scene.velocities.relative_speed / 60**0.5
 
 
 @pytest.mark.parametrize("name", cases(BREAKING, QUICK, SLOW))
@@ -119,7 +114,7 @@ LONELY = {"particles": 20, "size_ratio": 0.3, "end_time": 50.0, "speed": 0.0}
 @pytest.mark.parametrize(
     "scene",
     [
-        pytest.param(breaking_fixed_periodic(7, **LONELY), id="fixed", marks=PLAIN),
+        pytest.param(breaking_fixed_periodic(7, **LONELY), id="fixed"),
         pytest.param(breaking_event_periodic(**LONELY), id="event"),
     ],
 )
@@ -150,8 +145,7 @@ MERGING = {
 }
 
 
-@pytest.mark.plain
-@pytest.mark.parametrize("name", MERGING)
+@pytest.mark.parametrize("name", cases(MERGING, ["fixed", "event, periodic"], SLOW))
 def test_what_impacts_dissipate_and_react_is_found_as_heat(name):
     scene = MERGING[name]
     particles = placed(scene, 4)
@@ -212,22 +206,20 @@ def bouncing(scene, drift):
     return scene._replace(laws=laws, velocities=velocities)
 
 
-@pytest.mark.plain
 @pytest.mark.parametrize("name", cases(OWN, QUICK, SLOW))
 def test_own_energies_keep_momentum_but_count_dissipated_energy_again(name):
     """Of each loss, 4/3 of its normal part is counted once more [B 4.9]: not even all of it."""
     merges = 0
-    for seed in range(4):
+    for seed in range(2):
         record, _ = simulate_scene(OWN[name], np.random.default_rng(seed))
         assert record["state"] == 1
         assert record["momentum_error"] <= 1e-12
         assert 0.01 <= record["energy_error"] <= 4.0 / 3.0
         assert record["floored_temperatures"] == record["capped_iterations"] == 0
         merges += record["merges"]
-    assert merges > 10
+    assert merges > 3
 
 
-@pytest.mark.plain
 @pytest.mark.parametrize("drift", [(0.0, 0.0, 0.0), (10.0, 10.0, 100.0)])
 @pytest.mark.parametrize("name", cases(OWN, QUICK, SLOW))
 def test_own_energies_heat_by_seven_thirds_of_a_frictionless_loss_in_any_frame(name, drift):
@@ -247,7 +239,6 @@ def test_own_energies_heat_by_seven_thirds_of_a_frictionless_loss_in_any_frame(n
     assert expected > 0.01
 
 
-@pytest.mark.plain
 @pytest.mark.parametrize("drift", [(0.0, 0.0, 0.0), (10.0, 10.0, 100.0)])
 def test_who_gets_the_heat_depends_on_the_frame_with_own_energies(drift):
     """In a frame at rest most spheres are heated; in a fast one whoever is sped up is cooled."""
@@ -263,8 +254,7 @@ ITERATED = {
 }
 
 
-@pytest.mark.plain
-@pytest.mark.parametrize("name", ITERATED)
+@pytest.mark.parametrize("name", cases(ITERATED, ["event, periodic"], SLOW))
 def test_the_published_iteration_ends_at_its_cap_and_the_ledger_closes_all_the_same(name):
     """It leaves a residual in e; what enters the ledger is what the impact with that e does."""
     record, particles = simulate_scene(ITERATED[name], np.random.default_rng(2))

@@ -49,10 +49,7 @@ SLOW = pytest.mark.slow
 @pytest.mark.parametrize(
     ("count", "drift"),
     [
-        (60, 0.0),
         (60, 30.0),
-        pytest.param(300, 0.0, marks=SLOW),
-        pytest.param(300, 30.0, marks=SLOW),
         pytest.param(900, 0.0, marks=SLOW),
     ],
 )

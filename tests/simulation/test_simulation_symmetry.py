@@ -13,7 +13,6 @@ from scenes import (
     adaptive_reentry,
     breaking_adaptive_reentry,
     breaking_event_periodic,
-    breaking_event_reentry,
     breaking_fixed_periodic,
     event_periodic,
     event_reentry,
@@ -45,9 +44,12 @@ BREAKING = [
         pytest.param(scene, id=name, marks=PLAIN)
         for name, scene in {
             "fixed": breaking_fixed_periodic(60, end_time=1e-3, **DENSE),
-            "adaptive": breaking_adaptive_reentry(1e-5, 4e-5, end_time=1e-3, **DENSE),
-            "event, re-entry": breaking_event_reentry(end_time=1e-3, **DENSE),
         }.items()
+    ),
+    pytest.param(
+        breaking_adaptive_reentry(1e-5, 4e-5, end_time=1e-3, **DENSE),
+        id="adaptive",
+        marks=pytest.mark.slow,
     ),
 ]
 PARAMETERS = np.arange(10.0)
@@ -163,11 +165,14 @@ ALL = {
 }
 
 
-LEAN = [name for name in ALL if "mixed" not in name and name != "event, re-entry"]
+QUICK = [
+    *("fixed, periodic", "fixed, re-entry, mixed", "adaptive, periodic, mixed"),
+    *("event, periodic, mixed", "event, re-entry"),
+]
 
 
 @pytest.mark.parametrize("change", ["mirror", "axes"])
-@pytest.mark.parametrize("name", cases(ALL, LEAN))
+@pytest.mark.parametrize("name", cases(ALL, QUICK, pytest.mark.slow))
 def test_the_mirror_image_and_other_axes_end_as_the_original_does(name, change):
     scene = ALL[name]
     particles = placed(scene, 4)
