@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from box_runs import BREAKING, GAS
-from plain_python import cases
+from plain_python import PLAIN_ALONE, cases
 from scenes import HALF, image
 from scipy import stats
 
@@ -14,7 +14,7 @@ from agglom_mpi.config.yaml_source import CampaignError
 
 PAIR = [[0.0, 0.0, 0.0], [0.004, 0.0, 0.0]]
 
-pytestmark = pytest.mark.plain
+pytestmark = PLAIN_ALONE
 
 
 def test_a_box_lists_its_public_names():

@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 from own_components import SPEED, write_scene
-from plain_python import PLAIN
+from plain_python import PLAIN, PLAIN_ALONE
 
 from agglom_mpi import Box, load_campaign
 from agglom_mpi.config.yaml_source import CampaignError
@@ -35,7 +35,7 @@ def test_a_box_with_a_law_of_one_s_own_goes_on_in_another_process(tmp_path):
     assert after.collisions > 0
 
 
-@PLAIN
+@PLAIN_ALONE
 def test_a_box_is_the_sample_of_the_campaign(tmp_path):
     campaign = load_campaign(write_scene(tmp_path), allow_code=True)
     outcome = campaign.simulate({"relative_speed": 1.0}, 0)

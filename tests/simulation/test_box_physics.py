@@ -8,7 +8,7 @@ import kinetic_theory as theory
 import numpy as np
 import pytest
 from box_runs import BOXES, BREAKING, GAS, make
-from plain_python import cases
+from plain_python import PLAIN, PLAIN_ALONE, cases
 from scenes import HALF, image
 
 from agglom_mpi import Box
@@ -24,8 +24,14 @@ def energies(state, capacity):
     return kinetic, state.mass_density * capacity * state.mean_temperature
 
 
-@pytest.mark.plain
-@pytest.mark.parametrize("name", cases(WARM, WARM[:3], pytest.mark.slow))
+@pytest.mark.parametrize(
+    "name",
+    [
+        *cases(WARM[:2], [], PLAIN_ALONE),
+        pytest.param(WARM[2], marks=PLAIN),
+        pytest.param(WARM[3], marks=pytest.mark.slow),
+    ],
+)
 def test_mass_momentum_and_energy_are_kept_across_steps(name):
     capacity, step = HEAT_CAPACITY[name.split(",")[0]], BOXES[name][2] / 5
     box = make(name)

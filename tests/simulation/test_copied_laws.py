@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from own_components import copies
-from plain_python import PLAIN
+from plain_python import PLAIN, PLAIN_ALONE
 
 from agglom_mpi import load_campaign
 from agglom_mpi.physics.contact import CompressionRecoveryDuration, LengthDuration
@@ -90,8 +90,13 @@ def scene_text(laws, own):
     return text
 
 
-@PLAIN
-@pytest.mark.parametrize("laws", [FIRST, SECOND], ids=["first", "second"])
+@pytest.mark.parametrize(
+    "laws",
+    [
+        pytest.param(FIRST, id="first", marks=PLAIN_ALONE),
+        pytest.param(SECOND, id="second", marks=PLAIN),
+    ],
+)
 def test_copies_of_laws_give_the_same_bits(tmp_path, laws):
     kinds = [kind for _, _, kind in laws.values() if kind is not None]
     extra = [LengthDuration] if CompressionRecoveryDuration in kinds else []

@@ -44,13 +44,12 @@ SLOW = pytest.mark.slow
 
 
 @pytest.mark.parametrize(
-    "escape", [Periodic.Numbers(), pytest.param(Reentry.Numbers(), marks=SLOW)]
-)
-@pytest.mark.parametrize(
-    ("count", "drift"),
+    ("count", "drift", "escape"),
     [
-        (60, 30.0),
-        pytest.param(900, 0.0, marks=SLOW),
+        (60, 30.0, Periodic.Numbers()),
+        pytest.param(60, 0.0, Reentry.Numbers(), marks=SLOW),
+        pytest.param(900, 0.0, Periodic.Numbers(), marks=SLOW),
+        pytest.param(300, 30.0, Reentry.Numbers(), marks=SLOW),
     ],
 )
 @pytest.mark.parametrize("reach", ["contacts", "all"])
