@@ -18,6 +18,7 @@ from campaign_runs import (
     write_campaign,
 )
 from click.testing import CliRunner
+from once import made_once, shared_folder
 from reestimation_runs import (
     assert_fresh_are_those_of_the_best,
     best_by_search,
@@ -31,7 +32,7 @@ from agglom_mpi.cli import main
 from agglom_mpi.storage.header import write_checksums
 from agglom_mpi.storage.reader import read_campaign
 
-TWO = {"generations": 2, "max_samples": 12}
+TWO = {"generations": 2, "max_samples": 12, "population": 8, "parents": 4}
 STRINGS, SAMPLES = 3, 8
 FINAL = f"{{strings: {STRINGS}, samples: {SAMPLES}}}"
 
@@ -67,12 +68,14 @@ SAMPLE_TASK = "agglom_mpi.runtime.sample_runner.SampleTask._simulate"
 @pytest.fixture(scope="module")
 def ended(tmp_path_factory):
     """Return a folder with a campaign that estimates again, one that does not, and their files."""
-    folder = tmp_path_factory.mktemp("ended")
-    write_campaign(folder / "final.yaml", **TWO, final=FINAL)
-    write_campaign(folder / "bare.yaml", **TWO)
-    for name in ("final", "bare"):
-        finish(folder, f"{name}.yaml", "-q")
-    return folder
+
+    def make(folder):
+        write_campaign(folder / "final.yaml", **TWO, final=FINAL)
+        write_campaign(folder / "bare.yaml", **TWO)
+        for name in ("final", "bare"):
+            finish(folder, f"{name}.yaml", "-q")
+
+    return made_once(shared_folder(tmp_path_factory) / "ended", make)
 
 
 @pytest.fixture
