@@ -31,7 +31,7 @@ from agglom_mpi.analysis.file_check import check_file
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.storage.reader import read_campaign
 
-TWO = {"generations": 2, "max_samples": 6, "population": 8, "parents": 4}
+TWO = {"generations": 2, "max_samples": 6}
 
 KILLED_BY_THE_FIRST_PICTURES = """
 import os
@@ -170,7 +170,7 @@ def test_a_torn_picture_is_taken_again(path):
 
 def test_more_generations_bring_pictures_of_the_new_best(path):
     before = open_campaign(path).framed()
-    finish(path.parent, "kept.yaml", "--generations", "3")
+    finish(path.parent, "kept.yaml", "--generations", "4")
     finals, framed = assert_particles_are_those_of_the_samples(path, path.parent / "kept.yaml")
     assert framed == pictures_wanted(path) != before
     assert finals == pairs_of(read_campaign(path).all_sample_rows())

@@ -112,7 +112,7 @@ def test_tables_name_the_variables_as_the_campaign_does(run, tmp_path):
     assert string.tolist()[-len(NAMES) :] == again[[*NAMES]].iloc[0].tolist()
     command("export", run / "sized.h5", "--csv", tmp_path / "csv")
     head = (tmp_path / "csv/strings.csv").read_text().splitlines()[0].split(",")
-    assert {"end_time_s", "sizes.spread", "volume_fraction"} <= set(head)
+    assert {"end_time (s)", "sizes.spread", "volume_fraction"} <= set(head)
 
 
 def test_objectives_are_of_the_grains_of_each_string(run):

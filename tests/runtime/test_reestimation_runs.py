@@ -32,7 +32,7 @@ from agglom_mpi.cli import main
 from agglom_mpi.storage.header import write_checksums
 from agglom_mpi.storage.reader import read_campaign
 
-TWO = {"generations": 2, "max_samples": 12, "population": 8, "parents": 4}
+TWO = {"generations": 2, "max_samples": 12}
 STRINGS, SAMPLES = 3, 8
 FINAL = f"{{strings: {STRINGS}, samples: {SAMPLES}}}"
 
