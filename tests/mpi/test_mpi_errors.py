@@ -77,7 +77,7 @@ def mpirun():
     need_mpirun()
 
 
-@pytest.mark.ranks(guard="cli/test_cli_strict.py, runtime/test_unexpected_errors.py")
+@pytest.mark.ranks(guard="runtime/test_unexpected_errors.py")
 def test_bad_input_is_one_message_and_no_file(tmp_path):
     write_campaign(tmp_path / "bad.yaml", population=0)
     done = invert(tmp_path, "bad.yaml", ranks=2)

@@ -47,7 +47,7 @@ MERGING = {
 """What touches merges: a kernel that many tests share."""
 
 
-@pytest.mark.slow(guard="storage/test_storage_data.py, search/test_misfit_of_data.py")
+@pytest.mark.slow(guard="storage/test_storage_data.py")
 def test_a_run_that_was_stopped_goes_on_without_its_file_of_sizes(tmp_path):
     write_measured(tmp_path, **MERGING)
     finish(tmp_path, "measured.yaml", "-o", "undisturbed.h5")

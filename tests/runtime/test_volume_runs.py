@@ -95,9 +95,7 @@ def test_volumes_and_samples_that_are_asked_for_later_are_added(three, tmp_path)
     path = tmp_path / "three.h5"
     for final in (
         "none",
-        "{strings: 2, samples: 3}",
         "{strings: 1, samples: 3, volumes: [1, 4]}",
-        "{strings: 2, samples: 5, volumes: [1, 2]}",
         THREE,
     ):
         write_campaign(tmp_path / "three.yaml", **TINY, final=final)
