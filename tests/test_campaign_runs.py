@@ -132,6 +132,7 @@ def test_runs_that_never_finish_a_sample_fail_in_the_end(campaign, expected, tmp
     assert_same(path, expected)
 
 
+@pytest.mark.ranks(guard="runtime/test_launcher_watch.py")
 def test_ranks_stop_when_the_process_that_started_them_is_killed(tmp_path):
     need_mpirun()
     write_campaign(tmp_path / "small.yaml", **SMALL)

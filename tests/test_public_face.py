@@ -165,13 +165,12 @@ def test_the_names_in_help_of_the_package_exist(campaign):
 
 def test_what_is_shown_of_an_object_is_one_short_line(campaign, finished):
     box = agglom_mpi.Box(campaign)
-    box.advance(1e-4)
     searcher = campaign.searcher()
     shown = [
         (campaign, ("100 grains", "hardness by genetic")),
         (campaign.estimate({}, samples=3), ("3 samples", "mean_radius_ratio ")),
         (agglom_mpi.open_campaign(finished), ("finished", "3 generations")),
-        (box, ("particles at 100 µs",)),
+        (box, ("particles at 0 s",)),
         (searcher, ("0 generations judged",)),
     ]
     for thing, parts in shown:

@@ -2,23 +2,18 @@
 
 import hashlib
 import shutil
-import signal
 
 import h5py
 import pytest
 from campaign_runs import (
     SMALL,
-    Gate,
     assert_same,
     decisions,
     finish,
     invert,
-    running,
     state,
-    wait_until,
     write_campaign,
 )
-from processes import output_of
 
 from agglom_mpi.runtime.provenance import leg_start
 from agglom_mpi.storage.reader import read_campaign
@@ -66,19 +61,6 @@ def test_more_generations_continue_and_equal_a_longer_run(copy):
     assert state(file.path) == ("finished", "all 4 generations are done")
     again = finish(copy, "small.yaml")
     assert "finished already" in again.stderr
-
-
-def test_a_second_run_on_the_same_file_is_refused(folder):
-    gate = Gate(folder / "gate")
-    with running(folder, "small.yaml", inject=gate.folder) as process:
-        wait_until(gate.held, process)
-        done = invert(folder, "small.yaml")
-        assert done.returncode == 2
-        assert f"in use by process {process.pid} on " in done.stderr
-        assert done.stderr.count("\n") == 1
-        process.send_signal(signal.SIGTERM)
-        output_of(process)
-        assert process.returncode == 75
 
 
 def test_a_file_that_is_no_campaign_is_left_alone(copy):

@@ -49,7 +49,7 @@ def assert_sound(path):
     return text
 
 
-@pytest.mark.parametrize("ranks", [None, 2])
+@pytest.mark.parametrize("ranks", [2])
 @pytest.mark.slow
 def test_a_file_is_sound_at_every_moment_of_a_run_that_is_killed_and_goes_on(folder, wanted, ranks):
     if ranks is not None:

@@ -6,10 +6,12 @@ import subprocess
 import pytest
 from campaign_runs import (
     SMALL,
+    TINY,
     assert_same,
     assert_sound,
     decisions,
     finish,
+    injected,
     invert,
     need_mpirun,
     running,
@@ -89,13 +91,38 @@ def test_a_read_only_disc_is_one_message(disc):
     assert done.stderr.count("\n") == 1
 
 
-@pytest.mark.parametrize("ranks", [None, pytest.param(2, marks=pytest.mark.slow)])
-def test_a_file_that_is_taken_away_is_noticed(tmp_path, ranks):
-    if ranks is not None:
-        need_mpirun()
+TAKEN_AWAY = """
+import os
+from agglom_mpi.search.inversion import Inversion
+
+complete_all = Inversion.complete_all
+
+def taken(*arguments, **options):
+    if os.path.exists("long.h5"):
+        os.remove("long.h5")
+    return complete_all(*arguments, **options)
+
+Inversion.complete_all = taken
+"""
+
+
+def test_a_file_that_is_taken_away_is_noticed_in_a_plain_run(tmp_path):
+    write_campaign(tmp_path / "long.yaml", **TINY | {"generations": 9})
+    with injected(TAKEN_AWAY, "agglom_mpi.search.inversion.Inversion.complete_all"):
+        done = invert(tmp_path, "long.yaml")
+    assert done.returncode == 1
+    assert "long.h5: was removed or replaced while it was being written; it is lost\n" in (
+        done.stderr
+    )
+    assert not (tmp_path / "long.h5").exists()
+
+
+@pytest.mark.slow(guard="crash/test_crash_disc.py")
+def test_a_file_that_is_taken_away_is_noticed(tmp_path):
+    need_mpirun()
     path = write_campaign(tmp_path / "long.yaml", **SMALL | {"generations": 9}).with_suffix(".h5")
     allow(tmp_path, 20)
-    with running(tmp_path, "long.yaml", ranks=ranks, inject=held(tmp_path)) as process:
+    with running(tmp_path, "long.yaml", ranks=2, inject=held(tmp_path)) as process:
         wait_until(lambda: samples_in(path) > 0, process)
         os.remove(path)
         allow(tmp_path, 600)  # to the end of a generation, when it is noticed
@@ -119,8 +146,10 @@ def test_a_file_cut_short_is_refused_and_left_as_it_is(undisturbed, folder):
     assert state(folder / "fresh.h5")[0] == "finished"
 
 
-@pytest.mark.slow(guard="crash/test_crash_disc.py::test_a_file_that_is_taken_away_is_noticed")
-@pytest.mark.parametrize("ranks", [None, 2])
+@pytest.mark.slow(
+    guard="crash/test_crash_disc.py::test_a_file_that_is_taken_away_is_noticed_in_a_plain_run"
+)
+@pytest.mark.parametrize("ranks", [None])
 def test_a_file_that_is_truncated_meanwhile_is_noticed(tmp_path, ranks):
     if ranks is not None:
         need_mpirun()

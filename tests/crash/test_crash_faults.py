@@ -17,7 +17,7 @@ NUMBERS = {"particles": 10, "generations": 4, "max_samples": 12, "population": 8
 """Of a campaign with so few samples, and particles, that a run takes a moment."""
 CALLS = {"begun": 500, "enlarged": 100}
 """Calls that take room and are let fail: of a run that begins, and of one whose file grows."""
-SHARE = 20
+SHARE = 40
 """One in so many of them fails, unless more are asked for."""
 LOCKING = range(2, 5)
 """Calls that write into the lock file, of which only the name counts."""

@@ -42,8 +42,7 @@ KILLED = "crash/test_crash_kill.py"
 @pytest.mark.parametrize(
     ("ranks", "database"),
     [
-        pytest.param(None, None, marks=pytest.mark.slow(guard=KILLED)),
-        pytest.param(2, "gathered", marks=pytest.mark.slow),
+        pytest.param(2, "gathered", marks=pytest.mark.slow(guard=KILLED)),
         pytest.param(2, "parallel", marks=pytest.mark.parallel_hdf5),
     ],
 )

@@ -60,9 +60,7 @@ def assert_nothing_is_lost(path, rows):
     ("ranks", "kills"),
     [
         (None, 1),
-        pytest.param(2, 1, marks=pytest.mark.ranks(guard="mpi/test_mpi_silent.py")),
-        pytest.param(None, 3, marks=pytest.mark.slow),
-        pytest.param(2, 3, marks=pytest.mark.slow),
+        pytest.param(2, 3, marks=pytest.mark.ranks(guard="crash/test_crash_kill.py")),
     ],
 )
 def test_a_killed_campaign_goes_on_to_the_same_end(folder, wanted, ranks, kills):

@@ -4,7 +4,7 @@ import itertools
 import signal
 
 import pytest
-from campaign_runs import assert_same, need_mpirun, running, samples_in, state, wait_until
+from campaign_runs import assert_same, invert, need_mpirun, running, samples_in, state, wait_until
 from click.testing import CliRunner
 from held_runs import allow, allow_all, held
 from processes import output_of
@@ -28,7 +28,7 @@ def look(path):
     return counts
 
 
-@pytest.mark.parametrize("ranks", [None, 2])
+@pytest.mark.parametrize("ranks", [2])
 @pytest.mark.slow
 def test_a_reader_that_looks_all_the_time_never_fails(folder, wanted, ranks):
     if ranks is not None:
@@ -57,7 +57,7 @@ def test_a_reader_that_looks_all_the_time_never_fails(folder, wanted, ranks):
     assert_same(path, wanted)
 
 
-def test_report_and_export_work_while_a_run_goes_on(folder):
+def test_report_and_export_work_while_a_run_goes_on_and_a_second_run_is_refused(folder):
     def agglom(*words):
         done = CliRunner().invoke(main, list(map(str, words)))
         assert done.exit_code == 0, done.stderr
@@ -69,6 +69,10 @@ def test_report_and_export_work_while_a_run_goes_on(folder):
         wait_until(lambda: path.exists() and len(read_campaign(path).result_rows()) > 0, process)
         assert "running" in agglom("report", path)
         agglom("export", path, "--compact", copied)
+        done = invert(folder, "small.yaml")
+        assert done.returncode == 2
+        assert f"in use by process {process.pid} on " in done.stderr
+        assert done.stderr.count("\n") == 1
         process.send_signal(signal.SIGTERM)
         output_of(process)
         assert process.returncode == 75

@@ -30,9 +30,7 @@ def copies(folder):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("database", ["gathered", PARALLEL])
-@pytest.mark.parametrize(
-    ("write", "after"), [(copies, 1), (copies, 6), (write_deciders, 1), (write_deciders, 15)]
-)
+@pytest.mark.parametrize(("write", "after"), [(copies, 6), (write_deciders, 15)])
 def test_a_killed_run_goes_on_as_one_that_was_not(tmp_path, write, after, database):
     need_mpirun()
     if database == "parallel":

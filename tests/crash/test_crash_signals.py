@@ -37,7 +37,7 @@ simulator.simulate_scene, simulator.MAX_AT_ONCE = never, 1
 
 
 @pytest.mark.parametrize(
-    "first", [signal.SIGTERM, *(pytest.param(n, marks=pytest.mark.slow) for n in VOLLEY[1:])]
+    "first", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.slow)]
 )
 def test_signals_that_come_again_until_the_end_do_not_change_it(folder, wanted, first):
     gate = Gate(folder / "gate")
@@ -58,6 +58,7 @@ def test_signals_that_come_again_until_the_end_do_not_change_it(folder, wanted, 
     assert_same(folder / "small.h5", wanted)
 
 
+@pytest.mark.slow(guard="runtime/test_stop_request.py")
 def test_an_interrupt_after_a_second_ends_a_stop_that_takes_long(folder):
     with running(folder, "small.yaml", inject=inject(folder / "deaf", DEAF)) as process:
         wait_until((folder / "deaf" / "begun").exists, process)
@@ -142,7 +143,6 @@ REAL = "os.kill(os.getpid(), signal.SIGINT)"
     [
         (REAL, True, 75),
         pytest.param(REAL, False, 130, marks=pytest.mark.slow),
-        pytest.param("raise EOFError", True, 1, marks=pytest.mark.slow),
         ("raise EOFError('Ran out of input')", False, 1),
     ],
 )
@@ -169,14 +169,11 @@ invert()
 """
 
 
-@pytest.mark.parametrize(
-    "number", [signal.SIGTERM, pytest.param(signal.SIGHUP, marks=pytest.mark.slow)]
-)
-def test_a_signal_before_there_is_a_file_is_an_interrupt(folder, number):
+def test_a_signal_before_there_is_a_file_is_an_interrupt(folder):
     done = subprocess.run(
         [sys.executable, "-c", EARLY],
         cwd=folder,
-        env=environment(NUMBER=str(int(number))),
+        env=environment(NUMBER=str(int(signal.SIGTERM))),
         capture_output=True,
         text=True,
         check=False,

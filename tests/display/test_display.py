@@ -77,13 +77,13 @@ def slow(*values):
     return [pytest.param(value, marks=pytest.mark.slow) for value in values]
 
 
-@pytest.mark.parametrize("columns", [80, *slow(120, 40)])
+@pytest.mark.parametrize("columns", [80, *slow(40)])
 def test_a_run_shows_lines_in_place_and_then_its_result(folder, columns):
     with screen(columns, 60) as opened:
         seen = seen_on(opened, folder)
         assert_live(seen)
         assert b"\x1b[?25l" not in opened.raw, "a kill would leave no cursor"
-    shown = {120: 6, 80: 5, 40: 1}[columns]
+    shown = {80: 5, 40: 1}[columns]
     header = next(line for line in seen[-1] if "#1" in line)
     assert header.count("#") == shown
     assert any(line.startswith("string") for line in seen[-1])
@@ -93,7 +93,7 @@ def test_a_run_shows_lines_in_place_and_then_its_result(folder, columns):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "variables",
-    [{"LC_ALL": "C"}, {"LC_ALL": "POSIX"}, {"LANG": "C"}, {"PYTHONIOENCODING": "ascii"}],
+    [{"LC_ALL": "C"}, {"PYTHONIOENCODING": "ascii"}],
     ids=lambda variables: "=".join(*variables.items()),
 )
 def test_a_run_survives_any_locale(folder, variables):
@@ -178,7 +178,7 @@ def test_a_run_in_the_background_leaves_the_terminal_to_the_shell(folder):
     assert "finished: all 4 generations are done" in " ".join(seen[-1])
 
 
-@pytest.mark.parametrize("ranks", [None, 2])
+@pytest.mark.parametrize("ranks", [2])
 @pytest.mark.slow
 def test_an_interrupted_run_leaves_a_tidy_terminal(tmp_path, ranks):
     if ranks:

@@ -72,6 +72,27 @@ def held(scene, random, abort, frames=None):
 
 simulator.simulate_scene, simulator.MAX_AT_ONCE = held, 1
 """
+STOPS = """
+import os
+import signal
+import time
+
+import agglom_mpi.runtime.sample_runner as simulator
+
+let_through, begun = simulator.simulate_scene, 0
+
+def stopping(scene, random, abort, frames=None):
+    global begun
+    begun += not abort[0]
+    if begun == AFTER + 1:
+        os.kill(os.getpid(), NUMBER)
+    while begun > AFTER and not abort[0]:
+        time.sleep(1e-3)
+    return let_through(scene, random, abort, frames)
+
+simulator.simulate_scene, simulator.MAX_AT_ONCE = stopping, 1
+"""
+"""A run gets a signal when it has done so many samples, and does no more."""
 HANGS = """
 import time
 from types import SimpleNamespace
@@ -317,6 +338,18 @@ def stop(folder, name, *arguments, number=signal.SIGUSR1, until=None, inject=Non
         os.kill(process.pid, number)
         _, errors = output_of(process)
     return process.returncode, errors
+
+
+def stop_here(folder, name, *arguments, number=signal.SIGUSR1, after=10, text="", replaced=()):
+    """Run `name`.yaml in this process until it stops by a signal after some samples; the result.
+
+    What else is injected is `text`; it replaces `replaced`, as in `injected`.
+    """
+    text += STOPS.replace("AFTER", str(after)).replace("NUMBER", str(int(number)))
+    with injected(text, *replaced, "agglom_mpi.runtime.sample_runner.simulate_scene"):
+        done = invert(folder, f"{name}.yaml", *arguments)
+    assert done.returncode == 75, done.stderr
+    return done
 
 
 def assert_sound(path):

@@ -16,7 +16,7 @@ from campaign_runs import (
     stop,
     write_campaign,
 )
-from mpi_injections import RANK, SENDS_WAIT_TO_BE_RECEIVED, of_ranks, slow
+from mpi_injections import RANK, SENDS_WAIT_TO_BE_RECEIVED, slow
 
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.outcome import FAILED, FailureReason
@@ -77,6 +77,7 @@ def mpirun():
     need_mpirun()
 
 
+@pytest.mark.ranks(guard="runtime/test_unexpected_errors.py")
 def test_bad_input_is_one_message_and_no_file(tmp_path):
     write_campaign(tmp_path / "bad.yaml", population=0)
     done = invert(tmp_path, "bad.yaml", ranks=2)
@@ -89,19 +90,11 @@ def test_bad_input_is_one_message_and_no_file(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["bad.yaml"]
 
 
-@pytest.mark.ranks(guard="mpi/test_mpi_errors.py::test_bad_input_is_one_message_and_no_file")
-@pytest.mark.parametrize("arguments", [["--walltime", "1"], ["small.yaml", "--max-walltime", "x"]])
-def test_wrong_options_are_one_message(small, arguments):
-    done = invert(small, *arguments, ranks=2)
+@pytest.mark.ranks(guard="cli/test_cli_options.py")
+def test_wrong_options_are_one_message(small):
+    done = invert(small, "--walltime", "1", ranks=2)
     assert done.returncode == 2
     assert done.stderr.count("Error: ") == 1
-
-
-@pytest.mark.ranks(guard="mpi/test_mpi_errors.py::test_bad_input_is_one_message_and_no_file")
-def test_help_is_shown_once(tmp_path):
-    done = invert(tmp_path, "--help", ranks=2)
-    assert done.returncode == 0
-    assert done.stdout.count("Usage: ") == 1
 
 
 def test_an_exception_on_a_worker_is_shown_and_stored_and_the_run_goes_on(small, tmp_path):
@@ -136,11 +129,11 @@ def test_an_uncaught_exception_on_a_worker_ends_the_job(tmp_path, break_it):
 BY_ONE = "mpi/test_mpi_errors.py::test_too_many_failures_are_an_error_that_quiet_does_not_hide"
 
 
-@pytest.mark.parametrize("ranks", [slow(None), of_ranks(2, guard=BY_ONE)])
-def test_too_many_failures_end_the_campaign_cleanly(tmp_path, ranks):
+@pytest.mark.ranks(guard=BY_ONE)
+def test_too_many_failures_end_the_campaign_cleanly(tmp_path):
     write_campaign(tmp_path / "small.yaml", **SMALL, max_failures=5)
     folder = inject(tmp_path / "inject", EVERY_SAMPLE_RAISES)
-    done = invert(tmp_path, "small.yaml", ranks=ranks, inject=folder)
+    done = invert(tmp_path, "small.yaml", ranks=2, inject=folder)
     assert done.returncode == 1
     assert "samples failed with errors; everything simulated so far is in small.h5" in done.stderr
     assert "rank " not in done.stderr.partition("stopped:")[2]
@@ -182,12 +175,11 @@ def test_only_the_first_process_of_another_mpi_says_so(small):
 
 
 @pytest.mark.ranks(guard="runtime/test_pending_sends.py")
-@pytest.mark.parametrize("ranks", [2, slow(3)])
-def test_a_worker_in_the_middle_of_sending_does_not_hold_up_the_end(tmp_path, ranks):
+def test_a_worker_in_the_middle_of_sending_does_not_hold_up_the_end(tmp_path):
     """A library may keep a sender waiting until its message is received; none must be left."""
     write_campaign(tmp_path / "small.yaml", **SMALL)
     folder = inject(tmp_path / "inject", SLOWLY + SENDS_WAIT_TO_BE_RECEIVED)
-    code, said = stop(tmp_path, "small", ranks=ranks, inject=folder)
+    code, said = stop(tmp_path, "small", ranks=3, inject=folder)
     assert code == 75, said
     path = tmp_path / "small.h5"
     assert state(path)[0] == "stopped"

@@ -4,7 +4,6 @@ import re
 
 import pytest
 from campaign_runs import assert_sound, environment, inject, need_mpirun
-from mpi_injections import RANK, slow
 from processes import HANG, program, wait_for
 from user_function_runs import write_own
 
@@ -15,7 +14,8 @@ import agglom_mpi.runtime.silence as silence
 hanging_samples.MIN_SECONDS, hanging_samples.FACTOR, silence.ALIVE_EVERY = 0.5, 1e-9, 0.1
 """
 
-HANGS_ONCE = f"""{RANK}
+HANGS_ONCE = """
+import os
 import time
 from pathlib import Path
 
@@ -24,6 +24,8 @@ judged = 0
 def worth(sample):
     global judged
     judged += 1
+    # Not a value of the module: those are the same on all ranks.
+    rank = os.environ.get("PMI_RANK", os.environ.get("OMPI_COMM_WORLD_RANK", "0"))
     while rank == "LAST" and judged > 5 and not Path("opened").exists():
         time.sleep(0.01)
     return abs(sample.mean_radius_ratio - 2.0)
@@ -31,7 +33,7 @@ def worth(sample):
 
 
 @pytest.mark.ranks(guard="runtime/test_hanging_samples.py")
-@pytest.mark.parametrize("ranks", [1, slow(2)])
+@pytest.mark.parametrize("ranks", [1, 2])
 def test_a_function_that_does_not_return_is_named_again_and_again(tmp_path, ranks):
     if ranks > 1:
         need_mpirun()
@@ -51,11 +53,14 @@ def test_a_function_that_does_not_return_is_named_again_and_again(tmp_path, rank
 
 
 def times_named(path, times):
-    """Return the line on the sample, which has been named before as often as given."""
+    """Return what was said of the sample named last, when it was as often as given.
+
+    On a busy machine others may take half a second, too.
+    """
     found = re.findall(
         r"rank (\d+) on (\S+): string (\d+) sample (\d+) has been under way for (\d+) s, and .*; "
         r"stopping\.max_seconds ends samples that take too long",
         path.read_text(),
     )
-    assert len({each[:4] for each in found}) <= 1
-    return found[0] if len(found) >= times else None
+    last = [each for each in found if each[:4] == found[-1][:4]]
+    return last[-1] if len(last) >= times else None

@@ -62,9 +62,8 @@ def without_launcher(folder, text="", wrapper=()):
         wait_until_gone([rank.pid for rank in ranks])
 
 
-@pytest.mark.parametrize(
-    "wrapper", [(), pytest.param(("bash", "-c", '"$@"; true', "-"), marks=pytest.mark.slow)]
-)
+@pytest.mark.ranks(guard="runtime/test_launcher_watch.py")
+@pytest.mark.parametrize("wrapper", [(), ("bash", "-c", '"$@"; true', "-")])
 def test_a_run_whose_launcher_is_killed_stops_and_can_go_on(undisturbed, tmp_path, wrapper):
     without_launcher(tmp_path, wrapper=wrapper)
     path = tmp_path / "small.h5"

@@ -5,7 +5,6 @@ import sys
 
 import pytest
 from campaign_runs import TINY, environment, need_mpirun, write_campaign
-from mpi_injections import of_ranks
 from processes import HANG
 
 STARTS_ANOTHER = """
@@ -42,11 +41,12 @@ def test_a_loop_over_a_list_that_the_launcher_has_read_is_named(tmp_path, redire
     assert ("</dev/null" in done.stderr) is (runs == 1)
 
 
+@pytest.mark.ranks(guard="runtime/test_launch.py")
 @pytest.mark.parametrize(
     ("connect", "closing"),
     [
         ("", "close_fds=True"),
-        of_ranks("from mpi4py import MPI", "close_fds=False", guard="runtime/test_launch.py"),
+        ("from mpi4py import MPI", "close_fds=False"),
     ],
 )
 def test_a_rank_that_starts_a_run_is_told_so_in_one_line(tmp_path, connect, closing):

@@ -36,12 +36,25 @@ def test_ranks_decide_by_data_as_one_does(tmp_path, database):
     assert_sound(tmp_path / "three" / "measured.h5")
 
 
-def test_a_run_that_was_stopped_goes_on_without_its_file_of_sizes(measured_file, tmp_path):
-    write_measured(tmp_path)
+MERGING = {
+    "restitution": (
+        "{law: adhesive, youngs_modulus: 1 GPa, dry: {law: constant, value: 0.9}}",
+        "{law: constant, value: 0}",
+    ),
+    "variable": ("surface_energy: [0.01, 1, log]", ""),
+    "generations": ("generations: 3", "generations: 2"),
+}
+"""What touches merges: a kernel that many tests share."""
+
+
+@pytest.mark.slow(guard="storage/test_storage_data.py")
+def test_a_run_that_was_stopped_goes_on_without_its_file_of_sizes(tmp_path):
+    write_measured(tmp_path, **MERGING)
+    finish(tmp_path, "measured.yaml", "-o", "undisturbed.h5")
     finish(tmp_path, "measured.yaml", "--generations", "1")
     finish(tmp_path, "measured.yaml")
     path = tmp_path / "measured.h5"
-    assert_same(path, decisions(measured_file))
+    assert_same(path, decisions(tmp_path / "undisturbed.h5"))
     (tmp_path / "sieve.csv").unlink()
     assert_sound(path)
     data = read_campaign(path)

@@ -59,6 +59,7 @@ sleep(600.0)
 """As rank 0 of such versions."""
 
 
+@pytest.mark.ranks(guard="runtime/test_programs.py")
 @pytest.mark.parametrize(
     ("program", "named"),
     [
@@ -67,7 +68,6 @@ sleep(600.0)
             OTHER_SOURCES,
             ["rank 1 on ", "sources ffffffffffff"],
             id="sources",
-            marks=pytest.mark.slow,
         ),
     ],
 )

@@ -19,7 +19,7 @@ from campaign_runs import (
     wait_until,
     write_campaign,
 )
-from mpi_injections import RANK, slow
+from mpi_injections import RANK
 from processes import output_of, wait_until_gone
 
 from agglom_mpi.runtime.messages import ALIVE, STOP
@@ -203,7 +203,7 @@ def test_a_stop_is_not_held_up_by_a_stopped_rank(undisturbed, run):
 
 
 @pytest.mark.ranks(guard="runtime/test_silence.py")
-@pytest.mark.parametrize("ranks", [2, slow(3)])
+@pytest.mark.parametrize("ranks", [2])
 def test_rank_0_may_be_stopped_and_continued(undisturbed, run):
     run.send(0, signal.SIGSTOP)
     run.set_clock(10 * NAMED_AFTER)
@@ -216,7 +216,7 @@ def test_rank_0_may_be_stopped_and_continued(undisturbed, run):
 
 
 @pytest.mark.ranks(guard="runtime/test_silence.py")
-@pytest.mark.parametrize("ranks", [2, slow(3)])
+@pytest.mark.parametrize("ranks", [2])
 def test_a_job_may_be_suspended_and_continued(undisturbed, run):
     for rank in run.ranks:
         run.send(rank, signal.SIGSTOP)
@@ -230,7 +230,10 @@ def test_a_job_may_be_suspended_and_continued(undisturbed, run):
     assert_sound(run.path)
 
 
-@pytest.mark.parametrize("ranks", [2, slow(3)])
+@pytest.mark.ranks(
+    guard="mpi/test_mpi_errors.py::test_an_uncaught_exception_on_a_worker_ends_the_job"
+)
+@pytest.mark.parametrize("ranks", [2])
 def test_a_killed_rank_ends_the_job(undisturbed, run):
     run.send(1, signal.SIGKILL)
     output_of(run.process)  # the gate is never opened

@@ -26,6 +26,7 @@ pathlib.Path.read_bytes = guarded
 """
 
 
+@pytest.mark.ranks(guard="runtime/test_user_function_runs.py")
 def test_ranks_decide_as_one_does_and_read_no_source(tmp_path):
     need_mpirun()
     for name in ("one", "two"):

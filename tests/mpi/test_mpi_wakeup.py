@@ -31,11 +31,13 @@ def mpirun():
     need_mpirun()
 
 
-@pytest.mark.parametrize("ranks", [slow(1), 2, slow(3)])
-def test_whoever_waits_is_woken(small, tmp_path, ranks):
+@pytest.mark.ranks(
+    guard="mpi/test_mpi_same.py::test_decisions_do_not_depend_on_the_number_of_ranks"
+)
+def test_a_rank_of_two_is_woken(small, tmp_path):
     """A message that nobody rings for is read a minute later here: a few are too many."""
     folder = inject(tmp_path / "inject", HARDLY_LOOKS)
-    finish(small, "small.yaml", "-o", tmp_path / "woken.h5", ranks=ranks, inject=folder)
+    finish(small, "small.yaml", "-o", tmp_path / "woken.h5", ranks=2, inject=folder)
     assert_same(tmp_path / "woken.h5", decisions(small / "small.h5"))
 
 
@@ -43,7 +45,6 @@ def test_whoever_waits_is_woken(small, tmp_path, ranks):
     ("wakeups", "ranks"),
     [
         of_ranks(OUT_OF_REACH, 2, guard="runtime/test_poll_backoff.py"),
-        slow(OUT_OF_REACH, 3),
         slow(LEFT_UNHEARD, 3),
     ],
 )

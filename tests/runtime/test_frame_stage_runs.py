@@ -15,6 +15,7 @@ from campaign_runs import (
     invert,
     state,
 )
+from once import made_once, shared_folder
 from particle_runs import (
     BOTH,
     COUNT,
@@ -30,7 +31,7 @@ from agglom_mpi.analysis.file_check import check_file
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.storage.reader import read_campaign
 
-TWO = {"generations": 2, "max_samples": 12}
+TWO = {"generations": 2, "max_samples": 6}
 
 KILLED_BY_THE_FIRST_PICTURES = """
 import os
@@ -77,12 +78,14 @@ simulator.simulate_scene = camera_shy
 @pytest.fixture(scope="module")
 def kept(tmp_path_factory):
     """Return a folder with a campaign that keeps particles, one that does not, and their files."""
-    folder = tmp_path_factory.mktemp("kept")
-    write_bulk_campaign(folder / "kept.yaml", **TWO)
-    write_bulk_campaign(folder / "bare.yaml", "", **TWO)
-    for name in ("kept", "bare"):
-        finish(folder, f"{name}.yaml", "-q")
-    return folder
+
+    def make(folder):
+        write_bulk_campaign(folder / "kept.yaml", **TWO)
+        write_bulk_campaign(folder / "bare.yaml", "", **TWO)
+        for name in ("kept", "bare"):
+            finish(folder, f"{name}.yaml", "-q")
+
+    return made_once(shared_folder(tmp_path_factory) / "kept", make)
 
 
 @pytest.fixture

@@ -1,13 +1,13 @@
 """Campaigns that search numbers of their scene: run, resumed, verified, replayed, reported."""
 
 import json
-import signal
 
 import h5py
 import numpy as np
 import pytest
-from campaign_runs import assert_same, assert_sound, decisions, finish, invert, stop
+from campaign_runs import assert_same, assert_sound, decisions, finish, invert, stop_here
 from click.testing import CliRunner
+from once import made_once, shared_folder
 from own_components import SPEED, write_scene
 from path_campaigns import HOT, HOT_VARIABLES, SIZED, text_of
 
@@ -20,20 +20,26 @@ from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.schema import FORMAT_VERSION
 from agglom_mpi.variables import PAPER_VARIABLES
 
-NAMES = ("contact_area.initial", "duration.length_ratio", "sizes.spread", "volume_fraction")
+NAMES = ("end_time", "sizes.spread", "volume_fraction")
 
 HOT_CAMPAIGN = text_of(
-    HOT | {"end_time": None}, HOT_VARIABLES | {"end_time": "[1 ms, 2 ms]"}, more="final: none\n"
+    HOT | {"end_time": None},
+    HOT_VARIABLES
+    | {"end_time": "[1 ms, 2 ms]", "duration.length_ratio": "[0.2, 1, log]"}
+    | {"contact_area.initial": "0.05"},
+    more="final: none\n",
 ).replace("generations: 3", "generations: 1")
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """Return the folder of a campaign and its file."""
-    folder = tmp_path_factory.mktemp("paths")
-    (folder / "sized.yaml").write_text(SIZED)
-    finish(folder, "sized.yaml", "-q")
-    return folder
+    """Return the folder of a campaign and its file, which tests only read."""
+
+    def make(folder):
+        (folder / "sized.yaml").write_text(SIZED)
+        finish(folder, "sized.yaml", "-q")
+
+    return made_once(shared_folder(tmp_path_factory) / "paths", make)
 
 
 def command(*words, code=0):
@@ -59,20 +65,16 @@ def test_a_file_has_a_column_and_a_row_for_each_variable(run):
             assert row["searched"] == (row["lower"] < row["upper"])
         assert (strings["sizes.spread"][done] > 1.12).all()
         units = dict(zip(strings.dtype.names, file["strings"].attrs["field_units"], strict=True))
-        assert units["duration.length_ratio"] == "1"
+        assert units["end_time"] == "s"
         entries = json.loads(file.attrs["identity"])
         assert entries["variables.sizes.spread.0"] == 1.1
         assert "scene.sizes.spread" not in entries
         assert entries == load_campaign(run / "sized.yaml").identity()
 
 
-@pytest.mark.parametrize(
-    "number", [signal.SIGUSR1, pytest.param(signal.SIGKILL, marks=pytest.mark.slow)]
-)
-def test_stopped_or_killed_and_resumed_it_is_the_same(run, tmp_path, number):
+def test_stopped_and_resumed_it_is_the_same(run, tmp_path):
     (tmp_path / "sized.yaml").write_text(SIZED)
-    code, said = stop(tmp_path, "sized", number=number)
-    assert code == (75 if number == signal.SIGUSR1 else -signal.SIGKILL), said
+    stop_here(tmp_path, "sized")
     assert_sound(tmp_path / "sized.h5")
     finish(tmp_path, "sized.yaml", "-q")
     assert_same(tmp_path / "sized.h5", decisions(run / "sized.h5"))
@@ -98,7 +100,7 @@ def test_tables_name_the_variables_as_the_campaign_does(run, tmp_path):
     file = open_campaign(run / "sized.h5")
     assert set(NAMES) <= set(file.strings.columns)
     assert "size_ratio" not in file.strings.columns
-    assert file.strings.attrs["units"]["duration.length_ratio"] == "1"
+    assert file.strings.attrs["units"]["end_time"] == "s"
     variables = file.variables.set_index("name")
     assert variables.loc["sizes.spread", ["lower", "upper"]].tolist() == [1.1, 1.3]
     derived = file.strings["spread_less_one"]
@@ -110,7 +112,7 @@ def test_tables_name_the_variables_as_the_campaign_does(run, tmp_path):
     assert string.tolist()[-len(NAMES) :] == again[[*NAMES]].iloc[0].tolist()
     command("export", run / "sized.h5", "--csv", tmp_path / "csv")
     head = (tmp_path / "csv/strings.csv").read_text().splitlines()[0].split(",")
-    assert set(NAMES) <= set(head)
+    assert {"end_time (s)", "sizes.spread", "volume_fraction"} <= set(head)
 
 
 def test_objectives_are_of_the_grains_of_each_string(run):
@@ -126,13 +128,17 @@ def test_objectives_are_of_the_grains_of_each_string(run):
         assert result["objective"] == pytest.approx(own.mean(), rel=1e-12)
 
 
-def test_reports_have_the_variables(run, tmp_path):
+def test_reports_have_the_variables(run):
     said = command("report", run / "sized.h5").stdout
     best = json.loads(command("report", run / "sized.h5", "--json").stdout)
     for name in NAMES:
         assert name in said
         assert name in best["best"][0]
-    assert best["further"] == dict.fromkeys(NAMES, "1")
+    assert best["further"] == {"end_time": "s", "sizes.spread": "1", "volume_fraction": "1"}
+
+
+@pytest.mark.slow(guard="runtime/test_path_runs.py::test_reports_have_the_variables")
+def test_a_page_has_the_variables(run, tmp_path):
     command("report", run / "sized.h5", "--out", tmp_path / "page")
     page = (tmp_path / "page/report.html").read_text()
     assert all(name in page for name in NAMES if name != "volume_fraction")
@@ -167,7 +173,7 @@ def test_a_box_takes_values_by_path(run):
     """It starts as the sample does, and its grains have the sizes that the spread gives."""
     path = run / "sized.yaml"
     campaign = load_campaign(path)
-    values = {"sizes.spread": 1.25, "duration.length_ratio": 0.5}
+    values = {"sizes.spread": 1.25, "volume_fraction": 0.1}
     box = Box(path, values, sample=2)
     outcome = campaign.simulate(values, 2, frames=[0.0])
     assert np.array_equal(np.sort(box.particles.radii), np.sort(outcome.frames.radii[0]))
@@ -177,10 +183,10 @@ def test_a_box_takes_values_by_path(run):
 
 def test_values_on_the_command_line_take_paths(run):
     words = ["simulate", run / "sized.yaml", "--samples", 2, "--json"]
-    values = ["--set", "sizes.spread=1.2", "--set", "duration.length_ratio=5e-1"]
+    values = ["--set", "sizes.spread=1.2", "--set", "end_time=1.5e-3"]
     found = json.loads(command(*words, *values).stdout)
     assert found["parameters"]["sizes.spread"] == 1.2
-    assert found["parameters"]["duration.length_ratio"] == 0.5
+    assert found["parameters"]["end_time"] == 1.5e-3
     wrong = command(*words, "--set", "sizes.spread=0.5", code=2)
     assert "sizes.spread" in wrong.output
 

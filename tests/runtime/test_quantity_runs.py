@@ -161,6 +161,12 @@ def test_a_report_has_the_quantities_and_leaves_out_what_needs_the_code(own, agg
     assert "largest m, as searched" in text
     assert "growth, re-estimate" in text
     assert "shape:value" in text
+    assert (own / "trace").read_text() == before
+
+
+@pytest.mark.slow(guard="runtime/test_quantity_runs.py")
+def test_a_page_has_the_quantities_and_runs_no_code(own, agglom):
+    before = (own / "trace").read_text()
     done = agglom("report", "own.h5", "--out", "page", "--stored-only")
     assert done.exit_code == 0, done.output
     page = (own / "page" / "report.html").read_text()

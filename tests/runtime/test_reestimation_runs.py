@@ -18,6 +18,7 @@ from campaign_runs import (
     write_campaign,
 )
 from click.testing import CliRunner
+from once import made_once, shared_folder
 from reestimation_runs import (
     assert_fresh_are_those_of_the_best,
     best_by_search,
@@ -67,12 +68,14 @@ SAMPLE_TASK = "agglom_mpi.runtime.sample_runner.SampleTask._simulate"
 @pytest.fixture(scope="module")
 def ended(tmp_path_factory):
     """Return a folder with a campaign that estimates again, one that does not, and their files."""
-    folder = tmp_path_factory.mktemp("ended")
-    write_campaign(folder / "final.yaml", **TWO, final=FINAL)
-    write_campaign(folder / "bare.yaml", **TWO)
-    for name in ("final", "bare"):
-        finish(folder, f"{name}.yaml", "-q")
-    return folder
+
+    def make(folder):
+        write_campaign(folder / "final.yaml", **TWO, final=FINAL)
+        write_campaign(folder / "bare.yaml", **TWO)
+        for name in ("final", "bare"):
+            finish(folder, f"{name}.yaml", "-q")
+
+    return made_once(shared_folder(tmp_path_factory) / "ended", make)
 
 
 @pytest.fixture

@@ -6,13 +6,12 @@ from campaign_runs import (
     HANGS_REPLACES,
     SMALL,
     TINY,
-    Gate,
     assert_same,
     assert_sound,
     decisions,
     finish,
     injected,
-    stop,
+    stop_here,
     write_campaign,
 )
 
@@ -23,6 +22,7 @@ import agglom_mpi.scheduling.scheduler as scheduler
 
 scheduler.URGENCY = 0.9  # announced strings come before those that decisions wait for
 """
+URGENCY = "agglom_mpi.scheduling.scheduler.URGENCY"
 
 
 def announced(path):
@@ -35,9 +35,7 @@ def announced(path):
 
 def test_a_file_that_holds_strings_of_coming_generations_is_sound(tmp_path):
     write_campaign(tmp_path / "small.yaml", **SMALL | {"generations": 2, "max_samples": 15})
-    gate = Gate(tmp_path / "gate", text=AHEAD_FIRST)
-    code, errors = stop(tmp_path, "small", inject=gate.folder, until=gate.held)
-    assert code == 75, errors
+    stop_here(tmp_path, "small", text=AHEAD_FIRST, replaced=[URGENCY])
     path = tmp_path / "small.h5"
     ahead = announced(path)
     assert len(ahead)
@@ -53,7 +51,7 @@ def test_a_file_that_holds_strings_of_coming_generations_is_sound(tmp_path):
 def test_strings_of_generations_that_a_reached_target_left_out_are_no_damage(tmp_path):
     path = write_campaign(tmp_path / "target.yaml", **SMALL | {"generations": 9})
     path.write_text(f"{path.read_text().rstrip()}\n  target: {{top: 1, objective: 100}}\n")
-    with injected(AHEAD_FIRST, "agglom_mpi.scheduling.scheduler.URGENCY"):
+    with injected(AHEAD_FIRST, URGENCY):
         done = finish(tmp_path, "target.yaml")
     file = read_campaign(tmp_path / "target.h5")
     assert len(file.generation_rows()) == 1, done.stderr

@@ -328,7 +328,15 @@ def test_a_module_that_would_end_the_process_is_one_message(tmp_path, ending):
         load_campaign(path, allow_code=True)
 
 
-@pytest.mark.parametrize("fault", ["os._exit(0)", r"raise ValueError('\udc80')"])
+ENDS = pytest.mark.slow(
+    guard="runtime/test_user_function_runs.py"
+    "::test_a_function_that_would_end_the_process_makes_a_failed_sample"
+)
+
+
+@pytest.mark.parametrize(
+    "fault", [pytest.param("os._exit(0)", marks=ENDS), r"raise ValueError('\udc80')"]
+)
 def test_a_run_whose_function_would_end_it_fails_in_words(tmp_path, fault):
     source = f"import os\ndef worth(sample):\n    {fault}\n"
     write_own(tmp_path, source, max_failures=3)

@@ -276,7 +276,10 @@ def test_a_kill_leaves_nothing_or_the_whole(filled, tmp_path, monkeypatch, kind)
     assert 8 < total < 200
     assert sorted(os.listdir(tmp_path / "good")) == names
     seen = set()
-    for when in {*range(1, total, 6), *range(max(1, total - 7), total + 1)}:
+    for when in {
+        *range(1, total, 24 if kind == "copy" else 6),
+        *range(max(1, total - 7), total + 1),
+    }:
         to = tmp_path / f"killed {when}"
         to.mkdir()
         assert run_and_kill(monkeypatch, lambda to=to: job(filled, to), when) == -signal.SIGKILL
