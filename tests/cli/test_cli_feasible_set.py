@@ -10,9 +10,12 @@ from threadpoolctl import threadpool_info
 MEASURED = ["--measured", "2", "--error", "1%"]
 
 
-@pytest.fixture(scope="module")
-def path(tmp_path_factory):
-    return three_variable_file(tmp_path_factory.mktemp("set"), generations=10)
+pytestmark = pytest.mark.usefixtures("remembered")
+
+
+@pytest.fixture
+def path(three):
+    return three.path
 
 
 def report(*arguments):
