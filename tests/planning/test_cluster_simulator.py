@@ -75,9 +75,9 @@ def test_a_lone_rank_without_costs_simulates_all_the_time(decades):
 
 
 @examples(
-    15,
-    ranks=st.integers(1, 60),
-    population=st.integers(4, 24),
+    40,
+    ranks=st.integers(1, 30),
+    population=st.integers(4, 12),
     decades=st.floats(0.0, 4.0),
     seed=st.integers(0, 1000),
     latency=st.sampled_from([0.0, 1e-3, 0.1]),
