@@ -1,13 +1,14 @@
 """`agglom accuracy` from the command line: plain, with MPI, again, and with bad input."""
 
+import importlib.util
 import shutil
 import subprocess
-from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
-from campaign_runs import QUICKSTART, environment, finish, need_mpirun
+from agglom_here import agglom_here
+from campaign_runs import environment, need_mpirun
 from measured_runs import write_measured
 from processes import HANG
 
@@ -17,12 +18,13 @@ from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.table import Table
 
 
-def run(folder, *arguments, ranks=None, **variables):
-    words = ["agglom", "accuracy", *map(str, arguments)]
+def run(folder, *arguments, ranks=None):
+    if ranks is None:
+        return agglom_here(folder, "accuracy", *arguments)
     return subprocess.run(
-        words if ranks is None else ["mpirun", "-n", str(ranks), *words],
+        ["mpirun", "-n", str(ranks), "agglom", "accuracy", *map(str, arguments)],
         cwd=folder,
-        env=environment(**variables),
+        env=environment(),
         capture_output=True,
         text=True,
         timeout=HANG,
@@ -30,20 +32,12 @@ def run(folder, *arguments, ranks=None, **variables):
     )
 
 
-def scene(folder):
-    """Write the quickstart with few samples and generations, for its history too."""
-    text = QUICKSTART.read_text().replace("max_samples: 150", "max_samples: 20")
-    path = folder / "small.yaml"
-    path.write_text(text.replace("generations: 6", "generations: 2"))
-    return path
-
-
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    """Return a folder with a campaign and its file."""
+def folder(shared_campaign, tmp_path_factory):
+    """Return a folder with a copy of a small campaign and of its file."""
     folder = tmp_path_factory.mktemp("study")
-    scene(folder)
-    finish(folder, "small.yaml", "-q")
+    for name in ("small.yaml", "small.h5"):
+        shutil.copy(shared_campaign("small") / name, folder)
     return folder
 
 
@@ -89,26 +83,17 @@ def test_the_report_has_every_section_with_its_figures_and_tables(studied):
 @pytest.mark.parametrize("command", ["report", "simulate --string 0", "accuracy -o b --history"])
 @pytest.mark.slow
 def test_a_study_has_no_best_strings_to_be_shown_or_replayed(studied, command):
-    words = ["agglom", *command.split(), "a/samples.h5"]
+    words = [*command.split(), "a/samples.h5"]
     words += ["small.yaml"] if "accuracy" in command else []
-    done = subprocess.run(
-        words, cwd=studied, env=environment(), capture_output=True, text=True, check=False
-    )
+    done = agglom_here(studied, *words)
     expected = "a/samples.h5: holds the samples of an accuracy study, not an inversion's\n"
     assert (done.returncode, done.stdout, done.stderr) == (2, "", expected)
 
 
 @pytest.mark.slow
 def test_a_study_is_exported_like_a_campaign(studied, tmp_path):
-    words = ["agglom", "export", "a/samples.h5", "--compact", str(tmp_path / "c.h5")]
-    done = subprocess.run(
-        [*words, "--csv", str(tmp_path)],
-        cwd=studied,
-        env=environment(),
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    words = ["export", "a/samples.h5", "--compact", tmp_path / "c.h5", "--csv", tmp_path]
+    done = agglom_here(studied, *words)
     assert (done.returncode, done.stderr) == (0, "")
     original, copy = read_campaign(studied / "a" / "samples.h5"), read_campaign(tmp_path / "c.h5")
     assert copy.attributes["purpose"] == "accuracy study"
@@ -197,14 +182,9 @@ def test_another_study_in_the_same_directory_is_refused(studied):
     [
         (["nowhere.yaml", "-o", "x"], "nowhere.yaml: no such file"),
         (["small.yaml", "-o", "x", "--set", "density=heavy"], "density: is the text 'heavy'"),
-        *(
-            pytest.param(*mistake, marks=pytest.mark.slow)
-            for mistake in (
-                (["small.yaml", "-o", "x", "--history", "no.h5"], "no.h5: No such file or"),
-                (["small.yaml", "-o", "small.h5"], "small.h5: File exists"),
-                (["small.yaml", "-o", "x", "--set", "activation_energy=1e9"], "scene: "),
-            )
-        ),
+        (["small.yaml", "-o", "x", "--history", "no.h5"], "no.h5: No such file or"),
+        (["small.yaml", "-o", "small.h5"], "small.h5: File exists"),
+        (["small.yaml", "-o", "x", "--set", "activation_energy=1e9"], "scene: "),
     ],
 )
 def test_bad_input_is_one_message_and_leaves_nothing(folder, arguments, message):
@@ -216,13 +196,11 @@ def test_bad_input_is_one_message_and_leaves_nothing(folder, arguments, message)
     assert not (folder / "x").exists()
 
 
-def test_without_matplotlib_it_says_what_to_install(folder, tmp_path):
-    (tmp_path / "sitecustomize.py").write_text(
-        "import importlib.util as u\nfind = u.find_spec\n"
-        "u.find_spec = lambda name, *rest: None if name == 'matplotlib' else find(name, *rest)\n"
-    )
-    path = f"{tmp_path}:{Path.cwd()}"
-    done = run(folder, "small.yaml", "--quick", "-o", "x", PYTHONPATH=path)
+def test_without_matplotlib_it_says_what_to_install(folder, monkeypatch):
+    find = importlib.util.find_spec
+    without = lambda name, *rest: None if name == "matplotlib" else find(name, *rest)  # noqa: E731
+    monkeypatch.setattr(importlib.util, "find_spec", without)
+    done = run(folder, "small.yaml", "--quick", "-o", "x")
     assert done.returncode == 2
     [message] = done.stderr.splitlines()
     assert "matplotlib" in message
@@ -241,8 +219,7 @@ def test_a_map_reproduces_its_failing_cells_and_goes_on_where_it_was_stopped(fol
     cells = {path.stem for path in (folder / "m" / "cells").glob("*.yaml")}
     assert "collapse_event_engine" in cells
     assert all(f"m/cells/{name}.yaml" in text for name in cells)
-    words = ["agglom", "simulate", "m/cells/collapse_event_engine.yaml", "--samples", "4"]
-    again = subprocess.run(words, cwd=folder, env=environment(), capture_output=True, text=True)
+    again = agglom_here(folder, "simulate", "m/cells/collapse_event_engine.yaml", "--samples", 4)
     assert "budget of steps or events exceeded" in again.stdout + again.stderr
 
 

@@ -100,7 +100,7 @@ def test_no_half_written_file_is_left_behind(written):
     ]
 
 
-@pytest.mark.parametrize("upper", [1.3, 2.0, 4.0, 9.0, 35.0, 180.0, 5e3, 2e6])
+@pytest.mark.parametrize("upper", [1.3, 4.0, 35.0, 2e6])
 @pytest.mark.parametrize("lower", [0.0031, 0.7])
 def test_labels_of_an_axis_of_times_do_not_overlap(lower, upper):
     figure = Figure(figsize=SIZE, dpi=DOTS_PER_INCH, layout="constrained")

@@ -192,7 +192,7 @@ def test_published_rule_stops_by_luck():
 
 
 def test_standard_error_rule_is_further_off_than_its_tolerance_in_5_percent():
-    orders = 4000
+    orders = 1000
     frame = frame_of(normal_pool(5000, 2.0, 0.1, seed=10), 400, orders, seed=11)
     rows = frame[(frame["rule"] == WITH_ERROR) & (frame["samples, mean"] > 150)]
     assert len(rows) > 0

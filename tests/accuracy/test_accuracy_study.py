@@ -118,7 +118,8 @@ def test_whatever_decides_samples_is_part_of_the_identity(campaign):
     assert Study(campaign, {"one": setup}, 1e6).sha256() == studies[0].sha256()
 
 
-def test_a_rank_computes_what_the_campaign_does_with_that_engine(campaign):
+def test_a_rank_computes_what_the_campaign_does_with_that_engine():
+    campaign = load_campaign("jobs/doubling_in_three.yaml")
     parameters = campaign.parameters()
     engine = FixedSteps(steps=20)
     setups = {"a": Setup(campaign, parameters, 3), "b": Setup(campaign, parameters, 3, engine, 40)}

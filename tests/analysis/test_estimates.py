@@ -14,7 +14,7 @@ from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.writer import CampaignWriter
 
-REPEATS = 20_000
+REPEATS = 5000
 FRESH = 20
 TARGET = {"scene.particles": 100, "objective.law": "growth_target", "objective.ratio": 2.0}
 

@@ -41,7 +41,7 @@ def test_two_volumes_have_no_goodness_of_fit():
 
 @pytest.mark.parametrize("order", [1, 2])
 def test_errors_are_those_of_repeated_measurements(order):
-    runs = 20_000
+    runs = 3000
     random = np.random.default_rng(5)
     drawn = random.normal([1.8 + 7.0 / n for n in GRAINS], ERRORS, (runs, 3))
     fits = [extrapolated(GRAINS, means(values), order) for values in drawn]
@@ -57,11 +57,11 @@ def test_errors_are_those_of_repeated_measurements(order):
         assert abs(found - share) < 4.0 * np.sqrt(share * (1 - share) / runs)
 
 
-@pytest.mark.parametrize("samples", [100, 300, 1000, 3000, 10_000])
+@pytest.mark.parametrize("samples", [100, 10_000])
 @pytest.mark.parametrize("square", [0.0, -800.0], ids=["straight", "curved"])
 def test_intervals_of_limit_and_shift_contain_the_truth_in_95_percent(square, samples):
     """The curved law and the spreads are those of [A] row 1; straight or not is not known."""
-    runs = 4000
+    runs = 2000
     truth = np.array([1.851 + 16.8 / n + square / n**2 for n in GRAINS])
     errors = np.array([0.209, 0.148, 0.100]) / np.sqrt(samples)
     drawn = np.random.default_rng(samples).normal(truth, errors, (runs, 3))
@@ -106,7 +106,7 @@ def test_means_without_spread_have_a_limit_without_error():
     assert np.isnan(fit.p_value)
 
 
-@pytest.mark.parametrize("repeats", [2, 3, 5])
+@pytest.mark.parametrize("repeats", [2, 5])
 @pytest.mark.parametrize("grains", [(100, 200), GRAINS, (100, 200, 400, 800)])
 def test_intervals_of_few_repeats_contain_the_truth_in_95_percent(grains, repeats):
     runs, numbers = 1000, np.array(grains, float)

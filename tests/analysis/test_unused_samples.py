@@ -70,17 +70,16 @@ def test_unused_samples_are_counted_and_written_if_asked_for(three, tmp_path):
 
 
 @pytest.mark.slow
-def test_every_analysis_has_the_same_bits_on_1_2_and_3_ranks_and_each_time(tmp_path):
+def test_every_analysis_has_the_same_bits_on_1_and_3_ranks_and_each_time(tmp_path):
     need_mpirun()
     write_three(tmp_path, "{method: surrogate, initial: 32, batch: 16}", "{generations: 5}")
     wanted, unused = None, set()
-    for ranks in (1, 2, 3):
-        for time in (1, 2, 3):
-            path = tmp_path / f"{ranks}_{time}.h5"
-            finish(tmp_path, "three.yaml", "-o", path, ranks=ranks)
-            found = answers(path, tmp_path / path.stem, *SET)
-            wanted = wanted or found
-            same(found, wanted)
-            file = read_campaign(path)
-            unused.add(len(file.all_sample_rows()) - len(file.counted_samples))
+    for name, ranks in (("one", 1), ("three", 3), ("again", 3)):
+        path = tmp_path / f"{name}.h5"
+        finish(tmp_path, "three.yaml", "-o", path, ranks=ranks)
+        found = answers(path, tmp_path / path.stem, *SET)
+        wanted = wanted or found
+        same(found, wanted)
+        file = read_campaign(path)
+        unused.add(len(file.all_sample_rows()) - len(file.counted_samples))
     assert max(unused) > 0

@@ -25,6 +25,14 @@ def agglom(tiny_folder, monkeypatch):
 
 
 @pytest.fixture
+def remembered(monkeypatch):
+    """Let sets and posteriors of the same file be computed once for all tests."""
+    from known_sets import remember_sets
+
+    remember_sets(monkeypatch)
+
+
+@pytest.fixture
 def mistaken(agglom):
     """Return a function that runs `agglom` and expects a mistake in one line."""
 

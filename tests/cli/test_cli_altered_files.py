@@ -17,11 +17,13 @@ TEXTS = ("campaign", "campaign_sha256", "code_version", "created", "sources_sha2
 SLOW = pytest.mark.slow
 COMMANDS = [
     pytest.param(["report"], id="report"),
-    pytest.param(["report", "--json"], id="json", marks=SLOW),
     pytest.param(["check"], id="check", marks=SLOW),
-    pytest.param(["export", "--csv", "csv"], id="csv", marks=SLOW),
-    pytest.param(["export", "--compact", "copy.h5"], id="compact", marks=SLOW),
-    pytest.param(["simulate", "--string", 0, "--sample", 0], id="simulate", marks=SLOW),
+]
+OTHERS = [
+    pytest.param(["report", "--json"], id="json"),
+    pytest.param(["export", "--csv", "csv"], id="csv"),
+    pytest.param(["export", "--compact", "copy.h5"], id="compact"),
+    pytest.param(["simulate", "--string", 0, "--sample", 0], id="simulate"),
 ]
 
 
@@ -84,6 +86,14 @@ ALTERED = {
 
 @pytest.mark.parametrize(("name", "value"), ALTERED.values(), ids=ALTERED)
 def test_an_altered_attribute_is_damage(altered, refused, name, value):
+    said = refused(altered(set_attribute(name, value)))
+    assert "damaged campaign file" in said
+    assert name in said or "shape" in said
+
+
+@pytest.mark.parametrize("refused", OTHERS, indirect=True)
+@pytest.mark.parametrize(("name", "value"), [("identity", "{"), ("max_samples", 0)])
+def test_an_altered_attribute_is_damage_to_every_command(altered, refused, name, value):
     said = refused(altered(set_attribute(name, value)))
     assert "damaged campaign file" in said
     assert name in said or "shape" in said

@@ -127,7 +127,7 @@ def test_a_newer_format_version_is_refused_by_all_commands(mistaken, copy):
     assert copy.read_bytes() == before
 
 
-@pytest.mark.parametrize("flips", [15, pytest.param(60, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("flips", [5, pytest.param(60, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("table", TABLES)
 def test_any_flipped_byte_of_a_final_row_is_found(tiny_folder, tmp_path, table, flips):
     path = tmp_path / "flipped.h5"
@@ -150,8 +150,9 @@ def test_any_flipped_done_byte_is_found(tiny_folder, tmp_path, table):
     path = tmp_path / "flipped.h5"
     shutil.copy(tiny_folder / "tiny.h5", path)
     _, done, _, numbers = places(path, table)
-    for offset, number in zip(done, numbers, strict=True):
-        for bits in (1, 2, 0x80):
+    for i in sorted({0, len(done) // 2, len(done) - 1}):
+        offset, number = done[i], numbers[i]
+        for bits in (1, 0x80):
             flip(path, offset, bits)
             text = "\n".join(lines(path, 1))
             if bits == 1:

@@ -60,6 +60,7 @@ def unmarked_cache(agglom, tmp_path):
     return folder.parent
 
 
+@pytest.mark.slow(guard="simulation/test_simulation_compilation.py")
 @pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT", "0") != "0", reason="nothing is compiled")
 def test_a_simulation_says_what_it_compiles_beside_its_json_and_only_once(unmarked_cache):
     program = "from agglom_mpi.cli import agglom; agglom()"

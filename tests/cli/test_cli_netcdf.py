@@ -12,6 +12,7 @@ from click.testing import CliRunner
 from agglom_mpi import open_campaign
 
 xarray = pytest.importorskip("xarray")
+pytestmark = pytest.mark.usefixtures("remembered")
 
 
 def export(path, *arguments):

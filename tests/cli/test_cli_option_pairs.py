@@ -37,6 +37,7 @@ def test_an_option_that_another_one_would_drop_is_refused(agglom, tmp_path, word
     assert [path.name for path in tmp_path.iterdir()] == ["scenes"]
 
 
+@pytest.mark.usefixtures("remembered")
 def test_a_sensitivity_is_shown_beside_a_feasible_set(three, agglom):
     asked = ("report", three.path, "--feasible-set")
     both = json.loads(agglom(*asked, "--sensitivity", "--json").stdout)

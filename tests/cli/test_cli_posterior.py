@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 
 @pytest.fixture
-def run(measured_file, monkeypatch):
+def run(measured_file, monkeypatch, remembered):
     """Return a function that runs a command on a campaign of few strings as if they sufficed."""
     monkeypatch.setattr("agglom_mpi.inference.data_posterior.MIN_STRINGS", 5)
 

@@ -5,6 +5,7 @@ from pathlib import Path
 import h5py
 import pytest
 from campaign_runs import QUICKSTART, SMALL, write_campaign
+from path_campaigns import COLD, COLD_VARIABLES, text_of
 
 from agglom_mpi import load_campaign
 from agglom_mpi.analysis import resimulation
@@ -189,12 +190,11 @@ def test_a_few_samples_that_fail_are_left_out_and_counted(agglom, monkeypatch):
 
 def test_the_mean_leaves_out_samples_that_find_no_place_as_an_estimate_does(agglom, tmp_path):
     """One sample in eight draws a grain as wide as the box."""
-    text = QUICKSTART.read_text().replace("particles: 100", "particles: 50")
-    text = text.replace(
-        "half_width: 1 cm", "half_width: 1 cm\n  sizes: {law: lognormal, spread: 3}"
-    )
+    bonding = {"restitution": "{law: constant, value: 0}", "particles": "50"}
+    scene = COLD | bonding | {"sizes": "{law: lognormal, spread: 3}"}
+    fraction = {"size_ratio": None, "volume_fraction": "0.3"}
     path = tmp_path / "wide.yaml"
-    path.write_text(text.replace("size_ratio: [0.4, 0.8]", "volume_fraction: 0.3"))
+    path.write_text(text_of(scene, COLD_VARIABLES | fraction))
     words = ("simulate", path, "--samples", 60, "--json")
     done = agglom(*words)
     report, estimate = json.loads(done.stdout), load_campaign(path).estimate({}, 60)

@@ -48,6 +48,7 @@ def test_a_broken_pipe_ends_a_command_that_reads_quietly(shell, command):
     assert (said, errors) == ("", "141\n")
 
 
+@pytest.mark.slow(guard="cli/test_cli_streams.py::test_a_run_goes_on_without_its_output")
 @pytest.mark.parametrize("command", READING)
 def test_a_closed_output_is_as_good_as_none(shell, command):
     assert shell(f"{command} >&- 2>&- <&-") == (0, "", "")
@@ -81,6 +82,7 @@ def test_a_run_goes_on_without_its_output(shell, lost):
     assert os.path.getsize(new.path) == os.path.getsize(old.path)
 
 
+@pytest.mark.slow(guard="cli/test_cli_streams.py::test_a_run_goes_on_without_its_output")
 def test_a_stopped_run_without_its_output_has_its_own_exit_code(shell):
     line = "agglom-invert tiny.yaml -o new.h5 --max-walltime 0.001 2>&-"
     assert shell(line)[0] == 75

@@ -118,6 +118,17 @@ def sketched(monkeypatch):
     monkeypatch.setattr(page_module, "write_drawing", write)
 
 
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Write something in the place of each figure."""
+
+    def write(directory, drawing):
+        for suffix in ("png", "svg"):
+            (directory / f"{drawing.name}.{suffix}").write_text('<svg viewBox="0 0 1 1"></svg>')
+
+    monkeypatch.setattr(page_module, "write_drawing", write)
+
+
 @pytest.mark.parametrize("simulate", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_the_page_and_its_figures_are_complete_and_self_contained(finished, tmp_path, simulate):
     page = report(finished, tmp_path / "out", simulate=simulate)
@@ -137,14 +148,14 @@ def test_the_page_and_its_figures_are_complete_and_self_contained(finished, tmp_
     assert "identical to the recorded ones" in page or not simulate
 
 
-@pytest.mark.usefixtures("sketched")
+@pytest.mark.usefixtures("undrawn")
 def test_without_particles_the_mean_radii_of_samples_are_shown_instead(finished, tmp_path):
     page = report(finished, tmp_path / "out")
     assert "particles are not stored" in page
     assert "No cloud of particles" in page
 
 
-@pytest.mark.usefixtures("sketched")
+@pytest.mark.usefixtures("undrawn")
 def test_the_page_names_what_the_scene_leaves_out_and_the_worst_samples(finished, tmp_path):
     page = report(finished, tmp_path / "out")
     samples = read_campaign(finished).all_sample_rows()
@@ -163,7 +174,7 @@ def test_a_campaign_that_has_not_begun_has_a_page_without_figures(waiting, tmp_p
     assert "too few strings" in page
 
 
-@pytest.mark.usefixtures("sketched")
+@pytest.mark.usefixtures("undrawn")
 def test_a_file_that_is_being_written_has_a_page_of_what_is_there(waiting, tmp_path):
     begin(waiting)
     with CampaignLock(waiting):
@@ -233,7 +244,7 @@ def test_damaged_rows_are_left_out_and_counted(copy, tmp_path, table):
     assert "convergence" in figures(page)
 
 
-@pytest.mark.usefixtures("sketched")
+@pytest.mark.usefixtures("undrawn")
 def test_a_damaged_campaign_text_is_reported(copy, tmp_path):
     with h5py.File(copy, "r+") as file:
         file.attrs["campaign"] = "scene: [nonsense"
@@ -242,7 +253,7 @@ def test_a_damaged_campaign_text_is_reported(copy, tmp_path):
     assert "convergence" in figures(page)
 
 
-@pytest.mark.usefixtures("sketched")
+@pytest.mark.usefixtures("undrawn")
 def test_a_title_is_shown_as_it_is_written(copy, tmp_path):
     with h5py.File(copy, "r+") as file:
         file.attrs["title"] = "<script>alert(1)</script> & co"
@@ -253,7 +264,7 @@ def test_a_title_is_shown_as_it_is_written(copy, tmp_path):
 SCRIPT = "<script>alert(1)</script>"
 
 
-@pytest.mark.usefixtures("sketched")
+@pytest.mark.usefixtures("undrawn")
 def test_no_text_of_a_file_becomes_a_part_of_the_page(copy, tmp_path):
     copy = copy.rename(copy.with_name("<b>name.h5"))
     with CampaignWriter(copy) as writer:
@@ -283,7 +294,7 @@ def test_texts_in_a_figure_are_texts(tmp_path):
     assert "<script" not in (tmp_path / "x.svg").read_text()
 
 
-@pytest.mark.usefixtures("sketched")
+@pytest.mark.usefixtures("undrawn")
 def test_other_files_in_the_directory_stay_and_the_page_is_replaced(finished, tmp_path):
     out = tmp_path / "out"
     out.mkdir()
@@ -293,6 +304,7 @@ def test_other_files_in_the_directory_stay_and_the_page_is_replaced(finished, tm
     assert (out / "notes.txt").read_text() == (out / "convergence.pdf").read_text() == "mine"
 
 
+@pytest.mark.usefixtures("sketched")
 def test_a_report_that_fails_leaves_the_old_page_and_no_pieces(finished, tmp_path, monkeypatch):
     out = tmp_path / "out"
     out.mkdir()
@@ -335,6 +347,7 @@ def agglom(*arguments):
     return done
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_command_writes_the_page_and_says_where(finished, tmp_path):
     done = agglom(finished, "--out", tmp_path / "out", "--stored-only")
     assert done.exit_code == 0, done.stderr
@@ -384,7 +397,7 @@ def table_of(page, caption):
     return [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row) for row in rows]
 
 
-@pytest.mark.usefixtures("sketched")
+@pytest.mark.usefixtures("undrawn")
 def test_the_page_marks_results_as_searched_and_re_estimates(four_of_six, tmp_path):
     page, file = report(four_of_six, tmp_path / "out"), open_campaign(four_of_six)
     headings, *rows = table_of(page, "Best strings")
@@ -404,7 +417,7 @@ def test_the_page_marks_results_as_searched_and_re_estimates(four_of_six, tmp_pa
     assert "on fresh samples" not in results
 
 
-@pytest.mark.usefixtures("sketched")
+@pytest.mark.usefixtures("undrawn")
 def test_the_page_lists_as_many_strings_as_the_campaign_estimates_again(copy, tmp_path):
     with h5py.File(copy, "r+") as file:
         text = file.attrs["campaign"]
