@@ -288,7 +288,11 @@ def wall(points):
 
 
 def test_what_fails_is_avoided_and_does_no_harm():
-    """The best of as many random points would be at 0.018 ± 0.013, and 0.3 of them fail."""
+    """The best of as many random points would be at 0.018 ± 0.013, and 0.3 of them fail.
+
+    The best of 32 searches is at 0.003 ± 0.005, so the mean of four at 0.003 ± 0.0025. Regression:
+    a fit took the step at the wall for noise, and the search did not see the bowl.
+    """
     least, share = [], []
     for seed in range(4):
         search = surrogate_search(box(3), seed, 24, 12)
