@@ -32,6 +32,9 @@ VARIANCE_BOUNDS: Final = (1e-2, 1e2)
 NOISE_BOUNDS: Final = (1e-5, 1e2)
 """Bounds of the variance of one sample, in the same units."""
 
+LITTLE_NOISE: Final = 1e-3
+"""Variance of one sample, in the same units, from which a second fit to means that jump begins."""
+
 LOG_LENGTH_VARIANCE: Final = 3.0
 """Prior variance of the logarithm of a length."""
 
@@ -246,12 +249,14 @@ def most_probable(start: Floats, data: FitData, iterations: int) -> Floats:
     return np.asarray(found.x)
 
 
-def first_guess(dimensions: int) -> Floats:
+def first_guess(dimensions: int, noise: float = 0.3) -> Floats:
     """Return the logarithms of variance, lengths and noise that a fit starts from, (d + 2,)."""
-    return np.asarray(np.log([1.0, *np.full(dimensions, math.sqrt(dimensions)), 0.3]))
+    return np.asarray(np.log([1.0, *np.full(dimensions, math.sqrt(dimensions)), noise]))
 
 
-def fit_covariance(points: Floats, values: Floats, samples: NDArray[np.int64]) -> Covariance:
+def fit_covariance(
+    points: Floats, values: Floats, samples: NDArray[np.int64], jumps: bool = False
+) -> Covariance:
     """Return the most probable covariance by all points, with the prior and bits of a search.
 
     Parameters
@@ -262,13 +267,20 @@ def fit_covariance(points: Floats, values: Floats, samples: NDArray[np.int64]) -
         Observed mean at each point, shape (n,).
     samples
         Number of samples of each mean, shape (n,).
+    jumps
+        Whether means jump, as to failed strings: a fit that begins with much noise may take jumps
+        for noise, and another one begins with little.
     """
     _, _, standard = standardised(values)
     d = points.shape[1]
     data = fit_data(
         points, standard, samples.astype(np.float64), search_prior(d), RECORDED_ARITHMETIC
     )
-    return covariance_of(most_probable(first_guess(d), data, 100))
+    starts = [first_guess(d), *[first_guess(d, LITTLE_NOISE)] * jumps]
+    found = [most_probable(start, data, 100) for start in starts]
+    return covariance_of(
+        min(found, key=lambda at: negative_log_posterior(at, data, gradient=False)[0])
+    )
 
 
 class LargeFit(NamedTuple):

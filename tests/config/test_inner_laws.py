@@ -185,6 +185,7 @@ def test_a_law_of_ones_own_has_another_within_it(tmp_path):
     assert campaign.simulate({"relative_speed": 1.0}, 0).record["momentum_error"] < 1e-12
 
 
+@pytest.mark.slow(guard="config/test_inner_laws.py::test_a_law_of_ones_own_is_the_dry_one")
 def test_a_file_with_an_inner_law_of_ones_own_is_read_without_its_code(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     path = write(tmp_path, OWN)

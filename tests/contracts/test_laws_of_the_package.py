@@ -20,6 +20,17 @@ SIZES = [
 ]
 
 
+ALL = pytest.mark.slow(guard="contracts/test_laws_of_the_package.py")
+
+
+@pytest.fixture(params=["few", pytest.param("all", marks=ALL)])
+def points(request):
+    """Test at few of the random points, slowly at all of them."""
+    if request.param == "few":
+        request.getfixturevalue("few_points")
+
+
+@pytest.mark.usefixtures("points")
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)
 def test_a_law_has_the_properties_of_its_kind_or_breaks_those_it_names(law):
     subject = subject_of(law)

@@ -35,7 +35,7 @@ IN_PLAIN_PYTHON = {
     "strong_softening", "thermal_runaway", "two_particles", "zero_initial_contact_area",
 }  # fmt: skip
 """Small ones of the type of `jobs/accretion_2003.yaml`."""
-LONG = {"coarse_steps", "creeping", "hard"}
+LONG = {"coarse_steps", "creeping", "hard", "very_dilute"}
 RARE = {"adhesive_kilometres", "adhesive_nanometres", "collapse", "viscous_binder"}
 """Of laws that no other quick test compiles; `tests/physics` has their formulas."""
 

@@ -24,7 +24,7 @@ from agglom_mpi.outcome import COMPLETED, FAILED, FailureReason
 from agglom_mpi.random_streams import sample_stream
 from agglom_mpi.simulation.sample import simulate_scene
 
-EXAMPLES = int(os.environ.get("AGGLOM_EXTREMES_EXAMPLES", "300"))
+EXAMPLES = int(os.environ.get("AGGLOM_EXTREMES_EXAMPLES", "120"))
 
 
 def some(share):
@@ -36,7 +36,7 @@ def some(share):
     )
 
 
-SHORT = 25 / 300
+SHORT = 25 / 120
 BUDGET = 20_000
 PERIODIC = aggregating("periodic", "compression_recovery", "constant", events(BUDGET))
 """Of the type of `jobs/agglomeration_2004.yaml`."""

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from agglom_mpi.errors import BAD_INPUT, FINISHED
 
 
-@pytest.mark.parametrize("usual", [50, pytest.param(1000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("usual", [25, pytest.param(300, marks=pytest.mark.slow)])
 def test_a_mutated_campaign_is_valid_or_refused_in_words(commands, cases, usual):
     file = commands.folder / "case.yaml"
     file.write_bytes((JOBS / "quickstart.yaml").read_bytes())

@@ -252,6 +252,7 @@ def test_points_of_a_part_of_the_box_are_even(emulated):
 def test_a_chain_finds_the_same_posterior(emulated, posterior, monkeypatch):
     pytest.importorskip("emcee")
     monkeypatch.setattr("agglom_mpi.inference.posterior_sampling.MIN_SIZE", 1e9)
+    monkeypatch.setattr("agglom_mpi.inference.posterior_sampling.CHAIN_STEPS", 300)
     chain = single_threaded(posterior_of)(emulated)
     assert chain.method == "chain"
     mean, covariance = moments(posterior)

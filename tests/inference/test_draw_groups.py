@@ -121,9 +121,10 @@ def test_walkers_of_a_chain_are_its_chains(doubling, monkeypatch):
     pytest.importorskip("xarray")
     pytest.importorskip("emcee")
     monkeypatch.setattr("agglom_mpi.inference.posterior_sampling.MIN_SIZE", 1e9)
+    monkeypatch.setattr("agglom_mpi.inference.posterior_sampling.CHAIN_STEPS", 90)
     chain = doubling.posterior(2.0, 0.05)
     found = chain.groups()["posterior"]["hardness"]
-    assert found.shape == (32, 400)
+    assert found.shape == (32, 60)
     walker = found.to_numpy()[7]
     assert walker.tolist() == chain.draws["hardness"].to_numpy()[7::32].tolist()
     # A walker often stays where it is; the strings of different walkers differ.

@@ -75,10 +75,6 @@ def test_a_wider_tolerance_makes_a_larger_set(three, doubling):
     assert three.feasible_set(0.1).volume > 1.5 * doubling.volume
 
 
-def test_the_same_file_gives_the_same_set(three, doubling):
-    assert three.feasible_set(0.05).volume == pytest.approx(doubling.volume, rel=1e-6)
-
-
 @pytest.mark.parametrize(
     ("parameters", "said"),
     [
@@ -199,7 +195,7 @@ def test_the_object_says_what_it_is(doubling, unreachable, monkeypatch):
 
 
 def test_constraints_cut_the_set_and_their_share_is_told(tmp_path):
-    path = three_variable_file(tmp_path, constraints='["relative_speed < 5 m/s"]', generations=10)
+    path = three_variable_file(tmp_path, constraints='["relative_speed < 5 m/s"]', generations=6)
     found = open_campaign(path).feasible_set()
     # The share of [0.1, 30] below 5, by 8192 even points.
     assert found.allowed == pytest.approx(4.9 / 29.9, abs=1e-3)
@@ -210,7 +206,7 @@ def test_constraints_cut_the_set_and_their_share_is_told(tmp_path):
 def test_common_configurations_are_refused_with_the_reason(tmp_path):
     ensemble = "{rule: fixed, samples: 1, common_configurations: true}"
     (tmp_path / "three.yaml").write_text(
-        three_variable_text(generations=6, ensemble=ensemble, final="none")
+        three_variable_text(generations=2, ensemble=ensemble, final="none")
     )
     finish(tmp_path, "three.yaml")
     with pytest.raises(NoFeasibleSetError, match=r"ensemble.common_configurations"):

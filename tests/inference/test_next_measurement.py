@@ -56,11 +56,12 @@ def test_repetitions_with_half_of_the_error_leave_what_least_squares_leave(toy, 
     assert max(means) < found.volume
 
 
-@pytest.fixture
-def measured(measured_file, monkeypatch):
+@pytest.fixture(scope="module")
+def measured(measured_file):
     """Return the posterior of a small campaign, whose few strings are taken for enough."""
-    monkeypatch.setattr(data_posteriors, "MIN_STRINGS", 5)
-    return data_posterior(read_campaign(measured_file))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(data_posteriors, "MIN_STRINGS", 5)
+        return data_posterior(read_campaign(measured_file))
 
 
 def test_a_campaign_ranks_all_it_can_measure_and_repetitions(measured):

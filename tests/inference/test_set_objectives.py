@@ -13,7 +13,7 @@ REST = {"hardness": 2e7, "friction": 0.3}
 @pytest.fixture(scope="module")
 def growth(tmp_path_factory):
     folder = tmp_path_factory.mktemp("maximum")
-    path = three_variable_file(folder, objective="{law: maximum_growth}", generations=10)
+    path = three_variable_file(folder, objective="{law: maximum_growth}", generations=7)
     return open_campaign(path).feasible_set(0.1)
 
 
@@ -21,7 +21,7 @@ def growth(tmp_path_factory):
 def moments(tmp_path_factory):
     folder = tmp_path_factory.mktemp("moments")
     law = "{law: moments, targets: {mean: 2, spread: 0.6}}"
-    path = three_variable_file(folder, objective=law, generations=10)
+    path = three_variable_file(folder, objective=law, generations=7)
     return open_campaign(path).feasible_set(0.2)
 
 

@@ -13,12 +13,10 @@ SURROGATE = "method: surrogate, initial: 32, batch: 16"
         ("{method: genetic, population: 12, parents: 4}", 2, True),
         ("{method: genetic, population: 12, parents: 4}", 1, False),
         ("{method: cmaes, population: 12}", 2, True),
-        ("{method: cmaes, population: 12}", 1, False),
         (f"{{{SURROGATE}}}", 3, True),
         (f"{{{SURROGATE}}}", 2, False),
         (f"{{{SURROGATE}, aim: set}}", 3, False),
         ("{method: sobol, population: 12}", 2, False),
-        ("{method: random, population: 12}", 2, False),
     ],
 )
 def test_samples_favours_low_objectives_once_a_search_for_the_best_has_results(

@@ -229,7 +229,7 @@ def test_a_resume_announces_the_stored_strings_not_the_proposed_ones():
 
 
 @given(st.integers(0, 2**32), st.sampled_from([None, (2, 0.5)]), st.integers(0, 5))
-@settings(derandomize=True, deadline=None, max_examples=60)
+@settings(derandomize=True, deadline=None, max_examples=15)
 def test_decisions_depend_neither_on_announcements_nor_on_the_order(
     reference, seed, rescale, ahead
 ):

@@ -83,7 +83,7 @@ def test_a_string_without_an_error_is_not_dropped_and_drops_nobody(unknown):
 
 
 @given(st.data())
-@settings(max_examples=200, derandomize=True, deadline=None)
+@settings(max_examples=60, derandomize=True, deadline=None)
 def test_the_kept_number_of_best_is_never_dropped_by_their_own_means(data):
     kept = data.draw(st.integers(1, 6))
     number = st.floats(1e-3, 10.0)
@@ -130,24 +130,30 @@ def test_the_best_are_dropped_no_more_often_than_the_confidence_allows():
     assert wrong / best_strings <= 1.0 - confidence + 4.0 * error
 
 
-def test_racing_saves_samples_and_keeps_the_parents():
+@pytest.fixture(scope="module")
+def raced():
+    """Return the history of a race in the order of its samples, and their number."""
+    return run(Racing(confidence=0.9, first=5))
+
+
+def test_racing_saves_samples_and_keeps_the_parents(raced):
     plain, without = run(None)
-    raced, samples = run(Racing(confidence=0.9, first=5))
+    raced, samples = raced
     assert samples < 0.8 * without
     # The parents of the first generation are the same, so the second is bred of the same.
     assert raced.batches[:2] == plain.batches[:2]
 
 
 @pytest.mark.parametrize(
-    "seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 10))]
+    "seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 4))]
 )
-def test_no_order_of_arrival_changes_a_race(seed):
+def test_no_order_of_arrival_changes_a_race(raced, seed):
     racing = Racing(confidence=0.9, first=5)
-    assert run(racing, random.Random(seed))[0].text() == run(racing)[0].text()
+    assert run(racing, random.Random(seed))[0].text() == raced[0].text()
 
 
-def test_a_dropped_string_is_judged_by_what_it_had_at_the_round():
-    history, _ = run(Racing(confidence=0.9, first=5))
+def test_a_dropped_string_is_judged_by_what_it_had_at_the_round(raced):
+    history, _ = raced
     ended = [r.samples_used for r in history.results.values() if not r.hit_maximum]
     assert set(ended) & {5, 10, 20, 40}
 

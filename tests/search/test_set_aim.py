@@ -113,7 +113,7 @@ def test_batches_lie_where_membership_is_unsure():
 
 def test_more_strings_make_the_error_smaller():
     errors = []
-    for count in (64, 400):
+    for count in (64, 250):
         points, values = observed(count)
         strings = square().from_unit(points)
         errors.append(AIM.expected_error(strings, values, np.ones(count, np.int64), square()))
@@ -127,7 +127,7 @@ def test_too_few_strings_say_nothing_and_failed_ones_do_not_count():
     assert AIM.expected_error(strings, values, ones, square()) == np.inf
 
 
-def text(stopping="{generations: 60, expected_error: 0.35}", search=SEARCH, **changed):
+def text(stopping="{generations: 60, expected_error: 0.5}", search=SEARCH, **changed):
     base = three_variable_text(search=search, final="none", **changed)
     return re.sub(r"(?m)^stopping: .*$", f"stopping: {stopping}", base)
 
@@ -136,9 +136,9 @@ def test_a_campaign_ends_when_its_set_is_known_and_resumes_to_the_same(tmp_path)
     (tmp_path / "three.yaml").write_text(text())
     finish(tmp_path, "three.yaml")
     path = tmp_path / "three.h5"
-    assert state(path) == ("finished", "the expected error of the set is at most 0.35")
+    assert state(path) == ("finished", "the expected error of the set is at most 0.5")
     assert len(read_campaign(path).result_rows()) < 32 + 58 * 16
-    assert open_campaign(path).feasible_set(0.05).expected_error < 0.45
+    assert open_campaign(path).feasible_set(0.05).expected_error < 0.65
     assert_sound(path)
     done = decisions(path)
     finish(tmp_path, "three.yaml")
@@ -169,4 +169,4 @@ def test_a_search_for_the_best_keeps_its_identity():
 def test_the_description_says_what_ends_it():
     said = Campaign.from_text(text()).describe()
     assert "where it is unsure which strings are within 0.05 of it" in said
-    assert "expected error of the set at most 0.35" in said
+    assert "expected error of the set at most 0.5" in said

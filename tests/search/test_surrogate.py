@@ -70,7 +70,7 @@ def same(one, other):
     return all(np.array_equal(*pair, equal_nan=True) for pair in zip(one, other, strict=True))
 
 
-@settings(derandomize=True, deadline=None, max_examples=12)
+@settings(derandomize=True, deadline=None, max_examples=6)
 @given(
     dimensions=st.integers(1, 10),
     initial=st.integers(8, 13),
@@ -288,7 +288,11 @@ def wall(points):
 
 
 def test_what_fails_is_avoided_and_does_no_harm():
-    """The best of as many random points would be at 0.018 ± 0.013, and 0.3 of them fail."""
+    """The best of as many random points would be at 0.018 ± 0.013, and 0.3 of them fail.
+
+    The best of 32 searches is at 0.003 ± 0.005, so the mean of four at 0.003 ± 0.0025. Regression:
+    a fit took the step at the wall for noise, and the search did not see the bowl.
+    """
     least, share = [], []
     for seed in range(4):
         search = surrogate_search(box(3), seed, 24, 12)
@@ -359,7 +363,7 @@ def test_the_best_are_those_of_the_best_expectation_and_twins_are_last(few_candi
     assert duplicates_last(near, np.array([4, 1, 0, 2, 3])) == [4, 0, 3, 1, 2]
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_crossing_in_the_middle_of_the_box_is_found_by_its_sign(seed):
     def crossing(points):
         return 2.0 * (points[:, 0] - 0.4) + 0.3 * (points[:, 1] - 0.5)
@@ -382,7 +386,7 @@ def test_a_crossing_in_the_middle_of_the_box_is_found_by_its_sign(seed):
 )
 def test_in_ten_dimensions_noise_leads_it_less_astray_than_random_search(worth, noise):
     found, undirected = [], []
-    for seed in range(5):
+    for seed in range(3):
         for method, ends in ((surrogate_search, found), (random_search, undirected)):
             sizes = (48, 24) if method is surrogate_search else (24,)
             search = method(box(10), seed, *sizes)

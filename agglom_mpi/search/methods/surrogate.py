@@ -321,7 +321,9 @@ class SurrogateSearch(EvaluatedStrings):
         if fitted not in self._covariances:
             points, values, samples = self._data(fitted)
             some = best_and_spread(self.objectives[:fitted], FITTED)
-            self._covariances[fitted] = fit_covariance(points[some], values[some], samples[some])
+            jumps = not np.isfinite(self.objectives[some]).all()
+            data = points[some], values[some], samples[some]
+            self._covariances[fitted] = fit_covariance(*data, jumps)
         return self._covariances[fitted]
 
     def _data(
