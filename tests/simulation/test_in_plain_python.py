@@ -12,15 +12,15 @@ from plain_python import assert_hold_in_plain_python
             20,
             marks=pytest.mark.slow,
         ),
+        (["simulation/test_[bce]*.py", "simulation/test_sample_range.py"], 60),
         (
             [
-                *("simulation/test_[bce]*.py", "simulation/test_sample_range.py"),
                 "simulation/test_simulation_[elnr]*.py",
                 "simulation/test_simulation_s[iy]*.py",  # sizes, symmetry
                 *("accuracy/test_accuracy_[cf]*.py", "config/test_*.py"),
                 "runtime/test_quantity_runs.py",
             ],
-            100,
+            60,
         ),
     ],
 )
