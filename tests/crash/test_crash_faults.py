@@ -13,6 +13,8 @@ from campaign_runs import assert_same, assert_sound, decisions, finish, write_ca
 from crash_rows import final_rows
 from faulty_runs import FOREVER, compiled, faulty_runs
 
+from agglom_mpi.storage.verify import verify_rows
+
 NUMBERS = {"particles": 10, "generations": 4, "max_samples": 12, "population": 8, "parents": 2}
 """Of a campaign with so few samples, and particles, that a run takes a moment."""
 CALLS = {"begun": 500, "enlarged": 100}
@@ -52,11 +54,17 @@ def failures(calls, many):
         yield first, FOREVER, error
 
 
+def lacks_only_its_status(path):
+    """Whether the disc took half of a status; a resume writes it again."""
+    report = verify_rows(path)
+    return not report.faults and {name for name in report.lost if report.lost[name]} == {"status"}
+
+
 def check_end(done, path, before, full):
     """Check what a run that began with the final rows `before` says and leaves; `full` is why."""
     names = {each.name for each in path.parent.iterdir()}
     assert names <= {"small.yaml", "small.h5", ".small.h5.lock"}
-    if path.exists():
+    if path.exists() and not lacks_only_its_status(path):
         assert_sound(path)
     rest = "everything written before is whole, run again to go on"
     if done.code == 0:

@@ -429,7 +429,8 @@ def test_an_aggregate_a_hundred_times_as_large_costs_each_of_the_others_one_pair
         assert out.oversize[0] == 1
         assert len(out.times) > 10
         looks.append(out.compared / (count + out.ledger.counts[STEPS]))
-    assert looks[1] <= looks[0]
+    # Eight times as many cost each the same; a cost by the cube root of the count would double.
+    assert looks[1] < 1.5 * looks[0]
     assert looks[1] <= 0.01 * count
 
 
