@@ -33,7 +33,7 @@ NOISE_BOUNDS: Final = (1e-5, 1e2)
 """Bounds of the variance of one sample, in the same units."""
 
 LITTLE_NOISE: Final = 1e-3
-"""Variance of one sample, in the same units, from which a second fit to means that jump begins."""
+"""A second fit, to means that jump, begins with this variance of one sample, in the same units."""
 
 LOG_LENGTH_VARIANCE: Final = 3.0
 """Prior variance of the logarithm of a length."""
@@ -276,11 +276,13 @@ def fit_covariance(
     data = fit_data(
         points, standard, samples.astype(np.float64), search_prior(d), RECORDED_ARITHMETIC
     )
-    starts = [first_guess(d), *[first_guess(d, LITTLE_NOISE)] * jumps]
-    found = [most_probable(start, data, 100) for start in starts]
-    return covariance_of(
-        min(found, key=lambda at: negative_log_posterior(at, data, gradient=False)[0])
-    )
+    found = most_probable(first_guess(d), data, 100)
+    if jumps:
+        other = most_probable(first_guess(d, LITTLE_NOISE), data, 100)
+        found = min(
+            found, other, key=lambda at: negative_log_posterior(at, data, gradient=False)[0]
+        )
+    return covariance_of(found)
 
 
 class LargeFit(NamedTuple):

@@ -49,11 +49,9 @@ def assert_sound(path):
     return text
 
 
-@pytest.mark.parametrize("ranks", [2])
 @pytest.mark.slow
-def test_a_file_is_sound_at_every_moment_of_a_run_that_is_killed_and_goes_on(folder, wanted, ranks):
-    if ranks is not None:
-        need_mpirun()
+def test_a_file_is_sound_at_every_moment_of_a_run_that_is_killed_and_goes_on(folder, wanted):
+    need_mpirun()
     path = folder / "small.h5"
     said = set()
 
@@ -64,7 +62,7 @@ def test_a_file_is_sound_at_every_moment_of_a_run_that_is_killed_and_goes_on(fol
     for leg in range(2):
         allow(folder, 10)
         injected, before = held(folder, text=WRITES_AT_ONCE), samples_in(path)
-        with running(folder, "small.yaml", ranks=ranks, inject=injected) as process:
+        with running(folder, "small.yaml", ranks=2, inject=injected) as process:
             wait_until(lambda before=before: samples_in(path) > before, process)
             for more in range(20, 140, 20):
                 allow(folder, more)

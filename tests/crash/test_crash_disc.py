@@ -149,14 +149,10 @@ def test_a_file_cut_short_is_refused_and_left_as_it_is(undisturbed, folder):
 @pytest.mark.slow(
     guard="crash/test_crash_disc.py::test_a_file_that_is_taken_away_is_noticed_in_a_plain_run"
 )
-@pytest.mark.parametrize("ranks", [None])
-def test_a_file_that_is_truncated_meanwhile_is_noticed(tmp_path, ranks):
-    if ranks is not None:
-        need_mpirun()
+def test_a_file_that_is_truncated_meanwhile_is_noticed(tmp_path):
     path = write_campaign(tmp_path / "long.yaml", **SMALL | {"generations": 9}).with_suffix(".h5")
     allow(tmp_path, 20)
-    options = {"ranks": ranks, "inject": held(tmp_path)}
-    with running(tmp_path, "long.yaml", "--quiet", **options) as process:
+    with running(tmp_path, "long.yaml", "--quiet", inject=held(tmp_path)) as process:
         wait_until(lambda: samples_in(path) > 0, process)
         os.truncate(path, 3000)
         allow_all(tmp_path)
@@ -164,5 +160,4 @@ def test_a_file_that_is_truncated_meanwhile_is_noticed(tmp_path, ranks):
     assert process.returncode == 1
     assert "long.h5: was truncated or overwritten" in said
     assert "Traceback" not in said
-    if ranks is None:  # others that write themselves go on until rank 0 has ended them
-        assert path.stat().st_size == 3000
+    assert path.stat().st_size == 3000

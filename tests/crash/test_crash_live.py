@@ -28,11 +28,9 @@ def look(path):
     return counts
 
 
-@pytest.mark.parametrize("ranks", [2])
 @pytest.mark.slow
-def test_a_reader_that_looks_all_the_time_never_fails(folder, wanted, ranks):
-    if ranks is not None:
-        need_mpirun()
+def test_a_reader_that_looks_all_the_time_never_fails(folder, wanted):
+    need_mpirun()
     path, seen = folder / "small.h5", []
 
     def looked(enough):
@@ -40,7 +38,7 @@ def test_a_reader_that_looks_all_the_time_never_fails(folder, wanted, ranks):
         return seen[-1][2] >= enough
 
     allow(folder, 10)
-    with running(folder, "small.yaml", ranks=ranks, inject=held(folder)) as process:
+    with running(folder, "small.yaml", ranks=2, inject=held(folder)) as process:
         wait_until(lambda: samples_in(path) > 0, process)
         for enough in (100, 200, 300):
             allow(folder, enough)

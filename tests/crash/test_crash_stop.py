@@ -34,11 +34,10 @@ def test_a_signal_stops_a_run_cleanly_and_the_next_goes_on(folder, wanted, numbe
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGTERM])
-def test_a_signal_to_mpirun_stops_all_ranks_cleanly(folder, wanted, number):
+def test_a_signal_to_mpirun_stops_all_ranks_cleanly(folder, wanted):
     need_mpirun()
-    if number != signal.SIGUSR1 and not mpirun_is_hydra():
-        pytest.skip("only MPICH's mpirun hands TERM on to the ranks and waits for them")
+    # Only MPICH's mpirun hands TERM on to the ranks and waits for them.
+    number = signal.SIGTERM if mpirun_is_hydra() else signal.SIGUSR1
     code, errors = stop(folder, "small", number=number, ranks=2)
     assert code == 75, errors
     assert errors.count(f"stopped: received {number.name}") == 1

@@ -178,7 +178,7 @@ def test_a_run_in_the_background_leaves_the_terminal_to_the_shell(folder):
     assert "finished: all 4 generations are done" in " ".join(seen[-1])
 
 
-@pytest.mark.parametrize("ranks", [2])
+@pytest.mark.parametrize("ranks", [None, 2])
 @pytest.mark.slow
 def test_an_interrupted_run_leaves_a_tidy_terminal(tmp_path, ranks):
     if ranks:

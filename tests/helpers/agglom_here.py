@@ -1,4 +1,4 @@
-"""The commands `agglom`, run in the process of the tests."""
+"""Commands, run in the process of the tests as processes of their own would."""
 
 import subprocess
 from contextlib import chdir
@@ -11,10 +11,15 @@ from agglom_mpi.cli import main
 
 
 def agglom_here(folder, *arguments):
-    """Run `agglom` in a folder as a process of its own would; exit code and what it said."""
+    """Run `agglom` in a folder; exit code and what it said."""
+    return run_here(main, "agglom", folder, arguments)
+
+
+def run_here(command, name, folder, arguments):
+    """Run a command in a folder under its name; exit code and what it said."""
     words = list(map(str, arguments))
     with spent_on("campaigns"), signal_handlers_kept(), chdir(folder):
-        done = CliRunner().invoke(main, words, prog_name="agglom")
+        done = CliRunner().invoke(command, words, prog_name=name)
     if done.exception is not None and not isinstance(done.exception, SystemExit):
         raise done.exception
     return subprocess.CompletedProcess(words, done.exit_code, done.stdout, done.stderr)

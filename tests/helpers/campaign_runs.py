@@ -7,22 +7,20 @@ import signal
 import subprocess
 import sys
 import tempfile
-from contextlib import chdir, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from pydoc import locate
 
 import h5py
 import numpy as np
 import pytest
-from click.testing import CliRunner
-from core_seconds import spent_on
+from agglom_here import run_here
 from perturbed_streams import perturbed_path
 from processes import (
     HANG,
     end_group,
     output_of,
     program,
-    signal_handlers_kept,
     start_group,
     wait_for,
 )
@@ -236,20 +234,11 @@ def start(folder, *arguments, ranks=None, inject=SLOWLY, build=_BIN, **variables
 def invert(folder, *arguments, ranks=None, inject=None, alone=False, **variables):
     """Run to the end; a plain run without any changes in this process, unless `alone`."""
     if not (alone or ranks or inject or variables):
-        return _invert_here(folder, arguments)
+        return run_here(invert_command, "agglom-invert", folder, arguments)
     env = environment(_folder_of(folder, inject), **variables)
     with program(_command(arguments, ranks), cwd=folder, env=env) as process:
         said, errors = output_of(process)
     return subprocess.CompletedProcess(process.args, process.returncode, said, errors)
-
-
-def _invert_here(folder, arguments):
-    words = list(map(str, arguments))
-    with spent_on("campaigns"), signal_handlers_kept(), chdir(folder):
-        done = CliRunner().invoke(invert_command, words, prog_name="agglom-invert")
-    if done.exception is not None and not isinstance(done.exception, SystemExit):
-        raise done.exception
-    return subprocess.CompletedProcess(words, done.exit_code, done.stdout, done.stderr)
 
 
 def finish(folder, *arguments, **options):

@@ -15,7 +15,6 @@ from agglom_mpi import Box
 from agglom_mpi.coupling import box as example
 
 HEAT_CAPACITY = {"merging": 1280.0, "breaking": 500.0}
-WARM = [name for name in BOXES if name != "gas"]
 
 
 def energies(state, capacity):
@@ -27,9 +26,9 @@ def energies(state, capacity):
 @pytest.mark.parametrize(
     "name",
     [
-        *cases(WARM[:2], [], PLAIN_ALONE),
-        pytest.param(WARM[2], marks=PLAIN),
-        pytest.param(WARM[3], marks=pytest.mark.slow),
+        *cases(["merging, event", "merging, fixed"], [], PLAIN_ALONE),
+        pytest.param("breaking, event", marks=PLAIN),
+        pytest.param("breaking, adaptive", marks=pytest.mark.slow),
     ],
 )
 def test_mass_momentum_and_energy_are_kept_across_steps(name):
