@@ -57,11 +57,18 @@ def test_repetitions_with_half_of_the_error_leave_what_least_squares_leave(toy, 
 
 
 @pytest.fixture(scope="module")
-def measured(measured_file):
+def few_strings(measured_file):
     """Return the posterior of a small campaign, whose few strings are taken for enough."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(data_posteriors, "MIN_STRINGS", 5)
         return data_posterior(read_campaign(measured_file))
+
+
+@pytest.fixture
+def measured(few_strings, monkeypatch):
+    """Return that posterior, used also where so few strings seem to miss the data."""
+    monkeypatch.setattr(data_posteriors, "IMPOSSIBLE", 0.0)
+    return few_strings
 
 
 def test_a_campaign_ranks_all_it_can_measure_and_repetitions(measured):
@@ -104,6 +111,12 @@ def test_the_order_of_candidates_does_not_matter(measured, monkeypatch):
 def test_an_impossible_error_is_refused_with_its_quantity(measured):
     with pytest.raises(ArgumentError, match=r"errors.*d95"):
         measured.what_to_measure_next({"d95": "3%"})
+
+
+def test_nothing_is_said_of_what_to_measure_next_where_no_string_fits(few_strings, monkeypatch):
+    monkeypatch.setattr(data_posteriors, "IMPOSSIBLE", math.nextafter(few_strings.p_value, 1.0))
+    with pytest.raises(data_posteriors.PosteriorError, match="is not known before"):
+        few_strings.what_to_measure_next()
 
 
 def test_a_posterior_without_a_file_has_no_further_measurements(toy):
