@@ -222,7 +222,6 @@ def found_by(copy, fault, slow):
     """Name of the first test that fails with the fault in place; None if all pass."""
     environment = os.environ | {
         "PYTHONPATH": str(copy),
-        "PYTHONDONTWRITEBYTECODE": "1",
         "NUMBA_CACHE_DIR": str(copy.parent / "kernels"),
     }
     tier = ["-m", "slow and not parallel_hdf5"] if slow else []
