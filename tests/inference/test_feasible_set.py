@@ -10,6 +10,7 @@ from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.inference.feasible_set import FeasibleSet, NoFeasibleSetError
 from agglom_mpi.inference.set_directions import MIN_FREE_SHARE, _slopes
+from agglom_mpi.search.criteria import DRAWN_FUNCTIONS
 from agglom_mpi.storage.reader import read_campaign
 
 MEMBER = {"relative_speed": 4.3, "hardness": 67e6, "friction": 0.3}
@@ -51,6 +52,16 @@ def test_inner_and_outer_set_enclose_the_volume(doubling):
     assert 0.0 < doubling.inner < doubling.volume < doubling.outer < 0.2
     assert 0.0 < doubling.volume_error < doubling.volume
     assert 0.0 < doubling.expected_error < 1.0
+
+
+def test_the_error_of_the_volume_is_the_spread_of_drawn_functions(doubling):
+    """All points are asked, without the noise of points, whose own share is below a tenth here."""
+    points, emulated, draws = doubling.points, doubling.emulated, 2000
+    functions = emulated.emulator.draw(draws, np.random.default_rng(11))
+    members = doubling.criterion.holds(functions(emulated.coordinates.of_strings(points.strings)))
+    spread = (members @ points.weights).std()
+    fewer = 4.0 / np.sqrt(2.0 * DRAWN_FUNCTIONS) + 4.0 / np.sqrt(2.0 * draws)
+    assert doubling.volume_error == pytest.approx(spread, rel=fewer + 0.1)
 
 
 def test_speed_and_hardness_decide_as_the_impact_pressure(doubling):

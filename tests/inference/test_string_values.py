@@ -65,6 +65,15 @@ def test_every_completed_sample_of_a_file_has_its_values(measured):
     assert found.values[mine].mean(axis=0) == pytest.approx(pooled, rel=0.1, abs=0.05)
 
 
+def test_a_string_with_one_sample_has_its_predictions(measured):
+    stored, campaign = stored_samples(measured), recorded_campaign(measured)
+    one = stored._replace(rows=stored.rows[:1], strings=stored.strings[:1])
+    found, law = string_values(measured, campaign.data, one), campaign.objective_at(one.strings[0])
+    assert found.values == pytest.approx(
+        law.predictions(law.summaries(one.rows)).pooled[None], rel=1e-12
+    )
+
+
 def test_values_of_any_quantity_at_a_time_of_the_censuses(measured):
     data = (
         Datum.of_value("d90", 1e-4, 1e-6, "mass"),

@@ -18,7 +18,12 @@ from storage_rows import (
 
 from agglom_mpi.outcome import OUTCOME
 from agglom_mpi.storage.create import create_campaign_file, enlarge_campaign_file
-from agglom_mpi.storage.schema import sample_dtype, table_schemas
+from agglom_mpi.storage.schema import (
+    sample_dtype,
+    table_schemas,
+    volume_attributes,
+    volumes_of_file,
+)
 from agglom_mpi.storage.writer import CampaignWriter
 from agglom_mpi.variables import TEN
 
@@ -132,3 +137,20 @@ def test_a_stale_temporary_file_is_no_obstacle(tmp_path):
 def test_create_needs_a_record_and_sizes(tmp_path):
     with pytest.raises(TypeError):
         create_campaign_file(tmp_path / "a.h5", "text")
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        *((text, "no list") for text in (7, "2 x", "2  4", "²", "-2")),
+        *((text, "not ascending from 2") for text in ("4 2", "2 2", "1 4")),
+    ],
+)
+def test_an_attribute_of_volumes_that_no_run_writes_is_refused(text, fault):
+    with pytest.raises(ValueError, match=f"volumes is {fault}"):
+        volumes_of_file({"volumes": text})
+
+
+def test_volumes_are_read_as_they_are_written():
+    for volumes in ((), (2,), (2, 16, 128)):
+        assert volumes_of_file(volume_attributes(reversed(volumes))) == volumes
