@@ -26,3 +26,10 @@ def test_ranks_are_busy_for_the_share_of_the_time_in_which_they_simulate(finishe
     assert (found.busy, found.rate) == (pytest.approx(3.0 / 20.0), pytest.approx(0.3))
     assert (found.samples - stored, found.failed, found.in_flight) == (3, 1, 4)
     assert counted.cpu_seconds == pytest.approx(1.5)
+
+
+def test_a_leg_lasts_at_least_as_long_as_its_generations_and_ends_before_now(finished):
+    data = read_campaign(finished)
+    [leg] = data.legs()
+    assert leg["stopped"] - leg["started"] >= data.generation_rows()["seconds"].max()
+    assert leg["stopped"] <= finished.stat().st_mtime + 1.0  # s, what a file system may round

@@ -1,6 +1,7 @@
 """Ensembles that are given many samples at once do, bit for bit, what they do one by one."""
 
 import numpy as np
+import pytest
 from examples import examples
 from goals import growth_target, maximum_growth
 from hypothesis import strategies as st
@@ -133,3 +134,13 @@ def test_mean_paths_have_the_bits_of_one_value_after_the_other(seed, sizes):
                 if step < size:
                     mean.add(float(values[number, begin + step]))
         begin += size
+
+
+def test_completed_samples_without_particles_are_an_error_and_failed_ones_have_none():
+    rows = rows_of([completed(2.0, 40, (0.1, 0.01, 0.03)), failed()])
+    rows["particles"][1] = 0
+    numbers = SampleBatch(rows, summaries).numbers(OBJECTIVES[0], PARTICLES)
+    assert np.isfinite(numbers[:, 0]).all()
+    rows["particles"][0] = 0
+    with pytest.raises(ZeroDivisionError, match="completed"):
+        SampleBatch(rows, summaries).numbers(OBJECTIVES[0], PARTICLES)
