@@ -13,6 +13,7 @@ from search_fakes import PARTICLES, completed, of_radii
 from agglom_mpi.outcome import COMPLETED, OUTCOME
 from agglom_mpi.search.objectives import growth as growth_objectives
 from agglom_mpi.search.objectives.moment_targets import MomentTarget, interval_notes
+from agglom_mpi.search.objectives.objective import ReachedMoment
 from agglom_mpi.statistics import PooledMoments
 
 NAMES = ("mean", "spread", "skewness", "kurtosis", "second", "third", "fourth")
@@ -256,3 +257,9 @@ def test_intervals_of_lower_moments_need_no_note(name):
 def test_intervals_of_fourth_powers_are_said_to_be_too_narrow(name):
     [note] = interval_notes(["mean", name])
     assert "90 % of cases by 30 samples, 92 % by 100, 94 % by 300" in note
+
+
+def test_what_is_not_finite_is_none_in_a_dictionary():
+    reached = ReachedMoment("spread", 0.4, 2.0, 0.3, float("nan"), float("inf"))
+    numbers = {"target": 0.4, "weight": 2.0, "value": 0.3, "error": None, "miss": None}
+    assert reached.as_dict() == numbers
