@@ -12,6 +12,7 @@ from agglom_mpi.config.arguments import read_count
 from agglom_mpi.config.bounds import bounds_of
 from agglom_mpi.config.box_ends import check_ends, refused_corners
 from agglom_mpi.config.campaign_sections import CampaignSections
+from agglom_mpi.config.data_section import built_data
 from agglom_mpi.config.document import read_document
 from agglom_mpi.config.own_variables import Parameters, read_string, read_strings, string_of
 from agglom_mpi.config.relations import Relations
@@ -100,7 +101,7 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
             plan=document.plan,
             output=document.output,
             final=document.final,
-            data=tuple(entry.build() for entry in document.data),
+            data=built_data(document.data),
             data_entries=document.data,
             text=text,
             name=name,

@@ -4,7 +4,8 @@ An entry gives one number with its error, or the file of a size distribution. `d
 the files; the identity of a campaign has their numbers, so that a stored campaign needs none.
 """
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Annotated, Any, ClassVar, Final, Literal, Self
 
 import numpy as np
@@ -92,6 +93,7 @@ class DatumEntry(Section):
     headings: dict[Line, Line] = Field(default_factory=dict)
     counted: Annotated[int, Whole(at_least=10)] | None = None
     _curve: SizeCurve | None = PrivateAttr(None)
+    _correlations: dict[int, float] = PrivateAttr(default_factory=dict)
 
     @field_validator("value", mode="before")
     @classmethod
@@ -164,6 +166,12 @@ class DatumEntry(Section):
         copy._curve = curve
         return copy
 
+    def with_correlations(self, correlations: Mapping[int, float]) -> Self:
+        """Return the entry with the correlations with earlier entries, by their places."""
+        copy = self.model_copy()
+        copy._correlations = {place: value for place, value in correlations.items() if value}
+        return copy
+
     @property
     def used_weight(self) -> ShareWeight:
         """Weight of the quantity; by number if it has none."""
@@ -182,19 +190,23 @@ class DatumEntry(Section):
         if self._curve is None:
             unit = QUANTITIES[self.quantity].unit
             value, error = (_shown(number, unit) for number in (self.value, self.error))
-            return f"{self.label}: {value} ± {error}"
+            with_others = [f"{r:g} with data.{place}" for place, r in self._correlations.items()]
+            more = f", correlation {', '.join(with_others)}" if with_others else ""
+            return f"{self.label}: {value} ± {error}{more}"
         low, high = self._curve.edges[0], self._curve.edges[-1]
         lower = _length("below", self._curve.edges[1]) if low == 0.0 else _length("", low)
         upper = _length("above", self._curve.edges[-2]) if high == np.inf else _length("", high)
         return f"{self.label}: {len(self._curve.shares)} classes, {lower} to {upper}, {self.file}"
 
-    def build(self) -> Datum:
-        """Return the datum in SI units."""
+    def build(self, earlier: Sequence[Datum] = ()) -> Datum:
+        """Return the datum in SI units; `earlier` ones are those that it may correlate with."""
         if self._curve is None:
             value, error = float(self.value or 0.0), float(self.error or 0.0)
-            return Datum.of_value(
+            datum = Datum.of_value(
                 self.quantity, value, error, self.used_weight, self.time, self.label
             )
+            pairs = tuple((earlier[place], r) for place, r in self._correlations.items())
+            return replace(datum, correlations=pairs)
         return Datum(
             quantity=self.quantity,
             values=np.array(self._curve.shares),
@@ -213,9 +225,19 @@ class DatumEntry(Section):
         if self.time is not None:
             found["time"] = self.time
         if self._curve is None:
+            correlations = {str(place): r for place, r in sorted(self._correlations.items())}
+            found |= {"correlations": correlations} if correlations else {}
             return {**found, "value": self.value, "error": self.error}
         numbers = {name: " ".join(map(repr, getattr(self._curve, name))) for name in CURVE_NUMBERS}
         return {**found, "errors_of": self._curve.errors_of, **numbers}
+
+
+def built_data(entries: Sequence[DatumEntry]) -> tuple[Datum, ...]:
+    """Return the data of a section in SI units."""
+    found: list[Datum] = []
+    for entry in entries:
+        found.append(entry.build(found))
+    return tuple(found)
 
 
 CURVE_NUMBERS: Final = ("edges", "shares", "errors")
@@ -242,22 +264,39 @@ def impossible_data(
             yield (i, "quantity"), message
 
 
-def repeated_data(
-    data: tuple[DatumEntry, ...], end: float | None
-) -> Iterator[tuple[FieldPath, str]]:
-    """Yield data that stand twice, with the same numbers or under another name.
+TOLD_APART: Final = 0.01
+"""Minimum relative difference of a number from that of a size curve, unless it is the same."""
 
-    Data of one name with different numbers are two measurements.
+
+def repeated_data(
+    data: tuple[DatumEntry, ...], end: float | str, stated: Collection[tuple[int, int]]
+) -> Iterator[tuple[FieldPath, str]]:
+    """Yield data that stand twice, with the same numbers, under another name or in a curve.
+
+    Data of one name with different numbers are two measurements, and so are pairs of `stated`
+    correlation.
     """
-    found: list[tuple[Any, str, dict[str, Any]]] = []
     for i, entry in enumerate(data):
-        time = None if entry.time == end else entry.time
-        same = (*one_name(entry.quantity, entry.used_weight), time)
-        for j, (other, label, numbers) in enumerate(found):
-            if same == other and (entry.label != label or entry.entries() == numbers):
-                yield (i,), f"is the same as data.{j}, {label}; each must stand once"
+        for j, other in enumerate(data[:i]):
+            times = {None if each.time == end else each.time for each in (entry, other)}
+            if len(times) == 1 and (j, i) not in stated and _are_one(entry, other):
+                message = f"is the same as data.{j}, {other.label}; each must stand once, or"
+                yield (i,), f"{message} `correlations` must have both, of two measurements"
                 break
-        found.append((same, entry.label, entry.entries()))
+
+
+def _are_one(entry: DatumEntry, other: DatumEntry) -> bool:
+    """Return whether two data of one time are the same, or a curve and one of its diameters."""
+    names = [one_name(each.quantity, each.used_weight) for each in (entry, other)]
+    if names[0] == names[1]:
+        return entry.label != other.label or entry.entries() == other.entries()
+    for (curve, number), name in zip(((entry, other), (other, entry)), names[::-1], strict=True):
+        if curve._curve is not None and number.value is not None:
+            own = {one_name(*key): ends for key, ends in curve._curve.diameters().items()}
+            low, high = own.get(name, (np.inf, -np.inf))
+            value = number.value * (2.0 if number.quantity == "mean_radius" else 1.0)
+            return low * (1.0 - TOLD_APART) < value < high * (1.0 + TOLD_APART)
+    return False
 
 
 def _length(word: str, length: float) -> str:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, Self
 
 from pydantic import (
     Field,
@@ -22,6 +22,7 @@ from agglom_mpi.config.bounds import (
     ranges_of,
     required_variables,
 )
+from agglom_mpi.config.correlations import Correlation, stated_pairs
 from agglom_mpi.config.data_files import with_curves
 from agglom_mpi.config.data_section import DatumEntry, impossible_data, repeated_data
 from agglom_mpi.config.field_errors import to_campaign_error
@@ -71,6 +72,8 @@ class SceneDocument(Section):
         Conditions that every string must satisfy, `[pressure < 0.1 * hardness]`.
     data
         List of measurements that samples are compared with, each a mapping with its `quantity`.
+    correlations
+        List of correlations of the errors of `data`, `[{between: [d50, d90], value: 0.6}]`.
     objective
         Number to minimise, such as the distance from a wanted growth.
     output
@@ -86,6 +89,7 @@ class SceneDocument(Section):
     derived: Any = ()
     constraints: Any = ()
     data: tuple[DatumEntry, ...] = ()
+    correlations: tuple[Correlation, ...] = ()
     objective: Annotated[Objective, Choice(Objective)] = MaximumGrowth()
     output: Output = Output()
     final: Annotated[FinalAnswer | None, NONE] = FinalAnswer()
@@ -146,9 +150,20 @@ class SceneDocument(Section):
             differs = scene.end_time == "characteristic" or "end_time" in reading.variables
             end = None if differs else scene.end_time
             raise_field_errors(impossible_data(entries, end, not scene.heating.is_absent))
-            if not reading.recorded:
-                raise_field_errors(repeated_data(entries, end))
         return entries
+
+    @model_validator(mode="after")
+    def _data_are_independent_or_correlate(self, info: ValidationInfo) -> Self:
+        pairs, problems = stated_pairs(self.data, self.correlations)
+        raise_field_errors((("correlations", *path), message) for path, message in problems)
+        if not reading_of(info).recorded:
+            repeated = repeated_data(self.data, self.scene.end_time, pairs)
+            raise_field_errors((("data", *path), message) for path, message in repeated)
+        if not pairs:
+            return self
+        of = [{i: r for (i, j), r in pairs.items() if j == k} for k in range(len(self.data))]
+        data = tuple(map(DatumEntry.with_correlations, self.data, of))
+        return self.model_copy(update={"data": data})
 
     @field_validator("objective")
     @classmethod

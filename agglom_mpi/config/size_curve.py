@@ -5,10 +5,13 @@ counted or weighed, or of the values of a cumulative curve. The shares of both s
 their covariance, shape (q, q), has the rank q - 1.
 """
 
+import math
 from typing import Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+
+from agglom_mpi.measurements.prediction import QUANTILES
 
 Numbers: TypeAlias = npt.NDArray[np.float64]
 ShareWeight: TypeAlias = Literal["number", "area", "mass"]
@@ -56,6 +59,26 @@ class SizeCurve(NamedTuple):
         else:
             change = np.eye(count) - np.array(self.shares)[:, None]
         return np.asarray((change * np.square(self.errors)) @ change.T)
+
+    def diameters(self) -> dict[tuple[str, str], tuple[float, float]]:
+        """Return the range of each diameter that follows from the closed classes, by its name.
+
+        Names are quantity and weight. Interpolation within a class is linear or logarithmic.
+        """
+        edges, below = np.array(self.edges), np.cumsum([0.0, *self.shares])
+        closed = (edges > 0.0) & np.isfinite(edges)
+        found: dict[tuple[str, str], tuple[float, float]] = {}
+        for name, share in QUANTILES.items():
+            log, linear = (
+                float(np.interp(share, below[closed], ends, np.nan, np.nan))
+                for ends in (np.log(edges[closed]), edges[closed])
+            )
+            found[name, self.weight] = math.exp(log), linear
+        if closed[1:].all():
+            middles = np.sqrt(edges[1:] * edges[:-1]), 0.5 * (edges[1:] + edges[:-1])
+            low, high = (float(each @ self.shares) for each in middles)
+            found["mean_diameter", self.weight] = low, high
+        return found
 
 
 class MeasuredClasses(NamedTuple):

@@ -329,9 +329,10 @@ def predict_data(posterior: DataPosterior) -> tuple[list[PredictedDatum], float]
     values = of.values_of(components, left_out)
     away, covariances = of.framed_residuals(strings)
     p_values = []
-    for columns in [slice(None), *of.frame.columns]:
-        factors = np.asarray(np.linalg.cholesky(covariances[:, columns, columns]), np.float64)
-        chi = chi_squares(away[None, :, columns], factors)[0]
+    for rows in [slice(None), *of.frame.columns]:
+        own = of.frame.roots[rows]
+        factors = np.asarray(np.linalg.cholesky(own @ covariances @ own.T), np.float64)
+        chi = chi_squares((away @ own.T)[None], factors)[0]
         p_values.append(float(np.mean(chdtrc(factors.shape[1], chi))))
     middle = np.median(values, axis=0)
     outside = (middle < of.reached[0]) | (middle > of.reached[1])

@@ -227,9 +227,10 @@ def _repetitions(
 ) -> Iterator[NextMeasurement]:
     """Yield a repetition of each datum with half of its error."""
     for datum, columns in zip(of.data, of.frame.columns, strict=True):
-        matrix = of.components[columns] @ of.emulator.mixing
+        matrix = of.frame.roots[columns] @ of.components @ of.emulator.mixing
         linear = LinearQuantity.of_data(matrix, len(points.weights))
-        # Along the directions of the frame the errors of the datum are independent and 1.
+        # Along its own directions the errors of the datum are independent and 1; those of the
+        # repetition are independent of all others.
         candidate = data.expected(linear, REPEATED_ERROR**2 * np.eye(len(matrix)))
         after, resolved = _expected(of.box, points, candidate)
         value = error = math.nan

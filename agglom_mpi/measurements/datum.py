@@ -6,7 +6,7 @@ laboratories report: a cumulative curve, a histogram, or single diameters.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, NamedTuple, Self
 
 import numpy as np
@@ -80,6 +80,8 @@ class Datum:
         above it, so that the shares of a simulation sum to 1 as well.
     name, unit
         For people; the numbers of a datum are in SI units whatever its `unit` is.
+    correlations
+        Other data of one number each, and the correlation of its error with theirs.
 
     Raises
     ------
@@ -95,6 +97,7 @@ class Datum:
     edges: Floats | None = None
     name: str = ""
     unit: str = ""
+    correlations: tuple[tuple["Datum", float], ...] = field(default=(), repr=False)
 
     @classmethod
     def of_value(

@@ -162,8 +162,8 @@ def sampling_noise(left_out: Floats) -> SamplingNoise:
 class ResidualFrame:
     """The data in the subspace in which residuals lie and the measurement has errors.
 
-    Its basis has orthogonal columns, (Q, p). Each datum has its own columns, scaled by its
-    largest standard error, so that data in different units are treated alike.
+    Each datum has its own directions, over its errors along them; roots of the correlations of
+    these errors make a basis of them, (Q, p), in which all errors are independent.
 
     Attributes
     ----------
@@ -175,6 +175,9 @@ class ResidualFrame:
         Places of each datum among the values and among the columns of the basis.
     basis
         Shape (Q, p). Errors of the measurement along its columns are independent and of variance 1.
+    roots
+        Cholesky factor of the correlations between the data's own directions, shape (p, p): its
+        rows of a datum take components in the basis to those of the datum alone.
     covariance
         Of the errors of the measurement, shape (Q, Q).
     rank
@@ -187,9 +190,28 @@ class ResidualFrame:
         bases = [_basis(datum) for datum in data]
         self.rows = _slices([len(datum.values) for datum in data])
         self.columns = _slices([basis.shape[1] for basis in bases])
-        self.basis = np.asarray(block_diag(*bases))
+        own = np.asarray(block_diag(*bases))
         self.covariance = np.asarray(block_diag(*(datum.covariance for datum in data)))
+        self.roots = np.eye(own.shape[1])
+        if self._correlate():
+            self.roots = np.linalg.cholesky(own.T @ self.covariance @ own)
+            own = own @ np.linalg.inv(self.roots).T
+        self.basis = own
         self.rank = self.basis.shape[1]
+
+    def _correlate(self) -> bool:
+        """Add what the errors of different data have in common; return whether some have."""
+        places = {datum: rows.start for datum, rows in zip(self.data, self.rows, strict=True)}
+        errors = np.sqrt(np.diag(self.covariance))
+        pairs = [
+            (i, places[other], value)
+            for datum, i in places.items()
+            for other, value in datum.correlations
+            if other in places
+        ]
+        for i, j, value in pairs:
+            self.covariance[i, j] = self.covariance[j, i] = value * errors[i] * errors[j]
+        return bool(pairs)
 
     def nothing(self) -> Misfit:
         """Return the misfit of a string that predicts nothing."""

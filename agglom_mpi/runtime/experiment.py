@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
+from pathlib import Path
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -84,6 +85,8 @@ class Experiment(ABC):
         Number of strings in the mean of the best.
     purpose
         What the strings are for, as text.
+    noted_beside
+        The campaign file beside which ranks note what runs code of the user's; None: nowhere.
     """
 
     campaign: Campaign
@@ -91,6 +94,7 @@ class Experiment(ABC):
     max_seconds: float | None = None
     top: int
     purpose: str
+    noted_beside: Path | None = None
 
     @property
     def variables(self) -> VariableTable:

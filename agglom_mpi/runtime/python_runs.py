@@ -14,8 +14,10 @@ from agglom_mpi.errors import FINISHED, STOPPED, UserError
 from agglom_mpi.launcher import find_launcher, python_command, without_rank_variables
 from agglom_mpi.runtime.file_setup import output_path
 from agglom_mpi.runtime.invert import InvertOptions, request_for
+from agglom_mpi.runtime.own_code_notes import notes_left
 from agglom_mpi.runtime.run import run_this_rank
 from agglom_mpi.runtime.stop_request import StopRequest, handlers_kept
+from agglom_mpi.scheduling.volume_strings import volume_string
 
 LAST_LINES: Final = 20
 """Number of last lines of ranks that failed which the error has."""
@@ -71,7 +73,11 @@ def run_by_ranks(campaign: Campaign, options: InvertOptions, ranks: int) -> Path
     words += ["--quiet"] * options.quiet + ["--allow-code"] * options.allow_code
     if options.max_walltime is not None:
         words += ["--max-walltime", f"{options.max_walltime:g}s"]
-    check_end(*follow([*map(str, words)]))
+    code, said = follow([*map(str, words)])
+    if code not in (FINISHED, STOPPED) and (noted := notes_left(path)):
+        begun = ", ".join(f"string {volume_string(i).text} sample {k}" for i, k in noted)
+        said.append(f"begun last, where code of your own runs: {begun}; run again to find which")
+    check_end(code, said)
     return path
 
 

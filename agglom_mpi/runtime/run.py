@@ -36,6 +36,7 @@ from agglom_mpi.runtime.launch import (
 )
 from agglom_mpi.runtime.launcher_watch import LauncherWatch
 from agglom_mpi.runtime.leg import RunRequest, run_leg, warm_up
+from agglom_mpi.runtime.own_code_notes import ended_samples, notes_left, record_as_failed
 from agglom_mpi.runtime.programs import (
     MixedJobError,
     Start,
@@ -46,6 +47,7 @@ from agglom_mpi.runtime.programs import (
 from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.runtime.stop_request import StopRequest, ignore_signals
 from agglom_mpi.runtime.worker import serve_coordinator
+from agglom_mpi.scheduling.volume_strings import volume_string
 from agglom_mpi.storage.access import DamagedCampaign, NotACampaign
 from agglom_mpi.storage.fingerprint import AlteredFileError
 from agglom_mpi.storage.lock import CampaignLock
@@ -198,6 +200,7 @@ def run_rank_zero(
             request = read()
             experiment, path = request.experiment, Path(os.path.realpath(request.path))
             database = choose_database(request.database, world)
+            notes = notes_left(path)
             lock = stack.enter_context(CampaignLock(path))
             file = prepare(request.path, experiment, request.accept_code_change)
             lock.lock_file()  # it may be another one by now
@@ -218,9 +221,15 @@ def run_rank_zero(
             broadcast_start(world, FAILURE)
             return FAILURE
         try:
+            for ended in ended_samples(experiment, file, notes, stop):
+                record_as_failed(writer, experiment, ended)
+                number = volume_string(ended.string).text
+                display.error(f"string {number} sample {ended.sample} failed: {ended.text}")
+                file.refresh()
             for line in kept_as_it_was(request.path, file, experiment):
                 display.message(line)
             experiment = experiment.continuing(len(file.generation_rows()))
+            experiment.noted_beside = path
             request = request._replace(experiment=experiment, database=database)
             try:
                 with blame_damage(path):

@@ -10,6 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.config.own_components import permitted_modules
 from agglom_mpi.config.simulate import evaluate_function, random_numbers, stream_key
 from agglom_mpi.measurements.layout import CENSUS_COLUMNS
 from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, FailureReason, final_particles
@@ -22,6 +23,7 @@ from agglom_mpi.runtime.messages import (
     RankMessage,
     failed_sample,
 )
+from agglom_mpi.runtime.own_code_notes import OwnCodeNotes
 from agglom_mpi.scheduling.interface import MOST_SAMPLES
 from agglom_mpi.simulation.census import (
     CensusRoom,
@@ -69,6 +71,8 @@ class SampleRunner:
         SI units of the quantities that the objective's function returns, by name.
     census
         Layout of the censuses of samples; None: none are taken.
+    notes
+        Notes of samples that run code of the user's; None where there is none.
     result_dtype
         Type of the results of samples, rows of `/samples`.
     """
@@ -83,6 +87,9 @@ class SampleRunner:
         self.census = experiment.table_sizes.census
         self.result_dtype = samples_schema(self.quantities, self.census).dtype
         self._strings: dict[tuple[int, bytes], StringScene] = {}
+        self.notes: OwnCodeNotes | None = None
+        if experiment.noted_beside is not None and permitted_modules(experiment.campaign):
+            self.notes = OwnCodeNotes(experiment.noted_beside, rank)
 
     def warm_up(self, show: Callable[[str], None] = lambda line: None) -> None:
         """Compile, or load from the cache, every kernel that samples of this experiment need.
@@ -269,7 +276,10 @@ class SampleTask(Task):
         # Those of a larger volume have more particles than a row has room for.
         stores = self._runner.stores_particles and setup.campaign.volume == 1
         code = setup.campaign.user_function
-        if MAX_AT_ONCE > 1 and not (stores or code):
+        alone = MAX_AT_ONCE == 1 or stores or code is not None
+        if self._runner.notes is not None:
+            self._runner.notes.begin(self._string, sample, 1 if alone else self._count - self._done)
+        if not alone:
             return self._simulate_range(sample, seconds)
         self._final = None
         number, record = setup.first_sample + sample, self._records[self._done]

@@ -69,7 +69,7 @@ class CampaignLock:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            holder = os.read(descriptor, 400).decode(errors="replace").strip()
+            holder = os.read(descriptor, 400).partition(b"\n")[0].decode(errors="replace")
             os.close(descriptor)
             raise CampaignInUse(
                 f"{self.path}: in use by {holder or 'another process'} (lock {self.lock_path}); "

@@ -199,6 +199,113 @@ def test_two_measurements_of_one_quantity_are_two_data():
     assert len(Campaign.from_text(text_of(f"{{{D50}}}", again)).data) == 2
 
 
+NUMBERS = [
+    f"{{{D50}}}",
+    f"{{{D50}, time: 2 ms}}",
+    "{quantity: d90, value: 210 um, error: 10 um}",
+    "{quantity: temperature, value: 400 K, error: 2 K}",
+]
+
+
+def correlated(*entries, numbers=NUMBERS):
+    lines = "".join(f"  - {{{entry}}}\n" for entry in entries)
+    return text_of(*numbers) + f"correlations:\n{lines}"
+
+
+def test_correlations_name_data_by_quantity_name_or_place():
+    names = ("d90, 0", "d50 by mass at the end, d90", "2, 'd50 by mass at the end'")
+    texts = [correlated(f"between: [{pair}], value: 60 %") for pair in names]
+    plain, *found = (Campaign.from_text(text) for text in (text_of(*NUMBERS), *texts))
+    assert len({each.sha256() for each in found}) == 1
+    assert set(found[0].identity()) - set(plain.identity()) == {"data.2.correlations.0"}
+    assert found[0].data[2].correlations == ((found[0].data[0], 0.6),)
+    assert "0.6 with data.0" in found[0].describe()
+    stored = campaign_of_record(found[0].text, "stored", found[0].identity())
+    assert stored.identity() == found[0].identity()
+
+
+def test_several_data_correlate_in_pairs():
+    data = Campaign.from_text(correlated("between: [0, 1, 2, 3], value: 0.5")).data
+    assert [len(datum.correlations) for datum in data] == [0, 1, 2, 3]
+
+
+def test_correlations_of_nothing_are_no_other_campaign():
+    plain = Campaign.from_text(text_of(*NUMBERS)).sha256()
+    assert Campaign.from_text(correlated("between: [0, 1], value: 0")).sha256() == plain
+
+
+@pytest.mark.parametrize(
+    ("entries", "field", "named"),
+    [
+        (["between: [d90, d60], value: 0.5"], "0.between.1", ("d60", "d90 by mass at the end")),
+        (["between: [d90, 4], value: 0.5"], "0.between.1", ("4", "3 (temp")),
+        (["between: [d90, -1], value: 0.5"], "0.between.1", ("-1", "0 (d50")),
+        (["between: [d90, d50], value: 0.5"], "0.between.1", ("d50", "several", "place")),
+        (["between: [0, 2], value: 1"], "0.value", ("1",)),
+        (["between: [0, 2], value: -1.5"], "0.value", ("-1.5", "-1")),
+        (["between: [0, 2], value: 5 K"], "0.value", ("'K'",)),
+        (["between: [0, 2]"], "0.value", ("missing",)),
+        (["between: [0], value: 0.5"], "0.between", ("two",)),
+        (["between: d90, value: 0.5"], "0.between", ("d90", "list")),
+        (["between: [2, d90], value: 0.5"], "0.between", ("data.2",)),
+        (["between: [0, 2], value: 0.5", "between: [d90, 0], value: 0.5"], "1.between", ("once",)),
+        (["between: [0, 1], value: 0.9", "between: [1, 2], value: 0.9"], "", ("-0.27", "0")),
+    ],
+)
+def test_impossible_correlations_are_refused_with_line_and_field(entries, field, named):
+    with pytest.raises(CampaignError) as caught:
+        Campaign.from_text(correlated(*entries))
+    [problem] = caught.value.problems
+    assert problem.field == f"correlations.{field}".rstrip(".")
+    assert problem.line is not None
+    for part in named:
+        assert part in problem.message
+
+
+def test_a_size_curve_correlates_with_no_number(folder):
+    path = folder / "c.yaml"
+    text = path.read_text()
+    for pair, value, named in (("sizes, d50", 0.5, "curve"), ("sizes, sizes", 0, "different")):
+        path.write_text(f"{text}correlations: [{{between: [{pair}], value: {value}}}]\n")
+        with pytest.raises(CampaignError, match=rf"c\.yaml:\d+: correlations\.0.*{named}"):
+            load_campaign(path)
+
+
+@pytest.mark.parametrize(
+    ("entry", "is_same"),
+    [
+        ("quantity: d50, value: 214 um, error: 8 um", True),  # 213 µm by logarithms, 219 linear
+        ("quantity: d90, value: 0.5 mm, error: 8 um", True),
+        ("quantity: d43, value: 260 um, error: 8 um", True),
+        ("quantity: mean_radius, weight: mass, value: 130 um, error: 8 um", True),
+        ("quantity: d50, value: 230 um, error: 8 um", False),
+        ("quantity: d50, weight: number, value: 214 um, error: 8 um", False),
+        ("quantity: spread, value: 0.5, error: 8 percent", False),
+    ],
+)
+def test_a_diameter_of_a_size_curve_does_not_stand_beside_it(folder, entry, is_same):
+    """Unless it is stated that the two are measurements of their own, at one time."""
+    path = folder / "c.yaml"
+    text = path.read_text()
+    own = f"  - {{{entry}, time: 2 ms}}\n"
+    path.write_text(text.replace("objective:", f"{own}objective:"))
+    if not is_same:
+        assert len(load_campaign(path).data) == 6
+        return
+    with pytest.raises(CampaignError, match=r"data\.5: .*data\.0, sizes.*correlations"):
+        load_campaign(path)
+    path.write_text(path.read_text() + "correlations: [{between: [0, 5], value: 0}]\n")
+    assert len(load_campaign(path).data) == 6
+    path.write_text(text.replace("objective:", f"{own.replace('2 ms', '3 ms')}objective:"))
+    assert len(load_campaign(path).data) == 6
+
+
+def test_one_measurement_under_two_names_may_correlate():
+    numbers = [f"{{{D50}}}", f"{{{D50}}}"]
+    text = correlated("between: [0, 1], value: 0.5", numbers=numbers)
+    assert len(Campaign.from_text(text).data) == 2
+
+
 def test_a_temperature_needs_heat():
     cold = text_of("{quantity: temperature, value: 400 K, error: 1 K}")
     cold = cold.replace("heating: pair_split", "heating: none")

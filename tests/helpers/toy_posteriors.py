@@ -1,5 +1,7 @@
 """Emulators of made-up data that are linear in the searched variables, so that all is known."""
 
+import dataclasses
+
 import numpy as np
 from measured_runs import write_measured
 
@@ -22,6 +24,15 @@ def measurements(values, errors):
         Datum.of_value("mean_diameter", value, error, name=f"number {i}")
         for i, (value, error) in enumerate(pairs)
     ]
+
+
+def correlated(data, correlations):
+    """Return data whose errors have correlations, shape (values, values)."""
+    found = []
+    for datum, row in zip(data, correlations, strict=True):
+        pairs = tuple(zip(found, map(float, row), strict=False))
+        found.append(dataclasses.replace(datum, correlations=pairs))
+    return found
 
 
 def linear_emulator(folder, slopes, data, noise=NOISE, failing=None, seed=1):

@@ -4,11 +4,13 @@ import dataclasses
 
 import numpy as np
 import pytest
-from toy_posteriors import linear_emulator, measurements
+from toy_posteriors import correlated, linear_emulator, measurements
 
 from agglom_mpi.emulation.blas_threads import single_threaded
+from agglom_mpi.inference import data_calibration
 from agglom_mpi.inference.data_emulator import log_densities
 from agglom_mpi.inference.data_posterior import (
+    DataPosterior,
     data_posterior,
     posterior_of,
 )
@@ -56,6 +58,44 @@ def test_a_linear_problem_has_the_posterior_of_generalised_least_squares(posteri
     assert np.all(np.abs(mean - TRUTH) < 4.0 * deviation / np.sqrt(size) + 0.25 * deviation)
     ratio = np.sqrt(np.linalg.eigvals(covariance @ precision).real)
     assert np.all(np.abs(ratio - 1.0) < 4.0 / np.sqrt(2.0 * size) + 0.08)
+
+
+CORRELATIONS = np.array([[1.0, 0.8, 0.0], [0.8, 1.0, -0.3], [0.0, -0.3, 1.0]])
+COVARIANCE = CORRELATIONS * np.outer(ERRORS, ERRORS)
+
+
+@pytest.fixture(scope="module")
+def correlating(tmp_path_factory):
+    data = correlated(measured_at(TRUTH), CORRELATIONS)
+    folder = tmp_path_factory.mktemp("toy")
+    return single_threaded(posterior_of)(linear_emulator(folder, SLOPES, data))
+
+
+def test_correlated_errors_have_the_posterior_of_generalised_least_squares(correlating, posterior):
+    precision = SLOPES.T @ np.linalg.inv(COVARIANCE) @ SLOPES
+    mean, covariance = moments(correlating)
+    deviation, size = np.sqrt(np.diag(np.linalg.inv(precision))), correlating.effective_size
+    assert np.all(np.abs(mean - TRUTH) < 4.0 * deviation / np.sqrt(size) + 0.25 * deviation)
+    ratio = np.sqrt(np.linalg.eigvals(covariance @ precision).real)
+    assert np.all(np.abs(ratio - 1.0) < 4.0 / np.sqrt(2.0 * size) + 0.1)
+    assert correlating.calibration.passed
+    assert correlating.volume < 0.9 * posterior.volume
+
+
+def test_measurements_that_are_made_up_have_the_stated_covariance(tmp_path):
+    """Both those of the file for ArviZ and those of the calibration; the emulator hardly errs."""
+    data = correlated(measured_at(TRUTH), CORRELATIONS)
+    of = linear_emulator(tmp_path, SLOPES, data, noise=1e-4)
+    count, random = 4000, np.random.default_rng(1)
+    strings = np.repeat(of.box.even_strings(1), count, axis=0)
+    posterior = DataPosterior(of, None, None)
+    draws = np.hstack(posterior.predicted(random).measurements(strings, False))
+    kept = of.frame.basis @ of.components
+    made_up, _ = single_threaded(data_calibration._made_up)(of, strings[:400], random)
+    for found, expected in ((draws, COVARIANCE), (made_up, kept.T @ COVARIANCE @ kept)):
+        variances = np.diag(expected)
+        error = np.sqrt((np.outer(variances, variances) + expected**2) / len(found))
+        assert np.all(np.abs(np.cov(found.T) - expected) < 4.0 * error + 1e-3 * variances.max())
 
 
 def test_the_region_of_a_normal_posterior_is_an_ellipse(posterior):

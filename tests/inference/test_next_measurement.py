@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from toy_posteriors import linear_emulator, measurements
+from toy_posteriors import correlated, linear_emulator, measurements
 
 from agglom_mpi.config.yaml_source import ArgumentError
 from agglom_mpi.emulation.blas_threads import single_threaded
@@ -54,6 +54,21 @@ def test_repetitions_with_half_of_the_error_leave_what_least_squares_leave(toy, 
     means = [each.after.mean for each in found.ranked]
     assert means == sorted(means)
     assert max(means) < found.volume
+
+
+def test_a_repetition_of_a_correlated_datum_has_errors_of_its_own(tmp_path, monkeypatch):
+    monkeypatch.setattr(next_measurement, "_new_quantities", lambda *_: ())
+    correlations = np.array([[1.0, 0.7, 0.0], [0.7, 1.0, -0.2], [0.0, -0.2, 1.0]])
+    data = correlated(measurements(1.0 + SLOPES @ TRUTH, ERRORS), correlations)
+    toy = single_threaded(posterior_of)(linear_emulator(tmp_path, SLOPES, data, noise=1e-3))
+    found = next_measurements(None, toy.of, toy.drawn)
+    precision = np.linalg.inv(correlations * np.outer(ERRORS, ERRORS))
+    for each in found.ranked:
+        i = int(each.name.split()[1].rstrip(","))
+        again = precision.copy()
+        again[i, i] += (next_measurement.REPEATED_ERROR * ERRORS[i]) ** -2.0
+        expected = ellipse(SLOPES.T @ again @ SLOPES)
+        assert each.after.mean == pytest.approx(expected, rel=0.05)
 
 
 @pytest.fixture(scope="module")

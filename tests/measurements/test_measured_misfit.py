@@ -62,6 +62,29 @@ def test_one_number_has_the_misfit_by_hand():
     assert result.p_value == pytest.approx(f.sf(result.chi_square, 1, freedom), rel=1e-9)
 
 
+def test_two_numbers_with_correlated_errors_have_the_misfit_by_hand():
+    """Alone each is as if there were no other; a curve beside them does not matter."""
+    census = expected_census(1e-4, 0.3)
+    errors, r = np.array([5e-6, 4e-6]), 0.6
+    first = Datum.of_value("d43", D43 + 8e-6, errors[0])
+    second = Datum.of_value("d50", D50 + 2e-6, errors[1], "mass")
+    both = dataclasses.replace(second, correlations=((first, r),))
+    away = predictions(census, [first, second]).pooled - [first.values[0], second.values[0]]
+    u, v = away / errors
+    expected = (u**2 - 2.0 * r * u * v + v**2) / (1.0 - r**2)
+    for data in ([first, both], [both, first]):
+        result = misfit(census, data)
+        assert result.chi_square == pytest.approx(expected, rel=1e-9)
+        assert result.rank == 2
+    alone = misfit(census, [first, second])
+    assert alone.chi_square == pytest.approx(u**2 + v**2, rel=1e-9)
+    for part, other in zip(misfit(census, [first, both]).parts, alone.parts, strict=True):
+        assert (part.chi_square, part.error) == (other.chi_square, other.error)
+    assert misfit(census, [both]).chi_square == pytest.approx(v**2, rel=1e-9)
+    curve = misfit(census, [sizes()]).chi_square
+    assert misfit(census, [first, sizes(), both]).chi_square == pytest.approx(curve + expected)
+
+
 def test_the_standard_error_of_one_number_is_that_of_its_square():
     census = drawn_census(50, np.random.default_rng(2))
     means = census.counts.sum(axis=(1, 2)) / census.grains
