@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from event_runs import bouncing, recorded
 from plain_python import cases
-from scenes import HALF, ball_mass, state
+from scenes import HALF, SMALL_SCENES, ball_mass, state
 
 from agglom_mpi import Box
 from agglom_mpi.config.campaign import Campaign
@@ -134,8 +134,7 @@ def test_grains_find_their_places_up_to_the_fraction_that_is_allowed(spread):
 
 
 def test_a_grain_larger_than_the_box_finds_no_place():
-    scene = quickstart().scene.build(quickstart().parameters())
-    wide = scene._replace(sizes=LognormalDistribution(2.5))
+    wide = SMALL_SCENES["event"]._replace(sizes=LognormalDistribution(2.5), end_time=1e-6)
     found = [simulate_scene(wide, np.random.default_rng(seed))[0]["reason"] for seed in range(40)]
     assert {REASONS[reason] for reason in found if reason} == {
         "placement: no free place was found for every sphere"
