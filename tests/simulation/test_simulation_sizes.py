@@ -27,7 +27,7 @@ from agglom_mpi.simulation.sample import simulate_scene
 
 QUICKSTART = (Path(__file__).parents[2] / "jobs" / "quickstart.yaml").read_text()
 NEVER = np.zeros(1, np.uint8)
-ENGINES = {"event": "event", "fixed": "fixed:100", "adaptive": "adaptive"}
+ENGINES = {"event": "event", "fixed": "fixed:100"}
 
 
 def quickstart(sizes=None, particles=60, end_time="characteristic"):
