@@ -60,9 +60,9 @@ def test_a_table_has_a_line_for_each_file_and_the_sum():
     assert float(last.split()[0]) == pytest.approx(6.0)
 
 
-def test_the_quick_tier_lists_at_most_twelve_kinds_of_scene():
+def test_the_quick_tier_lists_at_most_eight_kinds_of_scene():
     listed = budgets("compiled")["quick"]
-    assert len(listed) == len(set(listed)) <= 12
+    assert len(listed) == len(set(listed)) <= 8
 
 
 def test_a_kind_of_scene_is_known_by_its_laws():

@@ -119,7 +119,7 @@ def test_whatever_decides_samples_is_part_of_the_identity(campaign):
 
 
 def test_a_rank_computes_what_the_campaign_does_with_that_engine():
-    campaign = load_campaign("jobs/doubling_in_three.yaml")
+    campaign = load_campaign("jobs/quickstart.yaml")
     parameters = campaign.parameters()
     engine = FixedSteps(steps=20)
     setups = {"a": Setup(campaign, parameters, 3), "b": Setup(campaign, parameters, 3, engine, 40)}

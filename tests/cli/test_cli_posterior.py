@@ -28,7 +28,7 @@ def test_the_table_is_followed_by_the_posterior_and_its_verdict(run):
     done = run("report", "--posterior")
     assert done.exit_code == 0, done.output
     shown = done.stdout.partition("posterior, given all 3 measured data")[2]
-    for name in ("relative_speed", "surface_energy", "sizes", "particles left", "calibrat", "p ="):
+    for name in ("relative_speed", "volume_fraction", "sizes", "particles left", "calibrat", "p ="):
         assert name in shown.replace("\n", " ") or name.replace(" ", "_") in shown
 
 
@@ -54,7 +54,7 @@ def test_the_page_has_a_section_on_the_posterior(run, tmp_path):
     page = (tmp_path / "report.html").read_text()
     assert 'id="posterior"' in page
     section = page.partition('<section id="posterior">')[2].partition("</section>")[0]
-    assert "surface_energy" in section
+    assert "volume_fraction" in section
     for name in ("posterior_pairs", "predictive_check"):
         assert f'<figure id="{name}"' in section
         assert (tmp_path / f"{name}.png").stat().st_size > 5000
@@ -68,7 +68,7 @@ def test_draws_for_arviz_are_of_the_posterior_of_all_data(run, tmp_path):
     assert done.exit_code == 0, done.output
     with xarray.open_datatree(tmp_path / "p.nc", engine="h5netcdf") as tree:
         assert "calibrat" in tree.attrs["calibration"] or "claims" in tree.attrs["calibration"]
-        assert tree["posterior/surface_energy"].attrs["units"] == "J/m^2"
+        assert tree["posterior/relative_speed"].attrs["units"] == "m/s"
         assert tree["observed_data/datum_0_sizes"].shape == (3,)
         assert tree["posterior_predictive/datum_0_sizes"].shape[-1] == 3
 

@@ -87,8 +87,8 @@ from agglom_mpi.config.loading import load_campaign
 campaign = load_campaign(sys.argv[2])
 strings = [campaign.parameters({"size_ratio": 0.6}) for _ in range(2)]
 result = [
-    campaign.simulate(string, number, engine).record.tobytes().hex()
-    for engine in (None, "fixed:40") for number, string in enumerate(strings)
+    campaign.simulate(string, number).record.tobytes().hex()
+    for number, string in enumerate(strings)
 ]
 """
 SHOW = """

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from campaign_text import campaign
 from path_campaigns import COLD, COLD_VARIABLES, campaign_of
+from plain_python import PLAIN_ALONE
 
 from agglom_mpi.config.simulate import random_numbers
 from agglom_mpi.config.yaml_source import CampaignError
@@ -125,7 +126,7 @@ def test_a_larger_volume_has_the_text_and_the_identity_of_the_campaign():
         own.in_volume(0)
 
 
-@pytest.mark.plain
+@PLAIN_ALONE
 def test_a_sample_of_a_larger_volume_starts_with_as_many_times_the_grains():
     own = campaign(("  end_time", "  end_time: 1e-9 s"))
     outcome = own.in_volume(3).simulate(own.parameters())

@@ -3,6 +3,7 @@
 import pytest
 from click.testing import CliRunner
 from own_components import SPEED
+from plain_python import PLAIN_ALONE
 
 from agglom_mpi import load_campaign, open_campaign
 from agglom_mpi.cli.invert import invert_command
@@ -147,7 +148,7 @@ def test_a_scene_needs_a_hardness_where_an_inner_law_does():
     assert without.impact_laws(dict.fromkeys(("surface_energy",), 1.0)).hardness is None
 
 
-@pytest.mark.plain
+@PLAIN_ALONE
 def test_contacts_last_in_a_scene_where_those_of_the_inner_law_do():
     dry = "{law: constant, value: 0.5, contact_time: 1 ns}"
     campaign = Campaign.from_text(text(dry))
@@ -176,7 +177,7 @@ def test_a_law_of_ones_own_is_the_dry_one(tmp_path):
     assert [each.field for each in caught.value.problems] == ["scene.restitution.dry.law"]
 
 
-@pytest.mark.plain
+@PLAIN_ALONE
 def test_a_law_of_ones_own_has_another_within_it(tmp_path):
     own = '{law: "sticking.py:Halved", inside: {law: constant, value: 0.8}}'
     path = write(tmp_path, own, SPEED + WRAPPER)

@@ -21,8 +21,8 @@ from kill_moments import ACTIVITIES, activity_of, reached, want
 from processes import output_of, wait_for, wait_until_gone
 
 PARALLEL = bool(h5py.get_config().mpi)
-SETUPS = [2, 3] if PARALLEL else [None, 3]
-"""Numbers of ranks; with parallel HDF5 all of them write."""
+SETUPS = [3] if PARALLEL else [None]
+"""Numbers of ranks: those that write."""
 KILLS = 12 if PARALLEL else 8
 PACE = 0.004
 """Seconds that every sample takes more, so that a run lasts some three seconds."""

@@ -16,31 +16,24 @@ from campaign_runs import (
     wait_until,
 )
 from crash_processes import ranks_below
-from own_components import NUMBERS_OF_COPIES, write_copies
 from own_deciders import write_deciders
 from processes import output_of, wait_until_gone
 
 PARALLEL = pytest.param("parallel", marks=pytest.mark.parallel_hdf5)
 
 
-def copies(folder):
-    """Write a campaign whose components are copies of the package's."""
-    write_copies(folder, "own", **NUMBERS_OF_COPIES)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("database", ["gathered", PARALLEL])
-@pytest.mark.parametrize(("write", "after"), [(copies, 6), (write_deciders, 15)])
-def test_a_killed_run_goes_on_as_one_that_was_not(tmp_path, write, after, database):
+def test_a_killed_run_goes_on_as_one_that_was_not(tmp_path, database):
     need_mpirun()
     if database == "parallel":
         need_parallel_hdf5()
     (tmp_path / "alone").mkdir()
-    write(tmp_path / "alone")
+    write_deciders(tmp_path / "alone")
     finish(tmp_path / "alone", "own.yaml", "--allow-code")
-    write(tmp_path)
+    write_deciders(tmp_path)
     arguments = ("own.yaml", "--allow-code", "--database", database)
-    gate = Gate(tmp_path / "gate", after)
+    gate = Gate(tmp_path / "gate", 15)
     with running(tmp_path, *arguments, ranks=3, inject=gate.folder) as process:
         wait_until(gate.held_any, process)
         ranks = ranks_below(process)

@@ -13,7 +13,7 @@ from agglom_mpi.accuracy.soundness import CLOSED
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import REASONS, FailureReason
 
-EXAMPLES = max(1, int(os.environ.get("AGGLOM_EXTREMES_EXAMPLES", "300")) // 20)
+EXAMPLES = max(1, int(os.environ.get("AGGLOM_EXTREMES_EXAMPLES", "300")) // 40)
 SHARE = st.integers(0, 1024).map(lambda k: k / 1024.0)
 JOBS = {
     "A": "jobs/accuracy/accretion_2003_row_1.yaml",

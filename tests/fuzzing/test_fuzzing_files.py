@@ -99,7 +99,7 @@ def test_an_altered_file_is_shown_or_refused_in_words(work, cases):
     # A process that has read thousands of them crashes at last, far from what did the damage.
     ends = [
         end
-        for number, count in enumerate(batches(cases(300)))
+        for number, count in enumerate(batches(cases(150)))
         for end in called_in_child(ends_of_altered_files, work, sound, count, number)
     ]
     codes = Counter(code for code, _ in ends)

@@ -7,13 +7,12 @@ scene:
   particles: 40
   grain_diameter: 100 um
   velocities: {law: spread, mean: [0, 0, 0], transverse: 1}
-  restitution: {law: adhesive, youngs_modulus: 1 GPa, dry: {law: constant, value: 0.9}}
+  restitution: {law: constant, value: 0}
   heating: none
   end_time: 5 ms
 variables:
   relative_speed: [0.01, 0.3, log]
-  surface_energy: [0.01, 1, log]
-  volume_fraction: 0.1
+  volume_fraction: [0.03, 0.2, log]
   density: 2000
 data:
   - {quantity: sizes, file: sieve.csv, weight: mass, error: 0.05, time: 2 ms}

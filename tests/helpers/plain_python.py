@@ -14,7 +14,7 @@ from processes import output_of, program
 
 PLAIN = pytest.mark.plain
 PLAIN_ALONE = pytest.mark.plain(compiled=False)
-"""Compiled, such a case would show nothing that others do not."""
+"""Compiled, such a case would show nothing that others do not; those that are slow are compiled."""
 FOLDERS = ("physics",)
 """Folders whose tests are all such cases: each combination of laws has a kernel of its own."""
 TESTS = Path(__file__).parents[1]
@@ -24,7 +24,11 @@ COMPILES = os.environ.get("NUMBA_DISABLE_JIT", "0") == "0"
 def mark_slow_if_compiled(items):
     """Leave cases marked `plain` to the slow tier where kernels are compiled."""
     if COMPILES:
-        items[:] = [item for item in items if PLAIN_ALONE.mark not in item.iter_markers("plain")]
+        items[:] = [
+            item
+            for item in items
+            if item.get_closest_marker("slow") or PLAIN_ALONE.mark not in item.iter_markers("plain")
+        ]
     for item in items:
         if item.path.parent.name in FOLDERS and not item.get_closest_marker("compiled"):
             item.add_marker("plain")

@@ -36,20 +36,9 @@ def test_ranks_decide_by_data_as_one_does(tmp_path, database):
     assert_sound(tmp_path / "three" / "measured.h5")
 
 
-MERGING = {
-    "restitution": (
-        "{law: adhesive, youngs_modulus: 1 GPa, dry: {law: constant, value: 0.9}}",
-        "{law: constant, value: 0}",
-    ),
-    "variable": ("surface_energy: [0.01, 1, log]", ""),
-    "generations": ("generations: 3", "generations: 2"),
-}
-"""What touches merges: a kernel that many tests share."""
-
-
 @pytest.mark.slow(guard="storage/test_storage_data.py")
 def test_a_run_that_was_stopped_goes_on_without_its_file_of_sizes(tmp_path):
-    write_measured(tmp_path, **MERGING)
+    write_measured(tmp_path, generations=("generations: 3", "generations: 2"))
     finish(tmp_path, "measured.yaml", "-o", "undisturbed.h5")
     finish(tmp_path, "measured.yaml", "--generations", "1")
     finish(tmp_path, "measured.yaml")

@@ -10,7 +10,7 @@ from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.measurements.misfit import misfit
 
-STRING = {"relative_speed": 0.08, "surface_energy": 0.4}
+STRING = {"relative_speed": 0.08, "volume_fraction": 0.1}
 SAMPLES = 8
 
 
@@ -64,7 +64,12 @@ def test_influence_values_have_the_mean_and_error_of_the_objective(campaign):
             "{rule: successive_difference, quantity: mean_radius, tolerance: 0.1, max_samples: 9}",
             "ensemble.rule",
         ),
-        ("end_time: 5 ms", "end_time: characteristic", "data.0.time"),
+        (
+            "{law: constant, value: 0}\n  heating: none\n  end_time: 5 ms\nvariables:",
+            "{law: adhesive, youngs_modulus: 1 GPa, dry: {law: constant, value: 0.9}}\n"
+            "  heating: none\n  end_time: characteristic\nvariables:\n  surface_energy: 0.1",
+            "data.0.time",
+        ),
     ],
 )
 def test_what_a_misfit_cannot_be_used_with_is_refused(tmp_path, old, new, field):

@@ -11,7 +11,7 @@ from scenes import (
 )
 
 from agglom_mpi.physics.contact import MeanSpeedDuration
-from agglom_mpi.physics.friction import RestitutionScaledFriction
+from agglom_mpi.physics.friction import ConstantFriction, RestitutionScaledFriction
 from agglom_mpi.physics.hardness import ArrheniusHardness
 from agglom_mpi.physics.restitution import ConstantRestitution
 from agglom_mpi.physics.velocities import UniformX
@@ -33,7 +33,11 @@ def stepping(restitution, steps=STEPS, **options):
 def quickstart(hardness=1e7, **options):
     """Return a scene of the type that `jobs/quickstart.yaml` has, which is compiled anyway."""
     scene = flying(hardness, **options)
-    laws = scene.laws._replace(duration=MeanSpeedDuration.Numbers(1e-6), fragmentation=None)
+    laws = scene.laws._replace(
+        duration=MeanSpeedDuration.Numbers(1e-6),
+        friction=RestitutionScaledFriction.Numbers(0.0),
+        fragmentation=None,
+    )
     return scene._replace(
         velocities=UniformX.Numbers(scene.velocities.relative_speed), laws=laws, cooling=None
     )
@@ -44,7 +48,7 @@ def flying(hardness, **options):
     scene = breaking_event_periodic(**(CROWD | options))
     laws = scene.laws._replace(
         hardness=ArrheniusHardness.Numbers(hardness, 0.0),
-        friction=RestitutionScaledFriction.Numbers(0.0),
+        friction=ConstantFriction.Numbers(0.0),
     )
     return scene._replace(laws=laws)
 

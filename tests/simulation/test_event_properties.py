@@ -10,12 +10,13 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from plain_python import cases
 from scenes import (
-    BREAKING,
     HALF,
-    MERGING,
+    SMALL,
     ball_mass,
+    breaking_event_periodic,
     grains_in,
     make_scene,
+    merging_event_reentry,
     momentum,
     placed,
     radiation,
@@ -23,9 +24,8 @@ from scenes import (
     state,
 )
 
-from agglom_mpi.physics.contact import MeanSpeedDuration
 from agglom_mpi.physics.cooling import ExactCooling
-from agglom_mpi.physics.hardness import ArrheniusHardness, ConstantHardness
+from agglom_mpi.physics.hardness import ArrheniusHardness
 from agglom_mpi.simulation.boundary import Periodic
 from agglom_mpi.simulation.engines import EventDriven
 from agglom_mpi.simulation.particles import (
@@ -158,21 +158,21 @@ def assert_books_what_it_loses(gas):
 
 @st.composite
 def aggregating(draw):
-    """Draw a scene that merges, and perhaps breaks and cools, and its grains."""
+    """Draw a scene that merges, and perhaps breaks and cools, of kernels that others use."""
     breaks = draw(st.booleans())
-    laws = (BREAKING if breaks else MERGING)._replace(duration=MeanSpeedDuration.Numbers(1e-6))
     if breaks:
+        laws = breaking_event_periodic(**SMALL).laws
         laws = laws._replace(
             hardness=ArrheniusHardness.Numbers(10.0 ** draw(st.floats(8, 11)), 700.0)
         )
     else:
-        laws = laws._replace(hardness=ConstantHardness.Numbers(10.0 ** draw(st.floats(4, 11))))
+        laws = merging_event_reentry(10.0 ** draw(st.floats(4, 11)), **SMALL).laws
     number = draw(NUMBERS)
     speed = 10.0 ** draw(st.floats(-1.0, 2.0))
     scene = make_scene(
         laws,
         EventDriven.Numbers(BUDGET),
-        ESCAPES["periodic"] if breaks else ESCAPES[draw(ESCAPE)],
+        ESCAPES["periodic" if breaks else "reentry"],
         number,
         size_ratio(min(draw(FRACTIONS), 0.2)),
         0.0,

@@ -1,15 +1,13 @@
 """Samples of one compiled call are those of one call each, and end one by one."""
 
 import os
-import sys
 import threading
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 from plain_python import cases
-from processes import HANG, output_of, program
+from processes import HANG
 from scenes import SMALL_SCENES
 
 from agglom_mpi.outcome import COMPLETED, FAILED, FailureReason
@@ -194,14 +192,3 @@ def test_the_particles_of_a_sample_stay_what_they_are():
     in_a_range(SMALL_SCENES["event"], 1, 3)
     simulate_scene(SMALL_SCENES["event"], generator(*KEY, 4))
     assert particles.records.tobytes() == before
-
-
-@pytest.mark.slow(guard="simulation/test_in_plain_python.py")
-@pytest.mark.skipif(PLAIN, reason="it is the other run")
-def test_all_of_this_holds_in_plain_python():
-    files = [Path(__file__), Path(__file__).with_name("test_stream_states.py")]
-    words = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-m", "not slow", *files]
-    variables = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTEST_XDIST_WORKER": "plain"}
-    with program(words, cwd=Path(__file__).parents[2], env=variables) as process:
-        said, _ = output_of(process)
-    assert process.returncode == 0, said

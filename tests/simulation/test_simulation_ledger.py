@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from plain_python import cases
+from plain_python import PLAIN_ALONE, cases
 from scenes import (
     HALF,
     ball_mass,
@@ -36,7 +36,7 @@ from agglom_mpi.physics.velocities import SpreadVelocities
 from agglom_mpi.simulation.particles import COLLISIONS, DISSIPATED, MERGES, REACTION
 from agglom_mpi.simulation.sample import simulate_scene
 
-pytestmark = pytest.mark.plain
+pytestmark = PLAIN_ALONE
 
 CROWD = {"particles": 60, "size_ratio": 0.7, "end_time": 4e-3}
 BREAKING = {

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from plain_python import cases
+from plain_python import PLAIN_ALONE, cases
 from reference import Reference
 from scenes import (
     adaptive_reentry,
@@ -16,7 +16,7 @@ from scenes import (
 
 from agglom_mpi.simulation.particles import COLLISIONS, MERGES, STEPS
 
-pytestmark = pytest.mark.plain
+pytestmark = PLAIN_ALONE
 
 DENSE = {"particles": 24, "size_ratio": 0.7}
 CROWD = {"particles": 300, "size_ratio": 0.6}

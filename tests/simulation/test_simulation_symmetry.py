@@ -7,7 +7,7 @@ and the event engine never shifts anything.
 
 import numpy as np
 import pytest
-from plain_python import PLAIN, cases
+from plain_python import PLAIN_ALONE, cases
 from scenes import (
     HALF,
     adaptive_reentry,
@@ -35,13 +35,13 @@ from agglom_mpi.simulation.engines import AdaptiveSteps
 from agglom_mpi.simulation.particles import COLLISIONS, MERGES, STEPS
 from agglom_mpi.simulation.sample import simulate_scene
 
-pytestmark = pytest.mark.plain
+pytestmark = PLAIN_ALONE
 
 DENSE = {"particles": 24, "size_ratio": 0.7}
 BREAKING = [
     pytest.param(breaking_event_periodic(end_time=1e-3, **DENSE), id="event"),
     *(
-        pytest.param(scene, id=name, marks=PLAIN)
+        pytest.param(scene, id=name)
         for name, scene in {
             "fixed": breaking_fixed_periodic(60, end_time=1e-3, **DENSE),
         }.items()
@@ -115,7 +115,7 @@ def in_other_units(engine, time):
 @pytest.mark.parametrize(
     "scene",
     [
-        pytest.param(scene, id=name, marks=PLAIN)
+        pytest.param(scene, id=name)
         for name, scene in {
             "adaptive": merging_adaptive_periodic(2e4, 1e-5, 4e-5, end_time=8e-4, **DENSE),
             "event": merging_event_periodic(2e4, end_time=8e-4, **DENSE),
