@@ -45,11 +45,10 @@ def test_a_folder_may_take_twice_its_budget():
     assert excesses({"mpi": 20.1}, {}) == []
 
 
-def test_every_folder_of_tests_has_a_budget():
+@pytest.mark.parametrize("tier", ["quick", "slow"])
+def test_every_folder_of_tests_has_a_budget(tier):
     folders = {path.parent.relative_to(TESTS).parts[:1] for path in TESTS.rglob("test_*.py")}
-    assert {each[0] if each else "tests" for each in folders} | {"importing"} == set(
-        budgets("quick")
-    )
+    assert {each[0] if each else "tests" for each in folders} | {"importing"} == set(budgets(tier))
 
 
 def test_a_table_has_a_line_for_each_file_and_the_sum():

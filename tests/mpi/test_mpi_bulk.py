@@ -9,7 +9,7 @@ from campaign_runs import (
     need_mpirun,
     need_parallel_hdf5,
 )
-from mpi_injections import of_ranks, slow
+from mpi_injections import of_ranks
 from particle_runs import (
     assert_particles_are_those_of_the_samples,
     pairs_of,
@@ -22,7 +22,7 @@ from agglom_mpi.storage.reader import read_campaign
 TWO = {"generations": 2, "max_samples": 12}
 PARALLEL = pytest.param("parallel", 3, marks=pytest.mark.parallel_hdf5)
 BY_ONE = "runtime/test_frame_stage_runs.py"
-RANKS = [of_ranks("gathered", 2, guard=BY_ONE), slow("gathered", 3), PARALLEL]
+RANKS = [of_ranks("gathered", 3, guard=BY_ONE), PARALLEL]
 
 
 @pytest.fixture

@@ -106,7 +106,7 @@ def test_what_this_build_cannot_do_is_one_message_and_no_file(tmp_path):
     assert not (tmp_path / "tiny.h5").exists()
 
 
-@pytest.mark.parametrize("ranks", [slow(2), 3, slow(5)])
+@pytest.mark.parametrize("ranks", [3, slow(5)])
 @pytest.mark.parallel_hdf5
 def test_ranks_that_write_themselves_leave_the_same_rows(small, tmp_path, parallel, ranks):
     for database in (PARALLEL, GATHERED):

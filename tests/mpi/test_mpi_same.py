@@ -28,7 +28,7 @@ waiting.QUIET = 60.0
 """
 
 
-@pytest.mark.parametrize("ranks", [slow(1), 3, slow(8)])
+@pytest.mark.parametrize("ranks", [3, slow(8)])
 def test_decisions_do_not_depend_on_the_number_of_ranks(small, tmp_path, ranks):
     """A message that nobody rings for is read a minute later here: a few are too many."""
     need_mpirun()
@@ -42,7 +42,7 @@ def test_decisions_do_not_depend_on_the_number_of_ranks(small, tmp_path, ranks):
     assert state(file.path) == ("finished", "all 3 generations are done")
 
 
-@pytest.mark.parametrize(("ranks", "stops"), [slow(1, 1), slow(3, 2)])
+@pytest.mark.parametrize(("ranks", "stops"), [slow(3, 2)])
 def test_decisions_do_not_depend_on_interruptions_with_any_number_of_ranks(
     small, tmp_path, ranks, stops
 ):

@@ -12,12 +12,10 @@ LINE = next(i for i, text in enumerate(SOURCE.splitlines(), 1) if "aproach" in t
 
 
 @pytest.mark.ranks(guard="simulation/test_uncompiled_laws.py")
-@pytest.mark.parametrize("ranks", [None, 2])
-def test_a_law_that_does_not_compile_is_one_line_and_exit_code_2(tmp_path, ranks):
-    if ranks is not None:
-        need_mpirun()
+def test_a_law_that_does_not_compile_is_one_line_and_exit_code_2(tmp_path):
+    need_mpirun()
     write_scene(tmp_path, SOURCE)
-    done = invert(tmp_path, "own.yaml", "--allow-code", ranks=ranks, alone=True)
+    done = invert(tmp_path, "own.yaml", "--allow-code", ranks=2)
     said = done.stderr.splitlines()  # launchers add that rank 0 has ended the job
     assert done.returncode == 2
     assert len([line for line in said if line.startswith(f"sticking.py:{LINE}: ")]) == 1

@@ -47,7 +47,7 @@ def wanted(tmp_path_factory):
     return decisions(folder / "plain.h5")
 
 
-@pytest.mark.parametrize("ranks", [slow(1), slow(3), slow(8)])
+@pytest.mark.parametrize("ranks", [slow(3), slow(8)])
 def test_a_rank_leaves_out_what_nobody_needs_and_the_same_is_decided(tmp_path, wanted, ranks):
     write_campaign(tmp_path / "slow.yaml", **CONVERGING)
     finish(tmp_path, "slow.yaml", ranks=ranks, inject=inject(tmp_path / "inject", LEFT_OUT))
