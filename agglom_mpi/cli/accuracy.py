@@ -58,7 +58,8 @@ def accuracy(answer: bool, **options: Any) -> None:
     SOURCE is a scene or a campaign, or a directory of extreme scenes. For a scene or campaign,
     one setting at a time is varied (time steps, ensembles, box). Extreme scenes are run as they
     are and as published. A variable with a range takes the middle of it unless --set gives a
-    value. With --map, the first SOURCE is mapped and all others are drawn as points on its maps.
+    value. With --map, the first SOURCE is mapped and all others are drawn as points on its maps,
+    also the rows of published tables (TABLES.json).
     With --answer, SOURCE is the file of an answer study: a question, and settings of its search
     that are varied one by one.
 
