@@ -1,9 +1,6 @@
-"""Verification of a campaign file: `agglom check FILE.h5`; is it to blame for an error?"""
+"""Verification of a campaign file: `agglom check FILE.h5`."""
 
-import os
 from collections.abc import Iterator
-from contextlib import contextmanager
-from pathlib import Path
 from typing import Final
 
 from agglom_mpi.analysis.completeness import check_finished
@@ -11,9 +8,9 @@ from agglom_mpi.analysis.failed_samples import state_lines
 from agglom_mpi.analysis.finite_size import describe_finite_size
 from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.analysis.replay import Replayed, replay
-from agglom_mpi.errors import FAILURE, FINISHED, UserError
+from agglom_mpi.errors import FAILURE, FINISHED
 from agglom_mpi.formatting import pluralise
-from agglom_mpi.storage.access import SYMPTOMS, DamagedCampaign
+from agglom_mpi.storage.access import DamagedCampaign
 from agglom_mpi.storage.consistency import check_counts, check_digests, check_numbers
 from agglom_mpi.storage.schema import STUDY
 from agglom_mpi.storage.verify import VerificationReport, row_list, verify_rows
@@ -122,28 +119,3 @@ def _remedies(report: VerificationReport) -> Iterator[str]:
             "a resume trusts every row with a right checksum and repairs nothing else: restore "
             "a copy, or start afresh with --output"
         )
-
-
-@contextmanager
-def blame_damage(*paths: str | os.PathLike[str]) -> Iterator[None]:
-    """Turn an error while campaign files are evaluated into a DamagedCampaign, if one is damaged.
-
-    Rows may have right checksums and still contradict each other in more ways than every table and
-    figure can foresee. Whether they do, the verification of the file says; an error in spite of a
-    sound file is one of this program, and is raised as it is.
-    """
-    try:
-        yield
-    except UserError:
-        raise
-    except SYMPTOMS as error:
-        if isinstance(error, OSError):
-            raise
-        # Imported here: it loads what decides a search.
-        from agglom_mpi.analysis.file_check import check_file
-
-        for path in map(Path, paths):
-            if check_file(str(path))[1] != FINISHED:
-                text = f"{path}: a damaged campaign file; agglom check {path} says what is wrong"
-                raise DamagedCampaign(text) from error
-        raise

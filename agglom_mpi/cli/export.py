@@ -111,7 +111,7 @@ def export(
     numbers = tolerance, measured, error
     wanted = arviz is not None or as_json is not None
     request = read_set_request("--arviz OUT.nc or --json OUT.json", wanted, *numbers)
-    from agglom_mpi.analysis.file_check import blame_damage
+    from agglom_mpi.analysis.damage import blame_damage
     from agglom_mpi.report.export import Exports, export
 
     selection = None

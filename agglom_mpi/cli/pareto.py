@@ -55,7 +55,7 @@ def pareto(
     for name in maximise:
         if name not in (x, y):
             raise click.UsageError(f"--maximise {name}: is neither that of --x nor of --y")
-    from agglom_mpi.analysis.file_check import blame_damage
+    from agglom_mpi.analysis.damage import blame_damage
     from agglom_mpi.analysis.file_comparison import is_one_question
     from agglom_mpi.analysis.trade_off import OBJECTIVE, axis_of, trade_off
     from agglom_mpi.display.run_display import print_wide

@@ -73,7 +73,7 @@ def plan(as_json: bool, **options: Any) -> int:
 
     Exit code 1 if an estimate would take too many samples.
     """
-    from agglom_mpi.analysis.file_check import blame_damage
+    from agglom_mpi.analysis.damage import blame_damage
     from agglom_mpi.display.run_display import print_wide
     from agglom_mpi.planning.forecast_table import forecast_table, to_json
     from agglom_mpi.planning.plan import PlanOptions, plan

@@ -157,7 +157,7 @@ def report(
     for file in opened:
         file.with_unused = unused
         file.settle()
-    from agglom_mpi.analysis.file_check import blame_damage
+    from agglom_mpi.analysis.damage import blame_damage
 
     with blame_damage(*files):
         if out is not None:

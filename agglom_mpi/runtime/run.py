@@ -9,7 +9,7 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from agglom_mpi.analysis.file_check import blame_damage
+from agglom_mpi.analysis.damage import blame_damage
 from agglom_mpi.declaration.own_modules import own_error
 from agglom_mpi.display.run_display import Display
 from agglom_mpi.errors import (

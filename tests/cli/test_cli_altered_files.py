@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from campaign_runs import invert
 
-from agglom_mpi.analysis.file_check import blame_damage
+from agglom_mpi.analysis.damage import blame_damage
 from agglom_mpi.storage.table import checksums
 
 DEEP = "[" * 100_000
