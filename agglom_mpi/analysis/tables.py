@@ -11,7 +11,7 @@ from agglom_mpi.analysis.quantity_means import quantity_table
 from agglom_mpi.analysis.ranking import order_by_estimates, search_order
 from agglom_mpi.errors import require_library
 from agglom_mpi.formatting import csv_cell
-from agglom_mpi.measurements.census import CENSUS_COLUMNS
+from agglom_mpi.measurements.layout import CENSUS_COLUMNS
 from agglom_mpi.outcome import REASONS
 from agglom_mpi.search.proposals import ORIGINS
 from agglom_mpi.storage.schema import (

@@ -23,8 +23,8 @@ from agglom_mpi.config.yaml_source import (
     Problem,
     parse,
 )
-from agglom_mpi.measurements.census import CensusLayout
 from agglom_mpi.measurements.datum import Datum
+from agglom_mpi.measurements.layout import CensusLayout
 from agglom_mpi.physics import scales
 from agglom_mpi.search.methods.method import SearchMethod
 from agglom_mpi.search.objectives.misfit import MeasuredString

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from contextlib import suppress
 from typing import Any, Final
 
-from agglom_mpi.measurements.census import CensusLayout
 from agglom_mpi.measurements.datum import data_times
+from agglom_mpi.measurements.layout import CensusLayout
 from agglom_mpi.physics.size_distributions import draw_radii
 from agglom_mpi.random_streams import sample_stream
 

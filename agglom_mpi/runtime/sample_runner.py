@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.config.simulate import evaluate_function, random_numbers, stream_key
-from agglom_mpi.measurements.census import CENSUS_COLUMNS
+from agglom_mpi.measurements.layout import CENSUS_COLUMNS
 from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, FailureReason, final_particles
 from agglom_mpi.random_streams import key_words
 from agglom_mpi.runtime.abort_flag import AbortFlag

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.compilation.kernels import kernel
 from agglom_mpi.compilation.stages import inlined
-from agglom_mpi.measurements.census import CENSUS_COLUMNS, CLASS_WIDTH, CensusLayout
+from agglom_mpi.measurements.layout import CENSUS_COLUMNS, CLASS_WIDTH, CensusLayout
 from agglom_mpi.simulation.measurement import mean_temperature
 from agglom_mpi.simulation.trajectory import observe
 

@@ -20,7 +20,7 @@ from agglom_mpi.compilation.kernel_calls import (
 )
 from agglom_mpi.compilation.kernels import kernel
 from agglom_mpi.compilation.stages import inlined
-from agglom_mpi.measurements.census import CensusLayout
+from agglom_mpi.measurements.layout import CensusLayout
 from agglom_mpi.simulation.census import (
     CensusRoom,
     count_last,

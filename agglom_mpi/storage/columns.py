@@ -7,13 +7,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.measurements.census import (
-    COUNTS,
-    LARGEST,
-    MASSES,
-    TEMPERATURES,
-    CensusLayout,
-)
+from agglom_mpi.measurements.layout import COUNTS, LARGEST, MASSES, TEMPERATURES, CensusLayout
 
 
 class Column(NamedTuple):

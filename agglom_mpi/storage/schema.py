@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from agglom_mpi.measurements.census import CensusLayout
+from agglom_mpi.measurements.layout import CensusLayout
 from agglom_mpi.outcome import COLUMNS
 from agglom_mpi.storage.columns import CRC, Column, TableSchema, census_columns, census_of
 from agglom_mpi.storage.stored_variables import variables_of

@@ -5,7 +5,8 @@ import math
 import numpy as np
 from scipy.special import ndtr
 
-from agglom_mpi.measurements.census import Census, CensusLayout
+from agglom_mpi.measurements.census import Census
+from agglom_mpi.measurements.layout import CensusLayout
 
 DENSITY = 2500.0
 

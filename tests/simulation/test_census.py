@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scenes import SMALL_SCENES
 
-from agglom_mpi.measurements.census import CLASS_WIDTH, CensusLayout
+from agglom_mpi.measurements.layout import CLASS_WIDTH, CensusLayout
 from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.random_streams import generator, key_words
 from agglom_mpi.simulation.census import census_values, new_census_room

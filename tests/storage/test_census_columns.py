@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from agglom_mpi.measurements.census import CensusLayout
+from agglom_mpi.measurements.layout import CensusLayout
 from agglom_mpi.storage.columns import CENSUS, census_attributes, census_of
 from agglom_mpi.storage.schema import SAMPLES, samples_schema
 

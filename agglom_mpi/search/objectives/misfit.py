@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, ClassVar, Final, Literal, NamedTuple, Self, Ty
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.measurements.census import CENSUS_COLUMNS, Census, CensusLayout
+from agglom_mpi.measurements.census import Census
 from agglom_mpi.measurements.datum import Datum
+from agglom_mpi.measurements.layout import CENSUS_COLUMNS, CensusLayout
 from agglom_mpi.outcome import SampleSummary, summaries
 from agglom_mpi.search.criteria import Criterion, NoCriterionError
 from agglom_mpi.search.objectives.objective import Objective
