@@ -5,26 +5,20 @@ import time
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final
 
 from agglom_mpi.accuracy.answer_errors import answers_of, estimation
 from agglom_mpi.accuracy.answer_report import AnswerReport, write_answer_report
 from agglom_mpi.accuracy.answer_runs import FOLDER, AnswerRun, ProcessorClock, runs_of
 from agglom_mpi.accuracy.answer_sets import box_points, keep_set
+from agglom_mpi.accuracy.command import AccuracyOptions, command_words, require_report
 from agglom_mpi.accuracy.run_times import busy_lines
 from agglom_mpi.accuracy.study import StudyDisplay
 from agglom_mpi.analysis.damage import blame_damage
 from agglom_mpi.analysis.tables import wall_over_cpu
 from agglom_mpi.config.answer_study import AnswerStudy, load_answer_study
 from agglom_mpi.display.run_display import Display
-from agglom_mpi.errors import (
-    BAD_INPUT,
-    FINISHED,
-    STOPPED,
-    UserError,
-    error_text,
-    require_library,
-)
+from agglom_mpi.errors import BAD_INPUT, FINISHED, STOPPED, UserError, error_text
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import check_writable
 from agglom_mpi.runtime.leg import RunRequest
@@ -38,27 +32,11 @@ if TYPE_CHECKING:
 
 ESTIMATES: Final = "estimates.h5"
 """File of the fresh samples, in the folder of the report."""
-LIBRARIES: Final = {"matplotlib": "figures", "pandas": "tables"}
-"""Optional libraries that a report needs, and what for."""
-
-
 REHEARSED: Final = 3
 """Number of generations of a rehearsal: the third one is the first that a regression proposes."""
 
 
-class AnswerOptions(NamedTuple):
-    """Options of `agglom accuracy --answer`, as `cli/accuracy.py` declares them."""
-
-    source: str
-    out: str
-    max_walltime: float | None = None
-    quiet: bool = False
-    accept_code_change: bool = False
-    database: str | None = None
-    allow_code: bool = False
-
-
-def answer_accuracy(options: AnswerOptions, world: "Intracomm | None") -> int:
+def answer_accuracy(options: AccuracyOptions, world: "Intracomm | None") -> int:
     """Run all campaigns of a study, estimate their answers, and report; return the exit code."""
     began, display = time.monotonic(), StudyDisplay(options.quiet)
     code, study = shared(partial(_prepare, options), display, world)
@@ -92,11 +70,10 @@ def answer_accuracy(options: AnswerOptions, world: "Intracomm | None") -> int:
     return run_on_all_ranks(read, display, finish, world, max_walltime=left)
 
 
-def _prepare(options: AnswerOptions) -> AnswerStudy:
+def _prepare(options: AccuracyOptions) -> AnswerStudy:
     """Read the study, and make the folders."""
-    for library, purpose in LIBRARIES.items():
-        require_library(library, "report", purpose)
-    study = load_answer_study(options.source, options.allow_code)
+    require_report()
+    study = load_answer_study(options.sources[0], options.allow_code)
     runs = Path(options.out) / FOLDER
     runs.mkdir(parents=True, exist_ok=True)
     check_writable(runs.parent / ESTIMATES)
@@ -163,12 +140,10 @@ class _Runner:
             run_alone(request, Display(quiet=True), lambda request: None, stop)
 
 
-def write_report(study: AnswerStudy, options: AnswerOptions, path: Path) -> Path:
+def write_report(study: AnswerStudy, options: AccuracyOptions, path: Path) -> Path:
     """Write the report of finished runs and their estimates, which are in a file."""
     file = read_campaign(path, options.allow_code)
-    words = ["agglom", "accuracy", options.source, "--answer", "--out", options.out]
-    if options.allow_code:
-        words.append("--allow-code")
+    words = [*command_words(options), "--answer"]
     answers = answers_of(study, Path(options.out), file)
     rows = file.all_sample_rows()
     busy = tuple(busy_lines(wall_over_cpu(rows), []))

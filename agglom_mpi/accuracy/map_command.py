@@ -5,7 +5,7 @@ the levels before, and a run that was stopped goes on.
 """
 
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -24,14 +24,13 @@ from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.config.yaml_source import CampaignError, Problem
 from agglom_mpi.errors import BAD_INPUT, FINISHED, UserError, error_text
 from agglom_mpi.formatting import format_duration, pluralise
-from agglom_mpi.report.published_results import ACCRETION, AGGLOMERATION
+from agglom_mpi.report.published_results import read_published
 from agglom_mpi.runtime.file_setup import check_writable
 from agglom_mpi.runtime.leg import RunRequest
 from agglom_mpi.runtime.run import run_on_all_ranks
 from agglom_mpi.runtime.stop_request import StopRequest
 from agglom_mpi.storage.files import replace_file
 from agglom_mpi.storage.reader import read_campaign
-from agglom_mpi.variables import TEN
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -165,9 +164,9 @@ class MapRun:
         options = self._options
         require_report()
         names = plane_names(options.map or ALL)
-        files = [source for source in options.sources if not Path(source).is_dir()]
+        files = [name for name in options.sources if not (Path(name).is_dir() or _is_table(name))]
         if not files:
-            message = "is a directory; a map is made of one scene or campaign"
+            message = "is no file of a scene; a map is made of one scene or campaign"
             raise CampaignError(Problem(options.sources[0], None, "SOURCE", message))
         self.source = load_campaign(files[0], options.allow_code)
         size = self._size
@@ -224,30 +223,31 @@ def _points(
     source: Campaign, options: AccuracyOptions
 ) -> Iterator[tuple[str, tuple[SceneSection, Values]]]:
     """Yield the scenes that are points on the maps: that of the map itself, and further sources."""
+    tables = [Path(name) for name in options.sources if _is_table(name)]
     yield source.name, _point(source, options.settings)
-    yield from _published_rows(source)
+    yield from _published_rows(source, tables)
     for name in options.sources:
         if Path(name).is_dir():
             for scene, campaign in extremes.read_scenes(Path(name), options.allow_code).items():
                 yield scene, _point(campaign, {})
-        elif name != source.name:
+        elif name != source.name and not _is_table(name):
             campaign = load_campaign(name, options.allow_code)
             yield name, _point(campaign, {})
-            yield from _published_rows(campaign)
+            yield from _published_rows(campaign, tables)
 
 
-def _published_rows(campaign: Campaign) -> Iterator[tuple[str, tuple[SceneSection, Values]]]:
-    """Yield the rows of the paper whose variables are those of a campaign, in its scene."""
-    for paper, tables in (("[A]", ACCRETION), ("[B]", AGGLOMERATION)):
-        for number, rows in enumerate(zip(*(table.rows for table in tables), strict=True), 1):
-            row = {
-                column.name: value * column.unit
-                for table, values in zip(tables, rows, strict=True)
-                for column, value in zip(table.columns, values, strict=True)
-                if column.name in TEN
-            }
+def _is_table(source: str) -> bool:
+    return source.endswith(".json")
+
+
+def _published_rows(
+    campaign: Campaign, tables: Sequence[Path]
+) -> Iterator[tuple[str, tuple[SceneSection, Values]]]:
+    """Yield the rows of tables whose variables are those of a campaign, in its scene."""
+    for path in tables:
+        for number, row in enumerate(read_published(path).strings(), 1):
             if set(row) == set(campaign.variables.used):
-                yield f"{paper} row {number}", _point(campaign, row)
+                yield f"{path.stem} row {number}", _point(campaign, row)
 
 
 def _point(campaign: Campaign, settings: Mapping[str, float | str]) -> tuple[SceneSection, Values]:

@@ -16,7 +16,6 @@ from agglom_mpi.accuracy.document import (
 )
 from agglom_mpi.accuracy.study import Rows, Setup, closed, completed
 from agglom_mpi.analysis.selection_bias import CLAIMED_ERRORS
-from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.user_function import UserFunction
 from agglom_mpi.config.yaml_source import CampaignError, Problem
 from agglom_mpi.formatting import format_digits
@@ -42,11 +41,6 @@ def best_strings(history: CampaignData) -> list[int]:
     return list(dict.fromkeys(best))
 
 
-def campaign_of(history: CampaignData) -> Campaign:
-    """Return the campaign of a file; if its objective is a function, with the code it may run."""
-    return recorded_campaign(history)
-
-
 def setups(
     history: CampaignData, samples: int, allowed: UserFunction | None = None
 ) -> dict[str, Setup]:
@@ -58,7 +52,7 @@ def setups(
         If the objective is a function and `allowed` is none or another one, or compares measured
         data, for which a study keeps too little of a sample.
     """
-    campaign = campaign_of(history)
+    campaign = recorded_campaign(history)
     if campaign.objective.needs_data:
         message = f"is {campaign.objective.name!r}; must need no measured data"
         raise CampaignError(Problem(campaign.name, None, "objective.law", message))
@@ -119,7 +113,7 @@ def measure(history: CampaignData, samples: Mapping[str, Rows]) -> "pd.DataFrame
     """Return for each generation its best string as the search had it, and estimated again."""
     import pandas as pd
 
-    campaign, rows = campaign_of(history), []
+    campaign, rows = recorded_campaign(history), []
     for row in history.generation_rows():
         string = int(row["best_string"])
         good = completed(samples[name_of(string)])
@@ -144,7 +138,7 @@ def measure(history: CampaignData, samples: Mapping[str, Rows]) -> "pd.DataFrame
 
 def campaign_objective(history: CampaignData) -> Objective:
     """Return the objective that the campaign of a file searched by."""
-    return campaign_of(history).objective
+    return recorded_campaign(history).objective
 
 
 def optimism_of(strings: "pd.DataFrame") -> MeanEstimate:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 
 from agglom_mpi.accuracy.document import ReportSection, ReportTable, Sentences, TableColumn
-from agglom_mpi.accuracy.grown_overlaps import overlaps_part
 from agglom_mpi.accuracy.map_figure import MapPanel, draw_map, map_size
 from agglom_mpi.accuracy.map_scene import MapScene
 from agglom_mpi.accuracy.map_tables import area_of, cell_table, first_columns, shares_of
@@ -18,6 +17,7 @@ from agglom_mpi.accuracy.soundness import (
     KINDS,
     OVERLAPS,
     heaped_overlaps,
+    overlaps_part,
     summary,
     troubles,
 )

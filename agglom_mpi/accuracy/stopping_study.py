@@ -19,7 +19,7 @@ from agglom_mpi.accuracy.resampling import (
     run_paths,
     stop,
 )
-from agglom_mpi.accuracy.work_precision import cost_at, lasting
+from agglom_mpi.accuracy.time_integration import cost_at, lasting
 from agglom_mpi.search.objectives.objective import RadiusObjective
 from agglom_mpi.search.stopping import StoppingRule
 from agglom_mpi.search.studied_rules import STUDIED_RULES

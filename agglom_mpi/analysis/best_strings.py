@@ -75,7 +75,7 @@ LIMIT_ROWS: Final = (
 """Rows on the `finite_size`, of fresh samples in several control volumes."""
 GROWTH_ROWS: Final = (
     StringRow("mean_radius_ratio", ".4g", "mean b/b0, as searched", "mean b/b⁰, as searched"),
-    StringRow("growth_number", ".4g", "  (mean b/b0)^3"),
+    StringRow("growth_number", ".4g", "  (mean b/b0)^3", "(mean b/b⁰)³, as searched"),
     StringRow("mean_grains", ".4g", "  grains per particle", "grains per particle, as searched"),
     StringRow("samples", "d", "  samples", "samples used"),
 )

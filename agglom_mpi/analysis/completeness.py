@@ -5,7 +5,7 @@ import numpy as np
 from agglom_mpi.analysis.ranking import ranks_itself, search_order
 from agglom_mpi.errors import FINISHED
 from agglom_mpi.formatting import pluralise
-from agglom_mpi.scheduling.volume_strings import number_in_volume
+from agglom_mpi.scheduling.interface import number_in_volume
 from agglom_mpi.storage.consistency import check_absent
 from agglom_mpi.storage.finished_counts import FinishedCounts
 from agglom_mpi.storage.reader import CampaignData, read_campaign

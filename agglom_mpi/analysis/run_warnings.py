@@ -1,4 +1,4 @@
-"""Warnings on a finished run, one line each."""
+"""Warnings on a finished run, and on the samples of a string, one line each."""
 
 from collections.abc import Iterator
 from math import inf
@@ -11,7 +11,6 @@ from agglom_mpi.analysis.drawn_sizes import drawn_fraction
 from agglom_mpi.analysis.estimates import objective_of, rounding_of
 from agglom_mpi.analysis.finite_size import finite_size_warnings
 from agglom_mpi.analysis.ranking import RankedStrings, rank_strings
-from agglom_mpi.analysis.result_warnings import few_left
 from agglom_mpi.analysis.tables import searched_variables
 from agglom_mpi.formatting import in_unit, pluralise, value_with_error
 from agglom_mpi.outcome import COMPLETED, FailureReason
@@ -19,6 +18,47 @@ from agglom_mpi.physics.restitution import Solver
 
 if TYPE_CHECKING:
     from agglom_mpi.storage.reader import CampaignData
+
+FEWEST_LEFT: Final = 10
+"""Mean number of particles left below which a box is too small for statistics of its particles.
+
+The box is then about two of their spacings wide (10^(1/3) = 2.2): the neighbours of a particle are
+the images of a few others, and an impact changes the mean of b/b0 by a tenth of itself and more.
+"""
+EARLY: Final = 0.1
+"""Fraction of the end time; changes before it are early."""
+EARLY_SAMPLES: Final = 3
+"""Minimum number of samples for a warning that all changes are early."""
+
+
+def few_left(left: float, grains: int, of: str = "") -> list[str]:
+    """Return a line if fewer than `FEWEST_LEFT` particles are left of a scene that had more.
+
+    Parameters
+    ----------
+    left
+        Mean number of particles left.
+    grains
+        Number of grains at the start.
+    of
+        Which string, as ` in the best string`.
+    """
+    if left >= FEWEST_LEFT or grains < FEWEST_LEFT:
+        return []
+    return [
+        f"scene.particles: {left:.3g} of {grains:,} particles are left on average{of}; fewer than "
+        f"{FEWEST_LEFT} make the box too small for statistics, so start with more grains, or end "
+        "earlier"
+    ]
+
+
+def early_changes(changes: int, samples: int) -> list[str]:
+    """Return the warning that all `changes`, merges and breakups, of samples are early."""
+    return [
+        f"scene.end_time: all {changes:,} merges and breakups of {pluralise(samples, 'sample')} "
+        f"happen in the first {EARLY:g} of it; an earlier end gives the same particles"
+    ]
+
 
 EDGE: Final = 0.01
 """Share of a range, or of its logarithm, from its end within which a value is at the edge."""

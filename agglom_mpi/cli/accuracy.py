@@ -58,7 +58,8 @@ def accuracy(answer: bool, **options: Any) -> None:
     SOURCE is a scene or a campaign, or a directory of extreme scenes. For a scene or campaign,
     one setting at a time is varied (time steps, ensembles, box). Extreme scenes are run as they
     are and as published. A variable with a range takes the middle of it unless --set gives a
-    value. With --map, the first SOURCE is mapped and all others are drawn as points on its maps.
+    value. With --map, the first SOURCE is mapped and all others are drawn as points on its maps,
+    also the rows of published tables (TABLES.json).
     With --answer, SOURCE is the file of an answer study: a question, and settings of its search
     that are varied one by one.
 
@@ -66,30 +67,27 @@ def accuracy(answer: bool, **options: Any) -> None:
     same command.
     """
     if answer:
-        options = _of_answer(options)
+        _check_answer(options)
     elif options["map"] is not None and options["history"] is not None:
         raise click.UsageError("--history is for a study without --map")
 
     def run(world: Any) -> int:
-        if answer:
-            from agglom_mpi.accuracy.answer_command import AnswerOptions, answer_accuracy
-
-            return answer_accuracy(AnswerOptions(**options), world)
+        from agglom_mpi.accuracy.answer_command import answer_accuracy
         from agglom_mpi.accuracy.command import AccuracyOptions, accuracy
         from agglom_mpi.accuracy.map_command import map_accuracy
 
         asked = AccuracyOptions(**options)
+        if answer:
+            return answer_accuracy(asked, world)
         return accuracy(asked, world) if asked.map is None else map_accuracy(asked, world)
 
     sys.exit(run_connected(run))
 
 
-def _of_answer(options: dict[str, Any]) -> dict[str, Any]:
-    """Return the options of an answer study; raise a UsageError if there are others."""
-    others = {n: options.pop(n) for n in ("quick", "settings", "samples", "history", "map")}
-    given = ["--set" if name == "settings" else f"--{name}" for name in others if others[name]]
-    sources = options.pop("sources")
-    if given or len(sources) != 1:
-        wrong = f"not {', '.join(given)}" if given else f"not {len(sources)}"
+def _check_answer(options: dict[str, Any]) -> None:
+    """Raise a UsageError if there are options that an answer study does not take."""
+    others = ("quick", "settings", "samples", "history", "map")
+    given = ["--set" if name == "settings" else f"--{name}" for name in others if options[name]]
+    if given or len(options["sources"]) != 1:
+        wrong = f"not {', '.join(given)}" if given else f"not {len(options['sources'])}"
         raise click.UsageError(f"--answer takes one file of a study, {wrong}")
-    return options | {"source": sources[0]}

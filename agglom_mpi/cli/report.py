@@ -47,6 +47,12 @@ if TYPE_CHECKING:
     help="With --out: do not simulate samples again whose particles are not stored.",
 )
 @click.option(
+    "--published",
+    type=PATH,
+    metavar="TABLES.json",
+    help="With --out: set the best strings beside a paper's tables, such as jobs/published/*.json.",
+)
+@click.option(
     "--sensitivity",
     is_flag=True,
     help="Add the Sobol index of each variable, from a regression of all strings.",
@@ -95,6 +101,7 @@ def report(
     files: tuple[str, ...],
     out: Path | None,
     stored_only: bool,
+    published: Path | None,
     sensitivity: bool,
     posterior: bool,
     what_next: bool,
@@ -129,8 +136,10 @@ def report(
     for option, given in options.items():
         if len(files) > 1 and given:
             raise click.UsageError(f"{option} takes one file")
-    if out is None and stored_only:
-        raise click.UsageError("--stored-only is for --out DIR")
+    of_page = {"--stored-only": stored_only, "--published": published is not None}
+    for option, given in of_page.items():
+        if out is None and given:
+            raise click.UsageError(f"{option} is for --out DIR")
     if posterior and feasible_set and out is None:
         raise click.UsageError("give --posterior or --feasible-set, or both with --out DIR")
     asked = _posterior_request(posterior, what_next, what_next_table)
@@ -152,7 +161,13 @@ def report(
 
     with blame_damage(*files):
         if out is not None:
-            _write_page(opened[0], out, not stored_only, sensitivity, request, asked)
+            from agglom_mpi.report.page import write_report
+            from agglom_mpi.report.published_results import read_published
+
+            tables = None if published is None else read_published(published)
+            file, resimulate = opened[0], not stored_only
+            for line in write_report(file, out, resimulate, sensitivity, request, asked, tables):
+                say(line)
         elif request is not None:
             _show(_set(opened[0], request, sensitivity, as_json), as_json)
         else:
@@ -212,21 +227,6 @@ def _follow(name: str, allow_code: bool) -> int:
     if path.parent.is_dir() and not wait_for_file(path):
         return INTERRUPTED
     return follow(read_inversion(name, allow_code))
-
-
-def _write_page(
-    file: "CampaignData",
-    out: Path,
-    resimulate: bool,
-    sensitivity: bool,
-    request: "SetRequest | None",
-    posterior: "PosteriorRequest | None",
-) -> None:
-    """Write the web page of a file, and print its path."""
-    from agglom_mpi.report.page import write_report
-
-    for line in write_report(file, out, resimulate, sensitivity, request, posterior):
-        say(line)
 
 
 def _posterior_request(

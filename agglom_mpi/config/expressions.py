@@ -5,13 +5,13 @@ They are evaluated in float64 on arrays, elementwise; see `expression_reader` fo
 
 import operator
 from collections.abc import Callable, Iterator, Mapping
-from difflib import get_close_matches
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.config.dimensions import PURE, Dimension, kind_of, power, product
+from agglom_mpi.declaration.spelling import suggestion
 
 Floats = NDArray[np.float64]
 
@@ -197,7 +197,7 @@ def dimension(node: Node, known: Mapping[str, Dimension]) -> Dimension | _Any:
             return ANY if value == 0.0 and own == PURE else own
         case Name(name=name):
             if name not in known:
-                raise ValueError(f"has the unknown name '{name[:40]}'; {_hint(name, known)}")
+                raise ValueError(f"has the unknown name '{name[:40]}'; {suggestion(name, known)}")
             return known[name]
         case Negative(operand=operand):
             return dimension(operand, known)
@@ -244,8 +244,3 @@ def _dimension_of_power(node: Binary, known: Mapping[str, Dimension]) -> Dimensi
         )
     base = dimension(node.left, known)
     return base if isinstance(base, _Any) else power(base, value)
-
-
-def _hint(name: str, known: Mapping[str, Dimension]) -> str:
-    close = get_close_matches(name, known, n=1)
-    return f"did you mean '{close[0]}'?" if close else f"allowed: {', '.join(known)}"

@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple, get_args, get_origin
 
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.declaration.choices import Choice, choice_of
-from agglom_mpi.declaration.components import Component, In, UnknownComponentError, Whole, number_of
+from agglom_mpi.declaration.components import Component, In, UnknownComponentError, number_of
 from agglom_mpi.declaration.declared import DeclaredField, FieldPath
 from agglom_mpi.declaration.reading import PLAIN, Reading
 from agglom_mpi.declaration.spelling import suggestion
@@ -136,40 +136,14 @@ def find_path(name: str, scene: Mapping[str, Any], reading: Reading = PLAIN) -> 
     """
     known = paths_of(scene, reading)
     if name not in known:
-        raise ValueError(_why_not(name, scene, known, reading))
+        same = [path for path in known if path.split(".")[0] == name.split(".")[0]]
+        allowed = f"allowed: {', '.join(same)}" if same else suggestion(name, list(known))
+        raise ValueError(f"is no number of the scene that can be searched; {allowed}")
     if len(name.encode()) > MAX_VARIABLE_NAME:
         raise ValueError(
             f"has {len(name)} characters; a path must have at most {MAX_VARIABLE_NAME}"
         )
     return known[name]
-
-
-def _why_not(
-    name: str, scene: Mapping[str, Any], known: Mapping[str, ScenePath], reading: Reading
-) -> str:
-    """Return why a path names no number that can be searched."""
-    key, *rest = name.split(".")
-    if key not in SceneSection.model_fields:
-        return f"is no number of the scene; {suggestion(name, list(known))}"
-    if key in NUMERICAL:
-        return "decides how exactly a sample is computed, not what happens; give it in the scene"
-    numbers = [path for path in known if path.split(".")[0] == key]
-    allowed = f"allowed: {', '.join(numbers)}" if numbers else "it has no number to search"
-    law = law_of_entry(scene, key, reading)
-    if law is None:
-        whole = "is a whole number, which" if key == "particles" else "is no number, and"
-        return f"{whole} cannot be searched; {suggestion(name, list(known))}"
-    named = f"{key}: {next(iter(law.names()), '')}".rstrip(": ")
-    field = law.model_fields.get(rest[0]) if rest else None
-    if field is None:
-        return f"is no number of {named}; {allowed}"
-    if isinstance(number_of(field), Whole):
-        return f"is a whole number, which cannot be searched; {allowed}"
-    if isinstance(number_of(field), In):
-        places = _places(field)
-        wanted = f"is a list of {places} numbers; name one of them" if places else "is one number"
-        return f"{wanted}; {allowed}"
-    return f"is a choice or a text, which cannot be searched; {allowed}"
 
 
 def given_at(scene: Mapping[str, Any], path: ScenePath) -> FieldPath | None:

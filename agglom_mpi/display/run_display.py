@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Final, Self
 from rich.console import RenderableType
 from rich.measure import Measurement
 
-from agglom_mpi.display.plain_console import PlainConsole
 from agglom_mpi.display.progress import RunProgress, best_of, format_rate, log_line
-from agglom_mpi.display.terminal import STDOUT, LiveLines, Terminal, find_terminal
+from agglom_mpi.display.terminal import STDOUT, LiveLines, PlainConsole, Terminal, find_terminal
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.launcher import launched_size
 

@@ -14,18 +14,37 @@ shells and launchers print after a Ctrl-C.
 import os
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from itertools import takewhile
 from pathlib import Path
-from typing import Final, NamedTuple, TextIO
+from typing import Any, Final, NamedTuple, TextIO
 
-from rich.console import RenderableType
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.segment import Segment
 from rich.text import Text
 
-from agglom_mpi.display.plain_console import PlainConsole
 from agglom_mpi.display.progress import RunProgress, terminal_lines
-from agglom_mpi.formatting import ASCII_REPLACEMENT
+from agglom_mpi.formatting import ASCII_REPLACEMENT, printable
+
+
+class PlainConsole(Console):
+    """Console that shows texts as they are written.
+
+    Titles, names and paths are the user's: [brackets] and :colons: in them are plain text, and
+    control characters do not reach the terminal.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(markup=False, emoji=False, highlight=False, **options)
+
+    def render(
+        self, renderable: RenderableType, options: ConsoleOptions | None = None
+    ) -> Iterable[Segment]:
+        """Yield the segments of something; of texts, but not of styles, made printable."""
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else segment._replace(text=printable(segment.text))
+
 
 LAUNCHERS: Final = {"mpirun", "mpiexec", "mpiexec.hydra", "orterun", "prterun", "prun"}
 """Process names of the launchers on whose standard error that of the ranks ends."""

@@ -6,10 +6,14 @@ from pathlib import Path
 from rich.console import Group, RenderableType
 
 from agglom_mpi.display.fitted_table import LabelledTexts
-from agglom_mpi.doctor.findings import Finding
 from agglom_mpi.doctor.folders import check_storage
-from agglom_mpi.doctor.machine import check_batch_system, check_libraries, check_processors
-from agglom_mpi.doctor.nodes import check_nodes
+from agglom_mpi.doctor.machine import (
+    Finding,
+    check_batch_system,
+    check_libraries,
+    check_nodes,
+    check_processors,
+)
 from agglom_mpi.doctor.ranks import check_mpi, check_shared_memory
 
 

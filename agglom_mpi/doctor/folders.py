@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from agglom_mpi.compilation.kernels import cache_folder
-from agglom_mpi.doctor.findings import Finding
+from agglom_mpi.doctor.machine import Finding
 
 SHARED_FILE_SYSTEMS: Final = {
     "lustre",

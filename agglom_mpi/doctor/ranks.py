@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
-from agglom_mpi.doctor.findings import Finding
+from agglom_mpi.doctor.machine import Finding
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.launcher import (
     find_launcher,

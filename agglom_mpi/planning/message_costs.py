@@ -20,8 +20,8 @@ from agglom_mpi.planning.forecast import MessageCosts
 from agglom_mpi.runtime.coordinator import Coordinator
 from agglom_mpi.runtime.experiment import Experiment
 from agglom_mpi.runtime.file_setup import prepare
-from agglom_mpi.runtime.gone_ranks import GoneRanks
 from agglom_mpi.runtime.messages import RankMessage
+from agglom_mpi.runtime.silence import GoneRanks
 from agglom_mpi.runtime.stop_request import StopRequest
 from agglom_mpi.runtime.worker_pool import WorkerPool
 from agglom_mpi.scheduling.estimators import ROUND_TRIP_SECONDS

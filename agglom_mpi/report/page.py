@@ -27,7 +27,7 @@ from agglom_mpi.inference.data_posterior import DataPosterior, data_posterior
 from agglom_mpi.inference.feasible_set import FeasibleSet
 from agglom_mpi.inference.next_measurement import NextMeasurements
 from agglom_mpi.outcome import COMPLETED, FAILED
-from agglom_mpi.report import page_tables, published_results
+from agglom_mpi.report import page_tables
 from agglom_mpi.report.drawing import Drawing, write_drawing
 from agglom_mpi.report.embedding import EmbeddedFigure, embedded
 from agglom_mpi.report.export import require_directory
@@ -38,6 +38,7 @@ from agglom_mpi.report.figures.posterior_figures import pairs_drawing, posterior
 from agglom_mpi.report.figures.set_figures import set_drawings
 from agglom_mpi.report.next_summary import PosteriorRequest, next_text
 from agglom_mpi.report.posterior_summary import data_posterior_text
+from agglom_mpi.report.published_results import Published, comparison_tables
 from agglom_mpi.report.sample_particles import (
     RESIMULATION_SECONDS,
     FramesUnavailableError,
@@ -75,6 +76,7 @@ def write_report(
     sensitivity: bool = False,
     feasible_set: SetRequest | None = None,
     posterior: PosteriorRequest | None = None,
+    published: Published | None = None,
 ) -> Iterator[str]:
     """Write the page and its figures into a directory, and yield lines on progress.
 
@@ -94,6 +96,8 @@ def write_report(
         What to show of the feasible set, which takes seconds; None: nothing.
     posterior
         What to show of the posterior of all data, which takes some ten seconds; None: nothing.
+    published
+        Tables of a paper to show the best strings in; None: none.
 
     Raises
     ------
@@ -113,7 +117,7 @@ def write_report(
     found = None if posterior is None else file.derived(data_posterior)
     directory.mkdir(parents=True, exist_ok=True)
     options = FigureOptions(seconds=RESIMULATION_SECONDS if simulate else 0.0)
-    page = PageBuilder(file, directory, options, sensitivity)
+    page = PageBuilder(file, directory, options, sensitivity, published)
     if feasible_set is not None:
         page.draw_set(feasible_set)
     if found is not None and posterior is not None:
@@ -139,13 +143,19 @@ class PageBuilder:
     """
 
     def __init__(
-        self, data: CampaignData, directory: Path, options: FigureOptions, sensitivity: bool
+        self,
+        data: CampaignData,
+        directory: Path,
+        options: FigureOptions,
+        sensitivity: bool,
+        published: Published | None = None,
     ) -> None:
         self.figure_count = 0
         self._data = data
         self._directory = directory
         self._options = options
         self._sensitivity = sensitivity
+        self._published = published
         self._figures: dict[str, list[EmbeddedFigure]] = {}
         self._frames_unavailable = ""
         self._set_texts: tuple[str, ...] = ()
@@ -219,7 +229,7 @@ class PageBuilder:
 
     def _content(self) -> dict[str, Any]:
         """Return the variables of the template."""
-        data = self._data
+        data, published = self._data, self._published
         completed = int((data.counted_samples["state"] == COMPLETED).sum())
         return {
             "title": data.title or data.path.stem,
@@ -240,8 +250,8 @@ class PageBuilder:
             "best": page_tables.best_strings(data) if rank_strings(data).order else None,
             "comparison": comparison_lines(data),
             "estimated": bool(rank_strings(data).estimates),
-            "paper": published_results.matching_paper(data.identity),
-            "paper_tables": published_results.comparison_tables(data),
+            "published": published,
+            "published_tables": [] if published is None else comparison_tables(data, published),
             "legs": page_tables.legs(data) if len(data.legs()) else None,
             "completed": completed,
             "ledger": page_tables.ledger(data) if completed else None,

@@ -16,7 +16,7 @@ from agglom_mpi.analysis.resimulation import (
     recorded_parameters,
     recorded_sample,
 )
-from agglom_mpi.analysis.result_warnings import EARLY, EARLY_SAMPLES, early_changes, few_left
+from agglom_mpi.analysis.run_warnings import EARLY, EARLY_SAMPLES, early_changes, few_left
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.estimate import StringEstimate, estimate_of
 from agglom_mpi.config.loading import load_campaign

@@ -14,8 +14,7 @@ from agglom_mpi.display.remaining_time import remaining_by_work, remaining_in_tu
 from agglom_mpi.errors import FAILURE, FINISHED, STOPPED
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.runtime.experiment import Experiment
-from agglom_mpi.runtime.failures import FailureLog
-from agglom_mpi.runtime.hanging_samples import HangingSamples
+from agglom_mpi.runtime.failures import FailureLog, HangingSamples
 from agglom_mpi.runtime.messages import RankMessage, merged, storable
 from agglom_mpi.runtime.post_stages import FrameStage, PostStage, ReestimationStage
 from agglom_mpi.runtime.recorder import ProgressListener, RunRecorder, decided_again

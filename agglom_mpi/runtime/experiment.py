@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.inversion import Restore, inversion_of
 from agglom_mpi.formatting import pluralise
-from agglom_mpi.scheduling.volume_strings import volume_string
+from agglom_mpi.scheduling.interface import volume_string
 from agglom_mpi.search.ending import Generations
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.simulation.engines import Engine

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from numpy.typing import NDArray
 
-from agglom_mpi.runtime.gone_ranks import GoneRanks
 from agglom_mpi.runtime.messages import ALIVE, heartbeat
+from agglom_mpi.runtime.silence import GoneRanks
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm

@@ -1,8 +1,8 @@
-"""Messages between ranks: fixed-size typed records, never pickles."""
+"""Messages between ranks: fixed-size typed records, never pickles; and those on their way."""
 
 import socket
 from collections.abc import Iterator, Sequence
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,35 @@ from agglom_mpi.outcome import FailureReason
 from agglom_mpi.runtime.under_way import SampleUnderWay
 from agglom_mpi.storage.schema import final_particles_schema, frames_schema, sample_dtype
 from agglom_mpi.storage.table import concatenated
+
+
+class PendingSends:
+    """Requests of messages that MPI still sends, each with its buffer, which MPI reads meanwhile.
+
+    Whoever waited for one would hear nothing while the receiver is held up.
+    """
+
+    def __init__(self) -> None:
+        self._sends: list[tuple[Any, NDArray[Any]]] = []
+
+    def __len__(self) -> int:
+        return len(self._sends)
+
+    def add(self, request: Any, records: NDArray[Any]) -> None:
+        """Add a message by the request that MPI returned for it."""
+        self._sends.append((request, records))
+
+    def forget_sent(self) -> None:
+        """Let go of what has been sent."""
+        if self._sends:
+            self._sends = [(sent, kept) for sent, kept in self._sends if not sent.Test()]
+
+    def wait(self) -> None:
+        """Wait until everything has been sent."""
+        for request, _ in self._sends:
+            request.Wait()
+        self._sends.clear()
+
 
 TASKS: Final = 1  # to a worker: tasks to simulate, of `scheduling.interface.task_type`
 RESULTS: Final = 2  # from a worker: results of samples, rows of `/samples`

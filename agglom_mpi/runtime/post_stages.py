@@ -9,10 +9,8 @@ from numpy.typing import NDArray
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.runtime.experiment import FramePlan, ReestimationPlan, StageProgress
 from agglom_mpi.scheduling.in_flight import SampleRange
-from agglom_mpi.scheduling.interface import new_tasks
-from agglom_mpi.scheduling.sample_set import SampleSet
-from agglom_mpi.scheduling.static_scheduler import StaticScheduler
-from agglom_mpi.scheduling.volume_strings import number_in_volume, volume_string
+from agglom_mpi.scheduling.interface import new_tasks, number_in_volume, volume_string
+from agglom_mpi.scheduling.static_scheduler import SampleSet, StaticScheduler
 from agglom_mpi.storage.writer import CampaignWriter
 
 

@@ -21,12 +21,12 @@ from agglom_mpi.runtime.messages import (
     TASKS,
     UNWRITTEN,
     WRITTEN,
+    PendingSends,
     RankMessage,
     failed_sample,
     heartbeat,
     storable,
 )
-from agglom_mpi.runtime.pending_sends import PendingSends
 from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.runtime.silence import Intervals
 from agglom_mpi.runtime.simulation_thread import SimulationThread

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.runtime.gone_ranks import GoneRanks
 from agglom_mpi.runtime.heart import Heart
 from agglom_mpi.runtime.messages import (
     ALIVE,
@@ -17,15 +16,15 @@ from agglom_mpi.runtime.messages import (
     STOP,
     SYNC,
     TASKS,
+    PendingSends,
     RankMessage,
     decoded,
     heartbeat,
     own_host,
     record_types,
 )
-from agglom_mpi.runtime.pending_sends import PendingSends
 from agglom_mpi.runtime.sample_runner import SampleRunner
-from agglom_mpi.runtime.silence import Intervals
+from agglom_mpi.runtime.silence import GoneRanks, Intervals
 from agglom_mpi.runtime.simulation_thread import SimulationThread
 from agglom_mpi.runtime.under_way import SampleClock
 from agglom_mpi.runtime.wakeup import LONGEST, PollBackoff, Wakeup, message_waits

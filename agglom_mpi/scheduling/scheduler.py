@@ -11,9 +11,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.scheduling.duplicates import DuplicateSamples
 from agglom_mpi.scheduling.estimators import BatchSizer, PriorityQueue, SampleCountModel
-from agglom_mpi.scheduling.in_flight import InFlightTable, SampleRange
+from agglom_mpi.scheduling.in_flight import DuplicateSamples, InFlightTable, SampleRange
 from agglom_mpi.scheduling.interface import (
     ProposeAhead,
     SampleDemand,

@@ -19,8 +19,13 @@ from agglom_mpi.search.ensemble import Ensemble, EnsembleResult
 from agglom_mpi.search.methods.method import RunningSearch
 from agglom_mpi.search.proposals import AGAIN, Evaluations, Proposals
 from agglom_mpi.search.racing import RaceEntry, Racing
-from agglom_mpi.search.sample_paths import NewSamples, SampleBatch, SamplePart, extend
-from agglom_mpi.search.waiting_samples import WaitingSamples
+from agglom_mpi.search.sample_paths import (
+    NewSamples,
+    SampleBatch,
+    SamplePart,
+    WaitingSamples,
+    extend,
+)
 
 
 class Inversion:

@@ -21,7 +21,7 @@ from agglom_mpi.declaration.reading import (
 from agglom_mpi.errors import CodeNotAllowedError
 from agglom_mpi.formatting import shortened
 from agglom_mpi.measurements.layout import CensusLayout
-from agglom_mpi.storage.census_columns import CENSUS, census_of
+from agglom_mpi.storage.columns import CENSUS, census_of
 from agglom_mpi.storage.schema import (
     CHECKED_SINCE,
     VARIABLE_TABLE,

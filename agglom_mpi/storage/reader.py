@@ -10,7 +10,7 @@ from typing import Any, Final, NamedTuple, Self, TypeVar
 import numpy as np
 
 from agglom_mpi.formatting import printable, shortened
-from agglom_mpi.scheduling.volume_strings import number_in_volume
+from agglom_mpi.scheduling.interface import number_in_volume
 from agglom_mpi.search.proposals import ORIGINS, Proposals, restored
 from agglom_mpi.storage.access import NotACampaign, open_file, read_attributes, report_damage
 from agglom_mpi.storage.header import Allowed, CampaignHeader, altered_parts

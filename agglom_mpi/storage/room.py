@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from agglom_mpi.formatting import value_with_prefix
 from agglom_mpi.measurements.layout import CensusLayout
-from agglom_mpi.storage.census_columns import census_attributes
+from agglom_mpi.storage.columns import census_attributes
 from agglom_mpi.storage.schema import (
     FAILURE_CAPACITY,
     LEG_CAPACITY,

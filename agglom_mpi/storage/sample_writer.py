@@ -12,7 +12,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.scheduling.volume_strings import number_in_volume, volumes_of
+from agglom_mpi.scheduling.interface import number_in_volume, volumes_of
 from agglom_mpi.storage.access import open_file, with_path
 from agglom_mpi.storage.rows import same_type
 from agglom_mpi.storage.schema import (

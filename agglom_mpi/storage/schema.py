@@ -11,8 +11,7 @@ import numpy as np
 
 from agglom_mpi.measurements.layout import CensusLayout
 from agglom_mpi.outcome import COLUMNS
-from agglom_mpi.storage.census_columns import census_columns, census_of
-from agglom_mpi.storage.columns import CRC, Column, TableSchema
+from agglom_mpi.storage.columns import CRC, Column, TableSchema, census_columns, census_of
 from agglom_mpi.storage.stored_variables import variables_of
 from agglom_mpi.variables import MAX_VARIABLE_NAME, TEN, VariableTable
 

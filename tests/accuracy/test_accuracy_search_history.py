@@ -56,7 +56,7 @@ def test_every_best_string_is_estimated_once_on_samples_beyond_those_of_the_sear
 
 def test_a_history_of_measured_data_is_refused(tmp_path, monkeypatch):
     campaign = load_campaign(write_measured(tmp_path))
-    monkeypatch.setattr(search_history, "campaign_of", lambda history: campaign)
+    monkeypatch.setattr(search_history, "recorded_campaign", lambda history: campaign)
     with pytest.raises(CampaignError) as caught:
         search_history.setups(History(), 25)
     [problem] = caught.value.problems

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agglom_mpi.accuracy.grown_overlaps import approaching_overlaps, overlaps_part
+from agglom_mpi.accuracy.soundness import approaching_overlaps, overlaps_part
 from agglom_mpi.config.loading import load_campaign
 
 LATE_BONDING = Path(__file__).parent / "late_bonding.yaml"

@@ -1,6 +1,6 @@
 """What the samples of a string are warned of: few particles left, and all changes early."""
 
-from agglom_mpi.analysis.result_warnings import early_changes, few_left
+from agglom_mpi.analysis.run_warnings import early_changes, few_left
 
 
 def test_nine_of_300_particles_are_too_few():

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agglom_mpi.analysis import sample_arrays as module
 from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.report import netcdf as module
 from agglom_mpi.storage.reader import read_campaign
 
 STORED = Path(__file__).parents[1] / "storage" / "files" / "version_2.h5.gz"

@@ -17,8 +17,8 @@ from pathlib import Path
 import pytest
 from bench_event import JOBS, ROWS, print_row
 
-from agglom_mpi.report.published_results import ACCRETION, AGGLOMERATION
-from agglom_mpi.variables import PAPER_VARIABLES, TEN
+from agglom_mpi.report.published_results import read_published
+from agglom_mpi.variables import TEN
 
 REPEATS = 5
 PROGRAM = """
@@ -144,26 +144,17 @@ def gas(pythons, count, collisions, repeats=REPEATS):
         return in_turn(pythons, microseconds, repeats)
 
 
-def published(tables, number):
-    """The variables of a row of a paper's tables in SI units, by name."""
-    known = {variable.name for variable in PAPER_VARIABLES}
-    return {
-        column.name: column.unit * value
-        for table in tables
-        for column, value in zip(table.columns, table.rows[number], strict=True)
-        if column.name in known
-    }
-
-
 def print_means(pythons):
     print("\nmean b/b0 of the papers' strings, from the same random starts")
     widths = (22, 5, *[20] * len(pythons), 22)
-    for job, tables in zip(SAMPLES, (ACCRETION, AGGLOMERATION), strict=True):
+    for job in SAMPLES:
         installations = [Installation(python) for python in pythons]
-        for number in range(6):
+        for number, values in enumerate(
+            read_published(JOBS / "published" / f"{job}.json").strings()
+        ):
             found = []
             for one in installations:
-                path, values = JOBS / f"{job}.yaml", published(tables, number)
+                path = JOBS / f"{job}.yaml"
                 ratios = one.ask(path, values, SAMPLES[job][1], "means")
                 error = statistics.stdev(ratios) / math.sqrt(len(ratios))
                 found.append((statistics.mean(ratios), error))

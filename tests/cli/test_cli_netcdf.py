@@ -119,7 +119,7 @@ def test_nothing_is_overwritten(mistaken, tmp_path):
 
 
 def test_arrays_that_would_not_fit_into_memory_are_refused(mistaken, tmp_path, monkeypatch):
-    monkeypatch.setattr("agglom_mpi.analysis.sample_arrays.MAX_CELLS", 10)
+    monkeypatch.setattr("agglom_mpi.report.netcdf.MAX_CELLS", 10)
     assert "--csv" in mistaken("export", "tiny.h5", "--xarray", tmp_path / "x.nc")
 
 

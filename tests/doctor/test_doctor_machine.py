@@ -11,7 +11,7 @@ from agglom_mpi.cli import main
 from agglom_mpi.doctor import folders, machine
 from agglom_mpi.doctor import ranks as mpi
 from agglom_mpi.doctor.checks import as_table
-from agglom_mpi.doctor.findings import Finding
+from agglom_mpi.doctor.machine import Finding
 
 MOUNTS = r"""/dev/vda / ext4 rw 0 0
 server:/home /home nfs4 rw 0 0

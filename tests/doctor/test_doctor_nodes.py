@@ -1,6 +1,6 @@
 import pytest
 
-from agglom_mpi.doctor import nodes
+from agglom_mpi.doctor import machine as nodes
 
 
 @pytest.fixture

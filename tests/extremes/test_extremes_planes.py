@@ -6,10 +6,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from agglom_mpi.accuracy.grown_overlaps import overlaps_part
 from agglom_mpi.accuracy.map_scene import map_scene
 from agglom_mpi.accuracy.planes import DEFAULT, PLANES
-from agglom_mpi.accuracy.soundness import CLOSED
+from agglom_mpi.accuracy.soundness import CLOSED, overlaps_part
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import REASONS, FailureReason
 

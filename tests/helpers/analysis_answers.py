@@ -11,9 +11,9 @@ from set_runs import three_variable_text
 
 from agglom_mpi.analysis.failed_samples import failure_lines
 from agglom_mpi.analysis.run_warnings import run_warnings
-from agglom_mpi.analysis.sample_arrays import PREFIX, sample_arrays
 from agglom_mpi.cli import main
 from agglom_mpi.report.figures.ensembles import running_estimate, stopping_points
+from agglom_mpi.report.netcdf import PREFIX, sample_arrays
 from agglom_mpi.report.page_tables import ledger
 from agglom_mpi.report.sample_particles import completed_samples
 from agglom_mpi.storage.reader import read_campaign

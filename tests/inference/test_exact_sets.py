@@ -8,7 +8,7 @@ from campaign_runs import finish
 from set_runs import three_variable_file, three_variable_text
 
 from agglom_mpi import open_campaign
-from agglom_mpi.display.plain_console import PlainConsole
+from agglom_mpi.display.terminal import PlainConsole
 from agglom_mpi.report.set_summary import set_text
 from agglom_mpi.storage.reader import read_campaign
 

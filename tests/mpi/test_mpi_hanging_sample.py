@@ -8,7 +8,7 @@ from processes import HANG, program, wait_for
 from user_function_runs import write_own
 
 NAMED_SOON = """
-import agglom_mpi.runtime.hanging_samples as hanging_samples
+import agglom_mpi.runtime.failures as hanging_samples
 import agglom_mpi.runtime.silence as silence
 
 hanging_samples.MIN_SECONDS, hanging_samples.FACTOR, silence.ALIVE_EVERY = 0.5, 1e-9, 0.1

@@ -2,6 +2,7 @@ import dataclasses
 import importlib.util
 import re
 import shutil
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -14,6 +15,7 @@ from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli import main
 from agglom_mpi.config.loading import load_campaign
+from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.errors import MissingLibraryError
 from agglom_mpi.report import page as page_module
 from agglom_mpi.report import page_tables, published_results
@@ -21,7 +23,7 @@ from agglom_mpi.report.drawing import Drawing, write_drawing
 from agglom_mpi.report.export import ExportError
 from agglom_mpi.report.page import write_report
 from agglom_mpi.report.page_tables import best_strings
-from agglom_mpi.report.published_results import AGGLOMERATION
+from agglom_mpi.report.published_results import read_published
 from agglom_mpi.report.sample_particles import final_radii
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import prepare
@@ -397,40 +399,38 @@ def table_of(page, caption):
     return [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row) for row in rows]
 
 
-@pytest.mark.usefixtures("undrawn")
-def test_the_page_marks_results_as_searched_and_re_estimates(four_of_six, tmp_path):
-    page, file = report(four_of_six, tmp_path / "out"), open_campaign(four_of_six)
-    headings, *rows = table_of(page, "Best strings")
-    results = headings[-6:]
-    assert [text.rpartition(", ")[2] for text in results] == ["as searched", "re-estimate"] * 3
-    assert len(rows) == 6
-    for (_, best), row in zip(file.best(6).iterrows(), rows, strict=True):
-        cells = dict(zip(results, row[-6:], strict=True))
-        ratio = cells["b/b⁰, as searched"]
-        assert float(ratio) == pytest.approx(best["mean_radius_ratio"], abs=5e-5)
-        again = [cells[heading] for heading in results[1::2]]
-        if np.isnan(best["estimate"]):
-            assert again == ["", "", ""]
-        else:
-            assert float(again[0].split()[0]) == pytest.approx(best["estimate"], abs=0.005)
-            assert float(again[1]) == pytest.approx(best["estimate_mean_radius_ratio"], abs=5e-5)
-    assert "on fresh samples" not in results
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_the_page_lists_as_many_strings_as_the_campaign_estimates_again(copy, tmp_path):
+def test_the_best_strings_are_as_many_as_the_campaign_estimates_again(copy):
     with h5py.File(copy, "r+") as file:
         text = file.attrs["campaign"]
         assert "strings: 6" in text
         file.attrs["campaign"] = text.replace("strings: 6", "strings: 4")
-    page = report(copy, tmp_path / "out")
-    assert len(table_of(page, "Best strings")) == 1 + 4
+    assert len(best_strings(read_campaign(copy)).rows) == 4
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_the_page_sets_the_best_strings_beside_published_ones(four_of_six, tmp_path):
+    published = read_published(Path("jobs/published/accretion_2003.json"))
+    page = report(four_of_six, tmp_path / "out", published=published)
+    headings, *rows = table_of(page, "[A] table 1")
+    assert headings[-2:] == ["Λ, as searched", "Λ, re-estimate"]
+    assert [row[1] for row in rows[:4]] == ["published", "here"] * 2
+    assert rows[0][-2:] == ["0.00013602", ""]
+    assert "[A] table 1" not in report(four_of_six, tmp_path / "plain")
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"paper": "", "note": "", "tables": [{}]}'])
+def test_another_file_than_published_tables_is_named(tmp_path, text):
+    path = tmp_path / "other.json"
+    path.write_text(text)
+    with pytest.raises(CampaignError, match=r"other\.json"):
+        read_published(path)
 
 
 def test_published_rows_have_no_re_estimate(four_of_six):
     data = read_campaign(four_of_six)
     best = rank_strings(data).order[:6]
-    table = published_results._beside(AGGLOMERATION[2], data, best)
+    published = read_published(Path("jobs/published/agglomeration_2004.json"))
+    table = published_results._beside(published.tables[2], data, best)
     assert table.headings[2:4] == ["Π, as searched", "Π, re-estimate"]
     published, here = table.rows[0], table.rows[1]
     assert published[2:] == ["0.67708", "", "3.2292", "", "33.6732", ""]

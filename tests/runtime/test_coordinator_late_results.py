@@ -10,8 +10,8 @@ from agglom_mpi.display.run_display import Display
 from agglom_mpi.runtime.coordinator import Coordinator
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import prepare
-from agglom_mpi.runtime.gone_ranks import GoneRanks
 from agglom_mpi.runtime.messages import RankMessage, failed_sample
+from agglom_mpi.runtime.silence import GoneRanks
 from agglom_mpi.runtime.stop_request import StopRequest
 from agglom_mpi.scheduling.estimators import ROUND_TRIP_SECONDS
 from agglom_mpi.simulation.frames import new_frames

@@ -10,7 +10,7 @@ from agglom_mpi.runtime import recorder
 from agglom_mpi.runtime.coordinator import Coordinator
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import prepare
-from agglom_mpi.runtime.gone_ranks import GoneRanks
+from agglom_mpi.runtime.silence import GoneRanks
 from agglom_mpi.runtime.stop_request import StopRequest
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.writer import CampaignWriter

@@ -8,7 +8,7 @@ import pytest
 from agglom_mpi.outcome import FailureReason
 from agglom_mpi.runtime import active_clock
 from agglom_mpi.runtime.abort_flag import AbortFlag
-from agglom_mpi.runtime.hanging_samples import (
+from agglom_mpi.runtime.failures import (
     FACTOR,
     FIRST_SECONDS,
     MIN_SECONDS,

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from agglom_mpi.runtime.pending_sends import PendingSends
+from agglom_mpi.runtime.messages import PendingSends
 
 
 class Request:

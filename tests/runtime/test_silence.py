@@ -6,7 +6,6 @@ from types import SimpleNamespace
 import pytest
 
 from agglom_mpi.runtime import active_clock
-from agglom_mpi.runtime.gone_ranks import GoneRanks
 from agglom_mpi.runtime.heart import BEAT_EVERY
 from agglom_mpi.runtime.messages import RankMessage
 from agglom_mpi.runtime.silence import (
@@ -15,6 +14,7 @@ from agglom_mpi.runtime.silence import (
     RANKS_AT_THIS_PACE,
     REASSIGNED_AFTER,
     STALLED_AFTER,
+    GoneRanks,
     Intervals,
     RankWatch,
 )

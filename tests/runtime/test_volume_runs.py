@@ -25,7 +25,7 @@ from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli import main
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import COLUMNS
-from agglom_mpi.scheduling.volume_strings import volume_string
+from agglom_mpi.scheduling.interface import volume_string
 from agglom_mpi.statistics import mean_of
 from agglom_mpi.storage.reader import read_campaign
 
@@ -35,7 +35,7 @@ THREE = f"{{strings: {STRINGS}, samples: {SAMPLES}, volumes: [1, 2, 4]}}"
 
 SAMPLE_7_RAISES_IN_VOLUME_2 = """
 import agglom_mpi.runtime.sample_runner as simulator
-from agglom_mpi.scheduling.volume_strings import volume_string
+from agglom_mpi.scheduling.interface import volume_string
 
 do = simulator.SampleTask._simulate
 

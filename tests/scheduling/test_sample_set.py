@@ -5,7 +5,7 @@ from examples import examples
 from hypothesis import strategies as st
 
 from agglom_mpi.scheduling.in_flight import SampleRange
-from agglom_mpi.scheduling.sample_set import SampleSet
+from agglom_mpi.scheduling.static_scheduler import SampleSet
 
 parts = st.builds(SampleRange, st.integers(0, 3), st.integers(0, 20), st.integers(0, 9))
 pairs = st.tuples(st.integers(0, 5), st.integers(0, 40))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from agglom_mpi.scheduling.volume_strings import (
+from agglom_mpi.scheduling.interface import (
     STRING_STRIDE,
     number_in_volume,
     volume_string,

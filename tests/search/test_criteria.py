@@ -5,7 +5,7 @@ from scipy.stats import norm
 
 from agglom_mpi.outcome import OUTCOME, summaries
 from agglom_mpi.search.criteria import Band, NearMaximum, NoCriterionError
-from agglom_mpi.search.moment_bands import MomentBands
+from agglom_mpi.search.moments import MomentBands
 from agglom_mpi.search.objectives.moment_targets import MomentTarget
 from agglom_mpi.search.objectives.objective import Objective
 

@@ -6,8 +6,7 @@ from search_fakes import completed
 from summary_rows import rows_of
 
 from agglom_mpi.outcome import summaries
-from agglom_mpi.search.sample_paths import SampleBatch, SamplePart
-from agglom_mpi.search.waiting_samples import WaitingSamples, gaps
+from agglom_mpi.search.sample_paths import SampleBatch, SamplePart, WaitingSamples, gaps
 
 
 @examples(200, st.lists(st.tuples(st.integers(0, 40), st.integers(1, 9))), st.integers(0, 30))

@@ -6,7 +6,7 @@ import math
 import pytest
 
 from agglom_mpi.measurements.layout import CensusLayout
-from agglom_mpi.storage.census_columns import CENSUS, census_attributes, census_of
+from agglom_mpi.storage.columns import CENSUS, census_attributes, census_of
 from agglom_mpi.storage.schema import SAMPLES, samples_schema
 
 LAYOUT = CensusLayout.between((2e-3, math.inf), 0.5, 4.0)

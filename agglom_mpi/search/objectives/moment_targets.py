@@ -17,8 +17,7 @@ from agglom_mpi.declaration.components import In, UnknownComponentError
 from agglom_mpi.declaration.declared import Declared, FieldPath, Meaning
 from agglom_mpi.outcome import SampleSummary
 from agglom_mpi.search.criteria import Criterion
-from agglom_mpi.search.moment_bands import MomentBands
-from agglom_mpi.search.moments import MOMENTS, NORMALISED, Central, gradient, moment
+from agglom_mpi.search.moments import MOMENTS, NORMALISED, Central, MomentBands, gradient, moment
 from agglom_mpi.search.objectives.objective import Objective, ReachedMoment
 from agglom_mpi.statistics import PooledMomentErrors, PooledMoments, RunningMean
 
