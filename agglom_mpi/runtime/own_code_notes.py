@@ -28,7 +28,7 @@ from agglom_mpi.outcome import FAILED, FailureReason
 from agglom_mpi.runtime.experiment import Experiment
 from agglom_mpi.runtime.messages import own_host
 from agglom_mpi.runtime.stop_request import StopRequest
-from agglom_mpi.scheduling.volume_strings import volume_string
+from agglom_mpi.scheduling.interface import volume_string
 from agglom_mpi.storage.lock import CampaignLock
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.schema import samples_schema

@@ -17,7 +17,7 @@ from agglom_mpi.runtime.invert import InvertOptions, request_for
 from agglom_mpi.runtime.own_code_notes import notes_left
 from agglom_mpi.runtime.run import run_this_rank
 from agglom_mpi.runtime.stop_request import StopRequest, handlers_kept
-from agglom_mpi.scheduling.volume_strings import volume_string
+from agglom_mpi.scheduling.interface import volume_string
 
 LAST_LINES: Final = 20
 """Number of last lines of ranks that failed which the error has."""

@@ -47,7 +47,7 @@ from agglom_mpi.runtime.programs import (
 from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.runtime.stop_request import StopRequest, ignore_signals
 from agglom_mpi.runtime.worker import serve_coordinator
-from agglom_mpi.scheduling.volume_strings import volume_string
+from agglom_mpi.scheduling.interface import volume_string
 from agglom_mpi.storage.access import DamagedCampaign, NotACampaign
 from agglom_mpi.storage.fingerprint import AlteredFileError
 from agglom_mpi.storage.lock import CampaignLock

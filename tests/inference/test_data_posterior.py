@@ -278,6 +278,22 @@ def test_an_arviz_file_has_each_datum_with_its_predictions(posterior):
         assert groups["prior_predictive"][name].to_numpy().std() > drawn.std()
 
 
+def test_given_precise_data_the_error_of_the_emulator_is_smaller(posterior, tmp_path):
+    """V (V + 1)⁻¹ instead of V along directions in which the measurement's covariance is 1."""
+    data, count = measurements(1.0 + SLOPES @ TRUTH, ERRORS / 30.0), 20000
+    of = linear_emulator(tmp_path, SLOPES, data)
+    known = dataclasses.replace(posterior, of=of)
+    strings = np.repeat(posterior.strings[:1], count, axis=0)
+    own = of.covariances(of.at(strings[:1]).deviations)[0]
+    assert np.diag(own).min() > 0.5
+    error = 4.0 * np.sqrt(2.0 / count) * np.diag(own).max()
+    expected = {False: own, True: own @ np.linalg.inv(own + np.eye(len(own)))}
+    for given, covariance in expected.items():
+        random = np.random.default_rng(7)
+        drawn, _ = single_threaded(known._drawn_components)(strings, random, given=given)
+        assert np.cov(drawn.T) == pytest.approx(covariance, rel=0.0, abs=error)
+
+
 def test_points_of_a_part_of_the_box_are_even(emulated):
     """As many as their volume says lie in a small square inside."""
     line = np.linspace(0.3, 0.7, 50)

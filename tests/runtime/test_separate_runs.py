@@ -5,7 +5,7 @@ import pytest
 from agglom_mpi.config.yaml_source import CampaignError, Problem
 from agglom_mpi.display.run_display import Display
 from agglom_mpi.errors import BAD_INPUT, FAILURE, FINISHED, STOPPED
-from agglom_mpi.runtime.separate_runs import SharedStop, run_separately, shared
+from agglom_mpi.runtime.separate_runs import SharedStop, _worst_of_all, run_separately, shared
 
 
 @pytest.fixture(autouse=True)
@@ -97,3 +97,25 @@ def test_another_rank_goes_on_when_rank_0_has_none():
     world.word[0], world.pending.arrived = 0, True
     assert stop.reason == ""
     assert world.sent == []
+
+
+@pytest.mark.parametrize(
+    ("ended", "worst"),
+    [
+        ((FINISHED, FINISHED, FINISHED), FINISHED),
+        ((FINISHED, STOPPED, FINISHED), STOPPED),
+        ((STOPPED, FINISHED, FAILURE), FAILURE),
+        ((BAD_INPUT, STOPPED, FINISHED), BAD_INPUT),
+    ],
+)
+def test_a_job_ends_as_its_worst_rank_does(ended, worst):
+    class Ranks(World):
+        def Irecv(self, word, source, tag):  # noqa: N802
+            word[0] = ended[source]
+            return Sent()
+
+        def Ibcast(self, word, root):  # noqa: N802
+            return Sent()
+
+    world = Ranks(0)
+    assert _worst_of_all(ended[0], SharedStop(None, world), world) == worst
