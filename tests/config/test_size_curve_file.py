@@ -102,6 +102,12 @@ def test_a_layout_of_an_instrument_is_read(read, content):
     assert curve.weight == "mass"
 
 
+@pytest.mark.parametrize("headings", ["lower (um);upper", "lower;upper (um)"])
+def test_one_unit_is_that_of_both_edges(read, headings):
+    curve = read(f"{headings};share (%)\n10;63;20\n63;125;80\n")
+    assert curve.edges == pytest.approx([10e-6, 63e-6, 125e-6])
+
+
 def test_an_error_column_is_that_of_each_row(read):
     text = "Sieve (mm);Passing (%);Error (%)\n0.5;100;0\n0.25;85;1\n0.125;35;2\n0.063;10;0.5\n"
     curve = read(text, CurveKeys())
@@ -241,6 +247,10 @@ REFUSED = {
     "an edge alone": ("lower (um),share (%),id\n63,,1\n", ("two sizes",)),
     "a unit of another kind": ("sieve (kg);passing (%)\n63;20\n125;100\n", ("'kg'", "'um'")),
     "no sizes": ("mass (g);passing (%)\n63;20\n125;100\n", ("line 1", "heading")),
+    "a curve over middles": (
+        "middle (um);passing (%)\n63;20\n125;100\n",
+        ("no column of sizes", "heading"),
+    ),
     "no headings": ("63;20\n125;100\n", ("heading",)),
     "two columns of errors": (
         "sieve (um);passing (%);error (%);sd (%)\n63;20;1;1\n125;100;1;1\n",

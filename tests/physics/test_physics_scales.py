@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.physics import scales
 from agglom_mpi.physics.kinetic_theory import contact_value
 from agglom_mpi.physics.velocities import draw_velocities
@@ -67,3 +68,11 @@ def test_elastic_grains_collide_as_often_as_expected(ratio):
     # A grain has N - 1 partners, and some collisions pass before the velocities are Maxwellian.
     expected = scales.expected_collisions(campaign.scene, at(campaign, **values))
     assert abs(np.mean(counts) / expected - 0.99) < 0.005 + 4.0 * error / expected
+
+
+def test_an_end_time_that_vanishes_is_refused():
+    campaign = load_campaign("jobs/quickstart.yaml")
+    value = TEN.values_by_name(campaign.variables.at(0.5))
+    assert 0.0 < scales.end_time(campaign.scene, value) < math.inf
+    with pytest.raises(ValueError, match="vanishes"):
+        scales.end_time(campaign.scene, {**value, "activation_energy": 1e9})
