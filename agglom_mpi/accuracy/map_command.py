@@ -223,7 +223,8 @@ def _points(
     source: Campaign, options: AccuracyOptions
 ) -> Iterator[tuple[str, tuple[SceneSection, Values]]]:
     """Yield the scenes that are points on the maps: that of the map itself, and further sources."""
-    tables = [Path(name) for name in options.sources if _is_table(name)]
+    paths = [Path(name) for name in options.sources if _is_table(name)]
+    tables = [(path.stem, list(read_published(path).strings())) for path in paths]
     yield source.name, _point(source, options.settings)
     yield from _published_rows(source, tables)
     for name in options.sources:
@@ -241,13 +242,13 @@ def _is_table(source: str) -> bool:
 
 
 def _published_rows(
-    campaign: Campaign, tables: Sequence[Path]
+    campaign: Campaign, tables: Sequence[tuple[str, Sequence[Values]]]
 ) -> Iterator[tuple[str, tuple[SceneSection, Values]]]:
     """Yield the rows of tables whose variables are those of a campaign, in its scene."""
-    for path in tables:
-        for number, row in enumerate(read_published(path).strings(), 1):
+    for name, rows in tables:
+        for number, row in enumerate(rows, 1):
             if set(row) == set(campaign.variables.used):
-                yield f"{path.stem} row {number}", _point(campaign, row)
+                yield f"{name} row {number}", _point(campaign, row)
 
 
 def _point(campaign: Campaign, settings: Mapping[str, float | str]) -> tuple[SceneSection, Values]:

@@ -1,10 +1,9 @@
 """Soundness of the samples of one set-up: the checks that every sample must pass, and by how much.
 
-An aggregate is larger than the spheres that bonded, so that it may reach into what is around it.
-If the two approach, that is a contact at once; if they recede it is none, and they part.
-
 A sample is sound if it completes, its energy ledger closes, no temperature is sent below zero,
-every impact is solved, and no spheres overlap that should not.
+every impact is solved, and no spheres overlap that should not. Some may: an aggregate is larger
+than the spheres that bonded, so that it may reach into what is around it. If the two approach, that
+is a contact at once; if they recede it is none, and they part.
 """
 
 from collections.abc import Iterable, Mapping

@@ -26,8 +26,9 @@ class Correlation(Section):
     Attributes
     ----------
     between
-        Two data or more, of which each pair has it: a quantity such as `d50`, a name as
-        `agglom check` prints it, such as `d50 by mass at 2 ms`, or a place in `data`, from 0.
+        Two data or more; each pair of them has it. A datum is named by its quantity such as `d50`,
+        as `agglom check` prints it, such as `d50 by mass at 2 ms`, or by its place in `data`, from
+        0.
     value
         Correlation of the errors; 0 states that two measurements are independent.
     """

@@ -5,7 +5,7 @@ import platform
 import re
 import shutil
 import subprocess
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -13,6 +13,30 @@ from typing import Final, NamedTuple
 from agglom_mpi.launcher import find_launcher, launched_size
 from agglom_mpi.runtime.provenance import processor
 from agglom_mpi.version import __version__
+
+ANSWER_TIMEOUT: Final = 20.0
+"""Time limit for an answer of a launcher or of Slurm, s."""
+
+
+def answer_of(
+    words: Sequence[str], environment: Mapping[str, str], seconds: float = ANSWER_TIMEOUT
+) -> subprocess.CompletedProcess[str]:
+    """Return how a command ended, and what it printed.
+
+    Raises
+    ------
+    OSError, subprocess.TimeoutExpired
+        If it cannot be started, or does not end in so many seconds.
+    """
+    return subprocess.run(
+        words,
+        env=dict(environment),
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=seconds,
+        check=False,
+    )
 
 
 class Finding(NamedTuple):
@@ -130,14 +154,7 @@ def check_batch_system(environment: Mapping[str, str] = os.environ) -> Iterator[
     if shutil.which("srun", path=environment.get("PATH")) is None:
         return
     try:
-        done = subprocess.run(
-            ["srun", "--mpi=list"],
-            env=dict(environment),
-            capture_output=True,
-            text=True,
-            timeout=20.0,
-            check=False,
-        )
+        done = answer_of(["srun", "--mpi=list"], environment)
     except (OSError, subprocess.TimeoutExpired) as error:
         yield Finding("Slurm", f"srun gives no answer: {error}")
         return
@@ -154,8 +171,6 @@ LOCAL_NETWORKS: Final = re.compile(r"docker|virbr|lxcbr|lxdbr|podman|cni|br-")
 """Beginnings of the names of networks within a machine; several machines use the same addresses."""
 NETWORK_DEVICES: Final = Path("/sys/class/net")
 """Folder with an entry for each network device (Linux)."""
-ANSWER_TIMEOUT: Final = 20.0
-"""Time limit for an answer of a launcher or of Slurm, s."""
 OPEN_MPI_NETWORK: Final = (
     "Open MPI may wait for ever for a rank on another node; export OMPI_MCA_btl_tcp_if_include and "
     "OMPI_MCA_oob_tcp_if_include with the network of the nodes, for example 10.0.0.0/24"
@@ -202,15 +217,7 @@ def local_networks(devices: Path = NETWORK_DEVICES) -> list[str]:
 def _output_of(words: list[str], environment: Mapping[str, str]) -> str:
     """Return what a command prints; empty if it fails."""
     try:
-        done = subprocess.run(
-            words,
-            env=dict(environment),
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            timeout=ANSWER_TIMEOUT,
-            check=False,
-        )
+        done = answer_of(words, environment)
     except (OSError, subprocess.TimeoutExpired):
         return ""
     return done.stdout if done.returncode == 0 else ""

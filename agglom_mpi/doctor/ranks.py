@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
-from agglom_mpi.doctor.machine import Finding
+from agglom_mpi.doctor.machine import Finding, answer_of
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.launcher import (
     find_launcher,
@@ -72,15 +72,7 @@ def _two_ranks(launcher: str, version: str, environment: Mapping[str, str]) -> F
 
 def _output_of(words: list[str], environment: Mapping[str, str]) -> str:
     try:
-        done = subprocess.run(
-            words,
-            env=without_rank_variables(environment),
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            timeout=MPI_TIMEOUT,
-            check=False,
-        )
+        done = answer_of(words, without_rank_variables(environment), MPI_TIMEOUT)
     except subprocess.TimeoutExpired:
         return f"no answer in {MPI_TIMEOUT:.0f} s"
     except OSError as error:

@@ -98,13 +98,14 @@ def ended_samples(
 ) -> Iterator[EndedSample]:
     """Yield those of noted samples that are not in the file and end a process of their own."""
     names = ", ".join(sorted(name for name, _ in permitted_modules(experiment.campaign)))
+    if not (names and noted):
+        return
     known = set(map(tuple, file.all_sample_rows()[["string", "sample"]].tolist()))
     known |= set(map(tuple, file.fresh_keys.tolist()))
     left = [
         (experiment.setup(string), file.parameters[own.string], string, sample)
         for string, sample in noted
-        if names
-        and (string, sample) not in known
+        if (string, sample) not in known
         and (own := volume_string(string)).string in file.parameters
     ]
     end = time.monotonic() + MAX_TRIAL

@@ -95,6 +95,8 @@ def test_only_samples_that_end_a_process_of_their_own_are_found(tmp_path, faultl
     stopped = StopRequest()
     stopped.request("for a test")
     assert list(ended_samples(experiment, file, noted, stopped)) == []
+    unread = None  # a start with nothing to try reads no samples
+    assert list(ended_samples(experiment, unread, [], StopRequest())) == []
 
 
 def test_the_last_two_notes_of_each_rank_stay_until_the_lock_is_taken(tmp_path):
