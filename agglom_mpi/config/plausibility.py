@@ -20,7 +20,6 @@ from agglom_mpi.config.yaml_source import Problem, parse
 from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.declaration.units import quoted
 from agglom_mpi.formatting import format_duration, in_unit, pluralise, value_with_prefix
-from agglom_mpi.measurements.datum import QUANTITIES
 from agglom_mpi.physics import scales
 from agglom_mpi.physics.constants import LIGHT_SPEED
 from agglom_mpi.variables import TEN, VariableTable
@@ -181,7 +180,7 @@ def _unusual(table: VariableTable, lower: np.ndarray, upper: np.ndarray) -> Iter
 def _of_data(campaign: "CampaignSections") -> Iterator[Finding]:
     """Yield measured diameters and radii that no grains have."""
     for i, entry in enumerate(campaign.data_entries):
-        if entry.value is None or QUANTITIES[entry.quantity].unit != "m":
+        if entry.value is None or entry.kind.unit != "m":
             continue
         if not GRAINS.lower <= entry.value <= GRAINS.upper:
             size = value_with_prefix(entry.value, "m")

@@ -11,7 +11,7 @@ from typing import Final, Literal, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from agglom_mpi.measurements.prediction import QUANTILES
+from agglom_mpi.measurements.quantities import QUANTITIES
 
 Numbers: TypeAlias = npt.NDArray[np.float64]
 ShareWeight: TypeAlias = Literal["number", "area", "mass"]
@@ -68,9 +68,11 @@ class SizeCurve(NamedTuple):
         edges, below = np.array(self.edges), np.cumsum([0.0, *self.shares])
         closed = (edges > 0.0) & np.isfinite(edges)
         found: dict[tuple[str, str], tuple[float, float]] = {}
-        for name, share in QUANTILES.items():
+        for name, kind in QUANTITIES.items():
+            if kind.share is None:
+                continue
             log, linear = (
-                float(np.interp(share, below[closed], ends, np.nan, np.nan))
+                float(np.interp(kind.share, below[closed], ends, np.nan, np.nan))
                 for ends in (np.log(edges[closed]), edges[closed])
             )
             found[name, self.weight] = math.exp(log), linear

@@ -29,7 +29,7 @@ from agglom_mpi.inference.stored_samples import (
     why_not_emulated,
 )
 from agglom_mpi.inference.string_values import string_values
-from agglom_mpi.measurements.datum import QUANTITIES, Datum, within_limits
+from agglom_mpi.measurements.datum import Datum
 from agglom_mpi.measurements.misfit import UNLIKELY
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
@@ -97,10 +97,10 @@ class PredictedDatum(NamedTuple):
         return {
             "name": datum.name,
             "quantity": datum.quantity,
-            "weight": datum.weight if QUANTITIES[datum.quantity].has_weight else None,
+            "weight": datum.own_weight,
             "time": datum.time,
             "edges": edges,
-            "unit": QUANTITIES[datum.quantity].unit,
+            "unit": datum.kind.unit,
             "measured": datum.values.tolist(),
             "error": np.sqrt(np.diag(datum.covariance)).tolist(),
             "quantiles": self.quantiles().tolist(),
@@ -218,7 +218,7 @@ class DataPosterior(Posterior[EmulatedData]):
         for i, datum in enumerate(self.of.data):
             meaning: dict[str, Any] = {
                 "long_name": datum.name,
-                "units": QUANTITIES[datum.quantity].unit,
+                "units": datum.kind.unit,
             }
             if datum.edges is not None:
                 meaning["edges"] = datum.edges
@@ -338,7 +338,7 @@ def predict_data(posterior: DataPosterior) -> tuple[list[PredictedDatum], float]
     outside = (middle < of.reached[0]) | (middle > of.reached[1])
     found = []
     for datum, rows, p in zip(of.data, of.frame.rows, p_values[1:], strict=True):
-        draws = within_limits(datum.quantity, values[:, rows], of.lengths)
+        draws = datum.kind.within_limits(values[:, rows], of.lengths)
         found.append(PredictedDatum(datum, draws, p, bool(outside[rows].any())))
     return found, p_values[0]
 

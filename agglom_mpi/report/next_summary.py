@@ -9,7 +9,6 @@ from agglom_mpi.display.fitted_table import FittedTable
 from agglom_mpi.formatting import format_digits, in_unit, pluralise, value_with_prefix, without_nan
 from agglom_mpi.inference.data_posterior import DataPosterior
 from agglom_mpi.inference.next_measurement import NextMeasurement, NextMeasurements
-from agglom_mpi.measurements.datum import QUANTITIES
 from agglom_mpi.report.set_files import write_table
 from agglom_mpi.storage.files import require_absent, require_writable_folder
 
@@ -80,7 +79,7 @@ def _value(each: NextMeasurement) -> str:
     """Return the value that is expected; nothing for shares of sizes."""
     if len(each.datum.values) > 1:
         return ""
-    unit = QUANTITIES[each.datum.quantity].unit
+    unit = each.datum.kind.unit
     if unit == "m":
         return value_with_prefix(each.predicted, unit)
     return in_unit(f"{each.predicted:.4g}", unit)

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from agglom_mpi.config.yaml_source import CampaignError, parse
 from agglom_mpi.declaration.units import has_offset, to_si, unit_in
-from agglom_mpi.measurements.datum import QUANTITIES
+from agglom_mpi.measurements.quantities import QUANTITIES
 from agglom_mpi.report.drawing import scaled_unit, typeset_unit
 from agglom_mpi.storage.reader import CampaignData
 
@@ -72,9 +72,8 @@ def written_units(data: CampaignData) -> dict[str, str]:
 
 def _si_unit(quantity: Any) -> str:
     """Return the SI unit in which a measured quantity is given: m of a file of sizes."""
-    if quantity == "sizes":
-        return "m"
-    return QUANTITIES[quantity].unit if isinstance(quantity, str) and quantity in QUANTITIES else ""
+    kind = QUANTITIES.get(quantity) if isinstance(quantity, str) else None
+    return "" if kind is None else kind.axis_unit
 
 
 def _datum_unit(entry: dict[str, Any]) -> str:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from agglom_mpi.analysis.data_fit import has_data, string_predictions
 from agglom_mpi.analysis.ranking import judged_string, rank_strings
 from agglom_mpi.formatting import in_unit, value_with_error
-from agglom_mpi.measurements.datum import QUANTITIES, Datum
+from agglom_mpi.measurements.datum import Datum
 from agglom_mpi.report.drawing import COLOURS, few_ticks, style_axes
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
 from agglom_mpi.report.shown_units import shown_unit
@@ -115,8 +115,8 @@ class ComparedDatum(NamedTuple):
 
 def draw_data_fit(figure: Any, compared: Sequence[ComparedDatum]) -> NDArray[Any]:
     """Draw two panels for each size curve, and one for all numbers; return the axes, (panels,)."""
-    curves = [each for each in compared if each.datum.quantity == "sizes"]
-    numbers = [each for each in compared if each.datum.quantity != "sizes"]
+    curves = [each for each in compared if each.datum.kind.is_curve]
+    numbers = [each for each in compared if not each.datum.kind.is_curve]
     heights = [
         *([CURVE_HEIGHT] * len(curves)),
         *([_residual_height(len(numbers))] if numbers else []),
@@ -279,15 +279,13 @@ def _compared(data: CampaignData, options: FigureOptions) -> list[ComparedDatum]
 
 def unit_of_datum(data: CampaignData, datum: Datum) -> tuple[float, str]:
     """Return factor and label of the unit in which a datum, or the sizes of a curve, are shown."""
-    if datum.edges is not None:
-        return shown_unit(data, datum.quantity, "m", float(datum.edges[-2]))
-    unit = QUANTITIES[datum.quantity].unit
-    return shown_unit(data, datum.quantity, unit, float(datum.values[0]))
+    largest = datum.values[0] if datum.edges is None else datum.edges[-2]
+    return shown_unit(data, datum.quantity, datum.kind.axis_unit, float(largest))
 
 
 def data_fit_size(compared: Sequence[ComparedDatum]) -> tuple[float, float]:
     """Return width and height of the figure of some data, inches."""
-    curves = sum(each.datum.quantity == "sizes" for each in compared)
+    curves = sum(each.datum.kind.is_curve for each in compared)
     numbers = len(compared) - curves
     height = CURVE_HEIGHT * curves + (_residual_height(numbers) if numbers else 0.0)
     return WIDTH, height + 0.4

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.measurements.census import Census
-from agglom_mpi.measurements.datum import Datum
+from agglom_mpi.measurements.datum import Datum, Predictions, predictions
 from agglom_mpi.measurements.layout import CENSUS_COLUMNS, CensusLayout
 from agglom_mpi.outcome import SampleSummary, summaries
 from agglom_mpi.search.criteria import Criterion, NoCriterionError
@@ -17,7 +17,6 @@ from agglom_mpi.search.objectives.objective import Objective
 
 if TYPE_CHECKING:
     from agglom_mpi.measurements.misfit import Misfit
-    from agglom_mpi.measurements.prediction import Predictions
 
 Floats = NDArray[np.float64]
 
@@ -142,7 +141,7 @@ class MisfitOfData(Objective):
 
     def predictions(
         self, outcomes: Sequence[SampleSummary], data: Sequence[Datum] | None = None
-    ) -> "Predictions":
+    ) -> Predictions:
         """Return what completed samples predict for the values of data.
 
         Parameters
@@ -151,8 +150,6 @@ class MisfitOfData(Objective):
         data
             Measured or not, at the times of the censuses; None: what was measured.
         """
-        from agglom_mpi.measurements.prediction import predictions
-
         census = self._known.census([o.census for o in outcomes])
         return predictions(census, self.data if data is None else data)
 

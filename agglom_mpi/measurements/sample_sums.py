@@ -1,4 +1,4 @@
-"""Predictions of a string for each datum, from sums over its samples.
+"""Sums over the samples of a string, by all of them and without one each.
 
 The distribution of a string is the pooled one: that of the particles of all of its samples
 together. Each prediction is a function of sums over samples, so the same function gives the pooled
@@ -11,68 +11,16 @@ quantile without a sample would jump between the particles' sizes where few are 
 """
 
 import math
-from collections.abc import Callable, Sequence
-from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.measurements.census import Census
-from agglom_mpi.measurements.datum import Datum, data_times
 
 Floats = NDArray[np.float64]
 
-QUANTILES: Final = {"d10": 0.1, "d50": 0.5, "d90": 0.9}
-"""Share below each of the quantiles that can be measured."""
 
-
-class Predictions(NamedTuple):
-    """Predictions of a string for all values of some data, one after the other.
-
-    Attributes
-    ----------
-    pooled
-        By all samples, shape (Q,).
-    left_out
-        Without one sample each, shape (n, Q); nan with a single sample.
-    """
-
-    pooled: Floats
-    left_out: Floats
-
-
-def predictions(census: Census, data: Sequence[Datum]) -> Predictions:
-    """Return what all samples of a string, and all but one, predict for each value of data.
-
-    Parameters
-    ----------
-    census
-        At least one sample, at the times of `data_times(data)`.
-    data
-        In any order.
-    """
-    times = data_times(data)
-    if census.counts.shape[1] != len(times):
-        raise ValueError(f"a census at {census.counts.shape[1]} times of data at {len(times)}")
-    moments = [_Moment(census, index) for index in range(len(times))]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        columns = [_column(moments[times.index(datum.time)], datum) for datum in data]
-    rows = np.concatenate(columns, axis=1)
-    if census.samples == 1:
-        rows[1] = math.nan
-    return Predictions(rows[0], rows[1:])
-
-
-def _column(moment: "_Moment", datum: Datum) -> Floats:
-    """Return the predictions of one datum, shape (1 + n, q): by all samples, then without one."""
-    if datum.quantity == "sizes":
-        return moment.shares(datum)
-    if datum.quantity in QUANTILES:
-        return moment.quantile(QUANTILES[datum.quantity], datum.weight)[:, None]
-    return _NUMBERS[datum.quantity](moment, datum.weight)[:, None]
-
-
-class _Moment:
+class SampleSums:
     """Sums over samples at one time; the first row of each is of all, the others without one."""
 
     def __init__(self, census: Census, index: int) -> None:
@@ -99,12 +47,9 @@ class _Moment:
         sums = np.einsum("sb,sb->s", self.masses, self.diameters ** (power - 3))
         return left_out_sums(self.cubes_per_mass * sums)
 
-    def shares(self, datum: Datum) -> Floats:
-        """Return the shares of the classes of a datum, shape (1 + n, q)."""
-        assert datum.edges is not None
-        classes = left_out_sums(
-            self.amounts(datum.weight) @ class_fractions(self.edges, datum.edges)
-        )
+    def shares(self, edges: Floats, weight: str) -> Floats:
+        """Return the shares of classes with edges in m, (q + 1,), shape (1 + n, q)."""
+        classes = left_out_sums(self.amounts(weight) @ class_fractions(self.edges, edges))
         return np.asarray(classes / np.sum(classes, axis=1, keepdims=True))
 
     def quantile(self, share: float, weight: str) -> Floats:
@@ -165,47 +110,3 @@ def binned_quantile(edges: Floats, amounts: Floats, share: float) -> float:
     inside = 1.0 - (cumulative[row] - wanted) / amounts[row] if amounts[row] > 0.0 else 0.0
     low, high = edges[row], edges[row + 1]
     return float(low * (high / low) ** min(max(inside, 0.0), 1.0))
-
-
-_MEAN_POWERS: Final = {"number": (1, 0), "area": (3, 2), "mass": (4, 3)}
-"""Powers of the two sums whose ratio is the mean diameter by a weight."""
-
-
-def _mean_diameter(moment: _Moment, weight: str) -> Floats:
-    above, below = _MEAN_POWERS[weight]
-    return moment.power_sum(above) / moment.power_sum(below)
-
-
-def _spread(moment: _Moment, _: str) -> Floats:
-    """Return the standard deviation of diameters over their mean, √(⟨d²⟩/⟨d⟩² − 1)."""
-    ratio = moment.power_sum(2) * moment.power_sum(0) / moment.power_sum(1) ** 2
-    return np.sqrt(np.maximum(ratio - 1.0, 0.0))
-
-
-def _particles_left(moment: _Moment, _: str) -> Floats:
-    n = len(moment.counts)
-    samples = np.concatenate([[n], np.full(n, n - 1)])
-    return moment.power_sum(0) / (samples * moment.grains)
-
-
-def _largest_mass_fraction(moment: _Moment, _: str) -> Floats:
-    masses = np.sum(moment.masses, axis=1)
-    return left_out_sums(moment.largest) / left_out_sums(masses)
-
-
-def _temperature(moment: _Moment, _: str) -> Floats:
-    masses = np.sum(moment.masses, axis=1)
-    return left_out_sums(moment.temperatures * masses) / left_out_sums(masses)
-
-
-_NUMBERS: Final[dict[str, Callable[[_Moment, str], Floats]]] = {
-    "d43": lambda moment, _: _mean_diameter(moment, "mass"),
-    "d32": lambda moment, _: _mean_diameter(moment, "area"),
-    "mean_diameter": _mean_diameter,
-    "mean_radius": lambda moment, weight: 0.5 * _mean_diameter(moment, weight),
-    "spread": _spread,
-    "particles_left": _particles_left,
-    "largest_mass_fraction": _largest_mass_fraction,
-    "temperature": _temperature,
-}
-"""Prediction of each quantity of one number, shape (1 + n,)."""
