@@ -60,9 +60,7 @@ def test_every_field_of_every_law_is_a_path_or_refused(key, name):
         if isinstance(number, In) and key not in NUMERICAL:
             paths = [f"{path}.{i}" for i in range(len(places))] if places else [path]
             assert set(paths) <= known.keys()
-            assert [find_path(each, scene).unit for each in paths] == (
-                [number.unit] * len(paths)
-            )
+            assert [find_path(each, scene).unit for each in paths] == ([number.unit] * len(paths))
         else:
             assert path not in known
             with pytest.raises(ValueError, match=r"\w"):
