@@ -156,8 +156,8 @@ def make_plan(options: AccuracyOptions) -> StudyPlan:
     parameters, numbers = np.zeros(0), dict[str, float]()
     if campaign is not None:
         string = campaign.parameters(options.settings)
-        values = campaign.used_values(string)
-        numbers = {path.name: values[path.name] for path in campaign.variables.paths}
+        values = campaign.variables.used_values(string)
+        numbers = {name: values[name] for name in campaign.variables.of_scene}
         campaign, parameters = closed(campaign, string)
     scenes = {name: closed(scene, scene.parameters())[0] for name, scene in scenes.items()}
     history = read_inversion(options.history, options.allow_code) if options.history else None

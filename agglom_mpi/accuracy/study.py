@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.config.bounds import Bounds
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.identity import STUDY_SEPARATORS, digest
 from agglom_mpi.config.identity import objective as objective_identity
@@ -86,13 +85,12 @@ def closed(campaign: Campaign, string: NDArray[np.float64]) -> tuple[Campaign, N
     that all campaigns have.
     """
     campaign = without_data(campaign)
-    if not campaign.variables.paths:
+    if not campaign.variables.of_scene:
         return campaign, string
     section, values = campaign.at(string)
     rest = np.array([values[name] for name in TEN.names])
-    nowhere = np.zeros(TEN.count, np.bool_)
-    used = tuple(name for name in TEN.names if not np.isnan(values[name]))
-    box = Bounds(rest, rest, nowhere, nowhere, used, (), third_moment=section.third_moment)
+    fixed = {v.name: v._replace(lower=values[v.name], upper=values[v.name]) for v in TEN.variables}
+    box = TEN.with_ranges(fixed, third_moment=section.third_moment)
     return replace(campaign, scene=section, variables=box, relations=NO_RELATIONS), rest
 
 

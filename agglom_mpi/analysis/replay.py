@@ -123,7 +123,7 @@ def _check_campaign(campaign: Campaign, report: VerificationReport) -> None:
     if report.data.quantities != dict(campaign.objective.quantity_units):
         report.faults.append("attributes: other quantities than in the campaign's text")
     rows, box = data.variable_rows(), campaign.variables
-    if _described(data.variables) != _described(box.table):
+    if _described(data.variables) != _described(box):
         report.faults.append("attributes: other further variables than in the campaign's text")
     bounds = (rows["lower"], box.lower), (rows["upper"], box.upper)
     same = all(np.array_equal(*pair, equal_nan=True) for pair in bounds)

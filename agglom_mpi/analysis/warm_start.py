@@ -98,7 +98,7 @@ def _ranked_strings(campaign: Campaign, path: Path) -> tuple[NDArray[np.int64], 
         what = f"needs code of one's own for its {data.left_out[0]}"
         raise ValueError(f"{what}, which runs only if this campaign names the same module")
     parameters = parameters_of(strings[np.searchsorted(strings["string"], order)])
-    return order, campaign.variables.table.of_other(parameters, data.variables)
+    return order, campaign.variables.of_other(parameters, data.variables)
 
 
 def _chosen(
@@ -109,7 +109,7 @@ def _chosen(
     The text names better ones that are left out. A ValueError is raised if there are too few.
     """
     strings, outside = _in_the_box(campaign, best)
-    names = campaign.variables.table.names
+    names = campaign.variables.names
     faults = {f"{name} out of range": outside[:, i] for i, name in enumerate(names)}
     faults["against the constraints"] = ~campaign.allowed_strings(strings)
     usable = ~np.any(list(faults.values()), axis=0)

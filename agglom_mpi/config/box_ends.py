@@ -1,6 +1,6 @@
 """Whether the laws of a scene take together the numbers at the ends of a box."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import groupby, product
 from typing import TYPE_CHECKING, Final
 
@@ -15,23 +15,28 @@ from agglom_mpi.formatting import in_unit
 from agglom_mpi.variables import volume_fraction
 
 if TYPE_CHECKING:
-    from agglom_mpi.config.bounds import Bounds
-    from agglom_mpi.config.campaign_sections import CampaignSections
+    from agglom_mpi.config.campaign import Campaign
 
 MAX_TOGETHER: Final = 8
 """Numbers of one law whose ends are combined: 256 strings, a tenth of a second."""
 
+Corner = tuple[list[str], npt.NDArray[np.float64]]
+"""Names of numbers of the scene, and a string, (k,), with these at ends of their ranges."""
 
-def check_ends(campaign: "CampaignSections") -> None:
+
+def check_ends(campaign: "Campaign") -> None:
     """Raise a CampaignError if the scene of a string at the ends of the box is refused.
 
-    These are all lower ends, all upper ends, and the ends of one number of the scene with all else
-    in the middle. Strings that break a constraint are left out, as no search proposes them.
+    These are the ends of one number of the scene with all else in the middle, all lower ends, and
+    all upper ends. Strings that break a constraint are left out, as no search proposes them.
     """
-    if not campaign.variables.paths:
+    box, names = campaign.variables, _searched(campaign)
+    if not box.of_scene:
         return
     try:
-        problems = _refused(campaign) or dict(_out_of_reach(campaign))
+        problems = _refused(campaign, (each for name in names for each in _ends(campaign, [name])))
+        whole = ((names, string) for string in (box.lower, box.upper))
+        problems = problems or _refused(campaign, whole) or dict(_out_of_reach(campaign))
     except CodeNotAllowedError:  # of a recorded law of one's own, which was asked at the start
         return
     if problems:
@@ -39,70 +44,54 @@ def check_ends(campaign: "CampaignSections") -> None:
         raise CampaignError(*(source.problem(*found) for found in problems.items()))
 
 
-def refused_corners(campaign: "CampaignSections") -> list[Problem]:
+def refused_corners(campaign: "Campaign") -> list[Problem]:
     """Return a warning of each law that refuses some ends of its numbers together."""
-    found: list[tuple[FieldPath, str]] = []
-    for names, strings in _corners(campaign):
-        refusals = ((string, _refusal(campaign, string)) for string in strings)
+    problems: dict[FieldPath, str] = {}
+    for _, group in groupby(_searched(campaign), key=lambda name: name.split(".")[0]):
+        names = list(group)[:MAX_TOGETHER]
         try:
-            string, message = next(((s, m) for s, m in refusals if m), (None, ""))
+            if len(names) > 1:
+                problems |= _refused(campaign, _ends(campaign, names))
         except CodeNotAllowedError:  # of a recorded law of one's own
             continue
-        if string is not None:
-            reached = " and ".join(f"{name} {_value(campaign, name, string)}" for name in names)
-            text = f"reaches {reached}, where {message}; samples fail there; constraints exclude it"
-            found.append((("variables", names[0]), text))
-    if not found:
+    if not problems:
         return []
-    source = parse(campaign.text, campaign.name)
-    return [source.problem(*each) for each in found]
+    source, more = parse(campaign.text, campaign.name), "samples fail there; constraints exclude it"
+    return [source.problem(path, f"{message}; {more}") for path, message in problems.items()]
 
 
-def _refused(campaign: "CampaignSections") -> dict[FieldPath, str]:
-    """Return why strings at ends of the box have no scene, by the field that it is reported at."""
-    problems: dict[FieldPath, str] = {}
-    for name, string in _ends(campaign):
-        path = ("variables", name)
-        if path not in problems and (message := _refusal(campaign, string)):
-            problems[path] = _reaches(campaign, name, string, message)
-    if problems:
-        return problems
-    for string in (campaign.variables.lower, campaign.variables.upper):
-        if message := _refusal(campaign, string):
-            name = _taking_part(campaign, string)
-            return {("variables", name): _reaches(campaign, name, string, message)}
-    return {}
+def _searched(campaign: "Campaign") -> list[str]:
+    """Return the names of the numbers of the scene that are searched."""
+    return [name for name in campaign.variables.of_scene if campaign.variables[name].is_searched]
 
 
-def _refusal(campaign: "CampaignSections", string: npt.NDArray[np.float64]) -> str:
-    """Return why a string, (k,), has no scene; empty if it has one, or is never proposed."""
-    return _problem(campaign, string) if campaign.allowed_strings(string[None])[0] else ""
+def _ends(campaign: "Campaign", names: list[str]) -> Iterator[Corner]:
+    """Yield strings with all ends of some numbers combined, and all else in the middle."""
+    box = campaign.variables
+    places = [box.index(name) for name in names]
+    for ends in product((box.lower, box.upper), repeat=len(names)):
+        string = box.at(0.5)
+        for place, end in zip(places, ends, strict=True):
+            string[place] = end[place]
+        yield names, string
 
 
-def _taking_part(campaign: "CampaignSections", string: npt.NDArray[np.float64]) -> str:
-    """Return a searched number of the scene without whose end a string, (k,), has a scene."""
-    box, names = campaign.variables, _searched(campaign)
-    for name in names:
-        moved, place = np.array(string), box.table.index(name)
-        moved[place] = box.at(0.5)[place]
-        if not _problem(campaign, moved):
-            return name
-    return names[0]
+def _refused(campaign: "Campaign", corners: Iterable[Corner]) -> dict[FieldPath, str]:
+    """Return why strings at ends have no scene, by the field of the number that is named."""
+    box, problems = campaign.variables, dict[FieldPath, str]()
+    for names, string in corners:
+        if not campaign.allowed_strings(string[None])[0] or not (why := _problem(campaign, string)):
+            continue
+        # A law begins with the number that it refuses; jamming depends on sizes alone.
+        sizes = [name for name in names if name.startswith("sizes.")]
+        name = next(n for n in [why.split()[0], *sizes, *names] if n in names)
+        if ("variables", name) not in problems:
+            reached = in_unit(f"{string[box.index(name)]:g}", box[name].unit)
+            problems["variables", name] = f"reaches {reached}, where {why}"
+    return problems
 
 
-def _reaches(
-    campaign: "CampaignSections", name: str, string: npt.NDArray[np.float64], message: str
-) -> str:
-    return f"reaches {_value(campaign, name, string)}, where {message}"
-
-
-def _value(campaign: "CampaignSections", name: str, string: npt.NDArray[np.float64]) -> str:
-    """Return the value of a variable in a string, (k,), with its unit."""
-    table = campaign.variables.table
-    return in_unit(f"{string[table.index(name)]:g}", table[name].unit)
-
-
-def _out_of_reach(campaign: "CampaignSections") -> Iterator[tuple[FieldPath, str]]:
+def _out_of_reach(campaign: "Campaign") -> Iterator[tuple[FieldPath, str]]:
     """Yield the objective if it wants more growth than the grains of any string allow."""
     wanted = campaign.objective.wanted_growth
     if wanted is None or not campaign.scenes.sizes_differ:
@@ -113,43 +102,7 @@ def _out_of_reach(campaign: "CampaignSections") -> Iterator[tuple[FieldPath, str
         yield ("objective", *field), f"is {ratio:g}; {grains} give at most {largest:.4g}"
 
 
-def _searched(campaign: "CampaignSections") -> list[str]:
-    """Return the names of the numbers of the scene that are searched."""
-    box = campaign.variables
-    return [path.name for path in box.paths if path.name in box.searched]
-
-
-def _ends(campaign: "CampaignSections") -> Iterator[tuple[str, npt.NDArray[np.float64]]]:
-    """Yield strings with one number of the scene at an end, (k,), each with its name."""
-    box = campaign.variables
-    for name in _searched(campaign):
-        place = box.table.index(name)
-        for end in (box.lower, box.upper):
-            string = box.at(0.5)
-            string[place] = end[place]
-            yield name, string
-
-
-def _corners(
-    campaign: "CampaignSections",
-) -> Iterator[tuple[list[str], Iterator[npt.NDArray[np.float64]]]]:
-    """Yield searched numbers of each law, and strings, (k,), with all their ends combined."""
-    box = campaign.variables
-    for _, paths in groupby(box.paths, key=lambda path: path.section):
-        names = [path.name for path in paths if path.name in box.searched][:MAX_TOGETHER]
-        if len(names) > 1:
-            yield names, _combined(box, [box.table.index(name) for name in names])
-
-
-def _combined(box: "Bounds", places: list[int]) -> Iterator[npt.NDArray[np.float64]]:
-    for ends in product((box.lower, box.upper), repeat=len(places)):
-        string = box.at(0.5)
-        for place, end in zip(places, ends, strict=True):
-            string[place] = end[place]
-        yield string
-
-
-def _problem(campaign: "CampaignSections", string: npt.NDArray[np.float64]) -> str:
+def _problem(campaign: "Campaign", string: npt.NDArray[np.float64]) -> str:
     """Return why a string, (k,), has no scene; empty if it has one."""
     try:
         section, values = campaign.at(string)
@@ -157,8 +110,6 @@ def _problem(campaign: "CampaignSections", string: npt.NDArray[np.float64]) -> s
         return str(error)
     fraction = volume_fraction(values["size_ratio"], section.third_moment)
     if fraction > JAMMING_FRACTION * (1.0 + 1e-9):
-        return (
-            f"the grains fill {fraction:.3g} of the box; random placement jams near "
-            f"{JAMMING_FRACTION}"
-        )
+        limit = f"random placement jams near {JAMMING_FRACTION}"
+        return f"the grains fill {fraction:.3g} of the box; {limit}"
     return ""

@@ -9,7 +9,7 @@ from agglom_mpi.config.groups import Group, groups_of, powers_of
 from agglom_mpi.variables import TEN, VariableTable
 
 if TYPE_CHECKING:
-    from agglom_mpi.config.campaign_sections import CampaignSections
+    from agglom_mpi.config.campaign import Campaign
 
 Floats = NDArray[np.float64]
 
@@ -136,9 +136,9 @@ class Coordinates:
         return found
 
 
-def coordinates_of(campaign: "CampaignSections") -> Coordinates:
+def coordinates_of(campaign: "Campaign") -> Coordinates:
     """Return the coordinates in which a campaign's strings are emulated."""
     box = campaign.variables
-    groups = groups_of(campaign.scene, box.searched, box.table)
-    powers = powers_of(campaign.scene, box.table)
-    return Coordinates(box.lower, box.upper, groups, powers, box.logarithmic, box.table)
+    groups = groups_of(campaign.scene, box.searched, box)
+    powers = powers_of(campaign.scene, box)
+    return Coordinates(box.lower, box.upper, groups, powers, box.logarithmic, box)

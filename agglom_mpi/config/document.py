@@ -15,7 +15,6 @@ from pydantic import (
 )
 
 from agglom_mpi.config.bounds import (
-    Range,
     VariableEntries,
     check_required,
     entries_model,
@@ -48,7 +47,7 @@ from agglom_mpi.search.methods.method import SearchMethod
 from agglom_mpi.search.objectives.growth import MaximumGrowth
 from agglom_mpi.search.objectives.objective import Objective
 from agglom_mpi.search.stopping import StoppingRule
-from agglom_mpi.variables import VOLUME_FRACTION, VariableTable, volume_fraction
+from agglom_mpi.variables import VOLUME_FRACTION, Variable, VariableTable, volume_fraction
 
 
 class SceneDocument(Section):
@@ -401,7 +400,7 @@ def _reason_for_search(source: Source) -> str:
 
 def check_given_strings(
     strings: list[dict[str, float]],
-    entries: Mapping[str, Range | None],
+    entries: Mapping[str, Variable | None],
     by_fraction: bool = False,
 ) -> list[tuple[FieldPath, str]]:
     """Return problems of given strings: values not searched or outside the box, duplicates.
@@ -421,7 +420,7 @@ def check_given_strings(
             problems.append((("start", i), "is the same string as one before it"))
         for name, value in string.items():
             entry, path = entries[name], ("start", i, name)
-            if entry is None or entry.lower == entry.upper:
+            if entry is None or not entry.is_searched:
                 problems.append((path, "is not searched; give values of variables with a range"))
             elif not entry.lower <= value <= entry.upper:
                 numbers = [value, entry.lower, entry.upper]

@@ -19,7 +19,7 @@ from agglom_mpi.statistics import MeanEstimate, mean_of, without_rounding
 from agglom_mpi.variables import PAPER_VARIABLES
 
 if TYPE_CHECKING:
-    from agglom_mpi.config.campaign_sections import CampaignSections
+    from agglom_mpi.config.campaign import Campaign
     from agglom_mpi.simulation.sample import Outcome
 
 MEASURED: Final = {
@@ -200,7 +200,7 @@ def _plain(mean: MeanEstimate) -> dict[str, float | None]:
 
 
 def estimate_of(
-    campaign: "CampaignSections",
+    campaign: "Campaign",
     parameters: npt.NDArray[np.float64],
     outcomes: Sequence["Outcome"],
     failed: int = 0,
@@ -217,7 +217,7 @@ def estimate_of(
     failed
         Number of samples that failed.
     """
-    objective, table = campaign.objective_at(parameters), campaign.variables.table
+    objective, table = campaign.objective_at(parameters), campaign.variables
     summaries = [outcome.measured for outcome in outcomes]
     needs_code = objective.needs_code
     value, error = (math.nan, math.nan) if needs_code else objective.of_ensemble(summaries)
@@ -262,7 +262,7 @@ def estimate_of(
 
 
 def _filled(
-    campaign: "CampaignSections", parameters: npt.NDArray[np.float64], outcomes: Sequence["Outcome"]
+    campaign: "Campaign", parameters: npt.NDArray[np.float64], outcomes: Sequence["Outcome"]
 ) -> MeanEstimate | None:
     """Return the volume fraction of the grains of completed samples; None if all are equal.
 

@@ -25,7 +25,7 @@ from agglom_mpi.declaration.stand_ins import record_of, stand_in
 from agglom_mpi.declaration.units import quoted
 
 if TYPE_CHECKING:
-    from agglom_mpi.config.campaign_sections import CampaignSections
+    from agglom_mpi.config.campaign import Campaign
 
 ONLY_ALLOWED: Final = (
     "Python code, which runs only with your permission: --allow-code, or "
@@ -87,7 +87,7 @@ def _but(name: str, error: ValueError) -> str:
     return text if text.startswith(start) else f"{start}, but {text}"
 
 
-def recorded_texts(campaign: "CampaignSections") -> dict[str, str]:
+def recorded_texts(campaign: "Campaign") -> dict[str, str]:
     """Return what the file of a campaign records of code of one's own; empty without any.
 
     That is what is known of components, and the modules of these and of a function of means: what
@@ -136,7 +136,7 @@ def record_faults(texts: Mapping[str, Any], identity: Mapping[str, Any]) -> Iter
                 yield f"attributes: {OWN_MODULES} has no source with the digest {key}"
 
 
-def own_of(campaign: "CampaignSections") -> Iterator[Component]:
+def own_of(campaign: "Campaign") -> Iterator[Component]:
     """Yield the components of one's own that a campaign names."""
     sections = [campaign.objective, *(campaign.plan or ())]
     sections += [getattr(campaign.scene, key) for key in type(campaign.scene).model_fields]
@@ -145,7 +145,7 @@ def own_of(campaign: "CampaignSections") -> Iterator[Component]:
             yield from (each for each in components_within(section) if each.own is not None)
 
 
-def permitted_modules(campaign: "CampaignSections") -> frozenset[tuple[str, str]]:
+def permitted_modules(campaign: "Campaign") -> frozenset[tuple[str, str]]:
     """Return file and digest of the modules that a campaign names, and that may be executed."""
     found = (component.own for component in own_of(campaign))
     modules = {(own.file, own.sha256) for own in found if own is not None and own.source}

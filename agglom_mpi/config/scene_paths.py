@@ -5,7 +5,7 @@ A number stands in one place: in the scene, or under its path in the section `va
 
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from typing import Any, Final, NamedTuple, get_args, get_origin
+from typing import Any, Final, get_args, get_origin
 
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.declaration.choices import Choice, choice_of
@@ -13,39 +13,13 @@ from agglom_mpi.declaration.components import Component, In, UnknownComponentErr
 from agglom_mpi.declaration.declared import DeclaredField, FieldPath
 from agglom_mpi.declaration.reading import PLAIN, Reading
 from agglom_mpi.declaration.spelling import suggestion
-from agglom_mpi.variables import MAX_VARIABLE_NAME, Variable
+from agglom_mpi.variables import MAX_VARIABLE_NAME, Variable, place_of
 
 NUMERICAL: Final = ("solver", "engine")
 """Sections of a scene whose numbers say how exactly it is computed, not what happens in it."""
 
 
-class ScenePath(NamedTuple):
-    """A real number of a scene.
-
-    Attributes
-    ----------
-    keys
-        Field of the scene, fields of its law and of laws within it, and place where the number is
-        one of a list.
-    variable
-        The number as a variable, whose name is the path.
-    """
-
-    keys: FieldPath
-    variable: Variable
-
-    @property
-    def section(self) -> str:
-        """Field of the scene that the number is in."""
-        return str(self.keys[0])
-
-    @property
-    def name(self) -> str:
-        """The path as a campaign file names it."""
-        return self.variable.name
-
-
-def paths_of(scene: Mapping[str, Any], reading: Reading = PLAIN) -> dict[str, ScenePath]:
+def paths_of(scene: Mapping[str, Any], reading: Reading = PLAIN) -> dict[str, Variable]:
     """Return the numbers of a scene that can be searched, by path.
 
     Parameters
@@ -63,7 +37,7 @@ def paths_of(scene: Mapping[str, Any], reading: Reading = PLAIN) -> dict[str, Sc
     return found
 
 
-def _paths_in(scene: Mapping[str, Any], key: str, reading: Reading) -> Iterator[ScenePath]:
+def _paths_in(scene: Mapping[str, Any], key: str, reading: Reading) -> Iterator[Variable]:
     """Yield the numbers of one field of a scene."""
     if key in SceneSection.NUMBERS:
         yield _path((key,), SceneSection.NUMBERS[key], f"{key} of the scene")
@@ -77,7 +51,7 @@ def _paths_in(scene: Mapping[str, Any], key: str, reading: Reading) -> Iterator[
 
 def _paths_of_law(
     law: type[Component], entry: Any, keys: FieldPath, reading: Reading
-) -> Iterator[ScenePath]:
+) -> Iterator[Variable]:
     """Yield the numbers of a law whose entry stands at `keys`, and of laws within it."""
     for name, field in law.model_fields.items():
         number, choice = number_of(field), choice_of(field)
@@ -94,9 +68,9 @@ def _paths_of_law(
                 yield _path((*keys, name), number, named)
 
 
-def _path(keys: FieldPath, number: In, meaning: str) -> ScenePath:
+def _path(keys: FieldPath, number: In, meaning: str) -> Variable:
     name = ".".join(map(str, keys))
-    return ScenePath(keys, Variable(name, number.unit, name, meaning, number.limits))
+    return Variable(name, number.unit, name, meaning, number.limits)
 
 
 def _places(field: DeclaredField) -> int:
@@ -126,7 +100,7 @@ def law_of_entry(
     return None if default is None else type(default)
 
 
-def find_path(name: str, scene: Mapping[str, Any], reading: Reading = PLAIN) -> ScenePath:
+def find_path(name: str, scene: Mapping[str, Any], reading: Reading = PLAIN) -> Variable:
     """Return the number of a scene with a path; arguments as for `paths_of`.
 
     Raises
@@ -146,28 +120,29 @@ def find_path(name: str, scene: Mapping[str, Any], reading: Reading = PLAIN) -> 
     return known[name]
 
 
-def given_at(scene: Mapping[str, Any], path: ScenePath) -> FieldPath | None:
+def given_at(scene: Mapping[str, Any], path: Variable) -> FieldPath | None:
     """Return where a scene in a file gives a number itself; None if it leaves the number out."""
     value: Any = scene
-    for key in path.keys:
+    for key in path.place:
         inside = key < len(value) if isinstance(key, int) and isinstance(value, list) else False
         if not inside and not (isinstance(value, dict) and key in value):
             return None
         value = value[key]
-    return None if value is None else path.keys
+    return None if value is None else path.place
 
 
 def with_number(
-    scene: Mapping[str, Any], path: ScenePath, value: float, reading: Reading = PLAIN
+    scene: Mapping[str, Any], path: Variable, value: float, reading: Reading = PLAIN
 ) -> dict[str, Any]:
     """Return a scene as it would be in a file if it gave the number itself."""
-    key, rest = path.section, path.keys[1:]
+    key, *rest = path.place
     if not rest:
-        return {**scene, key: value}
-    law = law_of_entry(scene, key, reading)
-    choice = choice_of(SceneSection.model_fields[key])
+        return {**scene, str(key): value}
+    law = law_of_entry(scene, str(key), reading)
+    choice = choice_of(SceneSection.model_fields[str(key)])
     assert law is not None
-    return {**scene, key: _entry_with_number(law, choice, scene.get(key), rest, value, reading)}
+    entry = scene.get(str(key))
+    return {**scene, str(key): _entry_with_number(law, choice, entry, tuple(rest), value, reading)}
 
 
 def _entry_with_number(
@@ -198,8 +173,8 @@ def _entry_with_number(
     return {**entry, field: listed}
 
 
-def with_numbers(section: SceneSection, numbers: Mapping[ScenePath, float]) -> SceneSection:
-    """Return a scene with other values of some of its numbers, which are within their limits.
+def with_numbers(section: SceneSection, numbers: Mapping[str, float]) -> SceneSection:
+    """Return a scene with other values of numbers by their paths, which are within their limits.
 
     Raises
     ------
@@ -209,7 +184,7 @@ def with_numbers(section: SceneSection, numbers: Mapping[ScenePath, float]) -> S
     changes: dict[str, Any] = {}
     changed: dict[str, Component] = {}
     for path, value in numbers.items():
-        key, *rest = path.keys
+        key, *rest = place_of(path)
         if rest:
             law = changed.get(str(key), getattr(section, str(key)))
             changed[str(key)] = _law_with_number(law, tuple(rest), value)

@@ -11,14 +11,14 @@ from agglom_mpi.config.yaml_source import CampaignError, MissingSearchLibraryErr
 from agglom_mpi.errors import MissingLibraryError, require_library
 
 if TYPE_CHECKING:
-    from agglom_mpi.config.campaign_sections import CampaignSections
+    from agglom_mpi.config.campaign import Campaign
 
 LOG: Final = logging.getLogger(__name__)
 
 
-def check_start(campaign: "CampaignSections", strings: npt.NDArray[np.float64]) -> None:
+def check_start(campaign: "Campaign", strings: npt.NDArray[np.float64]) -> None:
     """Raise a CampaignError if strings that `search.start` lists, (n, k), break a constraint."""
-    table, problems = campaign.variables.table, []
+    table, problems = campaign.variables, []
     for i, string in enumerate(strings):
         columns = table.columns_by_name(string[None])
         for broken in campaign.relations.broken(campaign.scenes, columns):
@@ -29,7 +29,7 @@ def check_start(campaign: "CampaignSections", strings: npt.NDArray[np.float64]) 
         raise CampaignError(*(source.problem(*found) for found in problems))
 
 
-def check_searchable(campaign: "CampaignSections") -> list[Problem]:
+def check_searchable(campaign: "Campaign") -> list[Problem]:
     """Return warnings about constraints that allow little of the box.
 
     Raises
@@ -42,13 +42,13 @@ def check_searchable(campaign: "CampaignSections") -> list[Problem]:
     return check_constraints(campaign)
 
 
-def log_narrow(campaign: "CampaignSections") -> None:
+def log_narrow(campaign: "Campaign") -> None:
     """Log the warnings of `check_searchable`, for what has no other place for them."""
     for problem in check_searchable(campaign):
         LOG.warning("warning: %s", problem)
 
 
-def check_constraints(campaign: "CampaignSections") -> list[Problem]:
+def check_constraints(campaign: "Campaign") -> list[Problem]:
     """Return warnings about constraints that allow little of the box.
 
     Raises
@@ -69,7 +69,7 @@ def check_constraints(campaign: "CampaignSections") -> list[Problem]:
     return [source.problem(path, message)]
 
 
-def check_search_library(campaign: "CampaignSections") -> None:
+def check_search_library(campaign: "Campaign") -> None:
     """Raise a MissingSearchLibraryError unless the search's library is installed."""
     search = campaign.search
     if search.library is None:

@@ -14,7 +14,6 @@ import numpy.typing as npt
 
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.inversion import own_sections, search_of
-from agglom_mpi.config.own_variables import own_variables
 from agglom_mpi.config.yaml_source import ArgumentError
 from agglom_mpi.declaration.users_code import users_code
 from agglom_mpi.formatting import pluralise
@@ -51,8 +50,8 @@ class ProposedStrings(dict[str, npt.NDArray[Any]]):
     """
 
     def __init__(self, campaign: Campaign, proposals: Proposals, first: int) -> None:
-        table = campaign.variables.table
-        columns = campaign.used_columns(proposals.parameters)
+        table = campaign.variables
+        columns = campaign.variables.used_columns(proposals.parameters)
         super().__init__(
             string=np.arange(first, first + len(proposals.parameters)),
             origin=np.array([ORIGINS[code] for code in proposals.origin]),
@@ -64,7 +63,7 @@ class ProposedStrings(dict[str, npt.NDArray[Any]]):
             name: VOLUME_FRACTION.unit if name == VOLUME_FRACTION.name else table[name].unit
             for name in columns
         }
-        self._searched = [each.name for each in own_variables(campaign.variables)]
+        self._searched = [each.name for each in campaign.variables.own]
 
     def __repr__(self) -> str:
         numbers = self["string"]
@@ -167,7 +166,7 @@ class Searcher(metaclass=PublicFace):
         error = self._errors[ranked.string]
         if ranked.standard_error is not None:
             error = ranked.standard_error
-        columns = self._campaign.used_columns(self._strings[ranked.string][None])
+        columns = self._campaign.variables.used_columns(self._strings[ranked.string][None])
         parameters = {name: float(values[0]) for name, values in columns.items()}
         return JudgedString(ranked.string, ranked.objective, error, parameters)
 

@@ -33,11 +33,11 @@ from agglom_mpi.simulation.scene import Scene
 from agglom_mpi.stopwatch import Stopwatch
 
 if TYPE_CHECKING:
-    from agglom_mpi.config.campaign_sections import CampaignSections
+    from agglom_mpi.config.campaign import Campaign
 
 
 def simulate(
-    campaign: "CampaignSections",
+    campaign: "Campaign",
     parameters: npt.ArrayLike,
     sample: int = 0,
     engine: Any = None,
@@ -115,7 +115,7 @@ def simulate(
 
 
 def changes_until(
-    campaign: "CampaignSections",
+    campaign: "Campaign",
     parameters: npt.ArrayLike,
     sample: int,
     share: float,
@@ -133,7 +133,7 @@ def changes_until(
 
 
 def random_numbers(
-    campaign: "CampaignSections", parameters: npt.NDArray[np.float64], sample: int
+    campaign: "Campaign", parameters: npt.NDArray[np.float64], sample: int
 ) -> np.random.Generator:
     """Return the random numbers of a sample of a string, (k,), from their beginning."""
     numbers = campaign.variables.stream_key(parameters)
@@ -141,9 +141,7 @@ def random_numbers(
     return sample_stream(campaign.seed, numbers, sample, common, campaign.volume)
 
 
-def stream_key(
-    campaign: "CampaignSections", parameters: npt.NDArray[np.float64]
-) -> tuple[int, ...]:
+def stream_key(campaign: "Campaign", parameters: npt.NDArray[np.float64]) -> tuple[int, ...]:
     """Return the key of the random numbers of a string, (k,), which a sample's number ends."""
     numbers = campaign.variables.stream_key(parameters)
     return sample_key(campaign.seed, numbers, campaign.common_configurations, campaign.volume)
@@ -165,7 +163,7 @@ class FunctionValue(NamedTuple):
 
 
 def evaluate_function(
-    campaign: "CampaignSections",
+    campaign: "Campaign",
     parameters: npt.NDArray[np.float64],
     sample: int,
     completed: tuple[Scene, Any, FinalParticles],
@@ -191,7 +189,7 @@ def evaluate_function(
     assert function is not None
     scene, record, final = completed
     initial = initial_radii(scene, lambda: random_numbers(campaign, parameters, sample))
-    values = campaign.used_values(parameters)
+    values = campaign.variables.used_values(parameters)
     seen = finished_sample(scene, values, record, final, initial)
     of_means = function_of_means(function, objective.code_of_means)
     if of_means is None:
@@ -201,7 +199,7 @@ def evaluate_function(
 
 
 def objective_value(
-    campaign: "CampaignSections",
+    campaign: "Campaign",
     scene: Scene,
     parameters: npt.NDArray[np.float64],
     record: Any,

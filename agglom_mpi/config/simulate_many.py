@@ -28,7 +28,7 @@ from agglom_mpi.simulation.sample_range import new_results, new_watch
 from agglom_mpi.simulation.scene import Scene
 
 if TYPE_CHECKING:
-    from agglom_mpi.config.campaign_sections import CampaignSections
+    from agglom_mpi.config.campaign import Campaign
 
 Floats = npt.NDArray[np.float64]
 
@@ -106,7 +106,7 @@ class _Work(NamedTuple):
     Anything but 0 in `abort`, (1,), ends all samples.
     """
 
-    campaign: "CampaignSections"
+    campaign: "Campaign"
     strings: Floats
     first: int
     engine: Any
@@ -116,7 +116,7 @@ class _Work(NamedTuple):
 
 
 def simulate_many(
-    campaign: "CampaignSections",
+    campaign: "Campaign",
     strings: Floats,
     samples: range,
     engine: Any,

@@ -33,6 +33,7 @@ from agglom_mpi.declaration.components import Component
 from agglom_mpi.declaration.laws import Law
 from agglom_mpi.declaration.users_code import users_code
 from agglom_mpi.errors import BAD_INPUT, UserError
+from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.simulation.own_laws import compiled_formulas
 
 MAX_TEST_SECONDS: Final = 300.0
@@ -135,11 +136,11 @@ def _of_law(campaign: Campaign, law: Law) -> list[PropertyFinding]:
     laws = {each.key: each.law for each in section.laws()}
     key = next(key for key, each in laws.items() if each is law)
     laws[key.partition(".")[0]] = law  # a law within another is tested by itself
-    space = campaign.variables.space()
+    space = SearchSpace.of(campaign.variables)
     ends = zip(space.lower.tolist(), space.upper.tolist(), strict=True)
     ranges = {
         name: (low, high)
-        for name, (low, high) in zip(campaign.variables.table.names, ends, strict=True)
+        for name, (low, high) in zip(campaign.variables.names, ends, strict=True)
         if not math.isnan(low)
     }
     own = {

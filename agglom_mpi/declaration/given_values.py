@@ -59,19 +59,15 @@ def read_value(variable: Variable, value: Any) -> float:
     return number
 
 
-def read_variable(
-    name: str, value: Any, third_moment: float = 1.0, table: VariableTable = TEN
-) -> tuple[str, float]:
+def read_variable(name: str, value: Any, table: VariableTable = TEN) -> tuple[str, float]:
     """Return a variable's name and value in SI units.
 
     Parameters
     ----------
     name, value
         As a file gives them.
-    third_moment
-        Of the law of sizes: a volume fraction is read as a size ratio, unless it is a variable.
     table
-        The variables of the campaign.
+        The variables of the campaign; a volume fraction that is none is read as a size ratio.
 
     Raises
     ------
@@ -80,7 +76,7 @@ def read_variable(
     """
     component = component_of(name, table)
     if name != component:
-        return component, size_ratio(read_value(VOLUME_FRACTION, value), third_moment)
+        return component, size_ratio(read_value(VOLUME_FRACTION, value), table.third_moment)
     return name, read_value(table[name], value)
 
 

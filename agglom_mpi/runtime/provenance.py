@@ -77,7 +77,6 @@ NOT_DECIDING: Final = (
     # Output of `agglom check`.
     "config/consequences.py",
     "config/describe.py",
-    "config/reference.py",
     # Output of `agglom explain`.
     "config/explanation.py",
     # Sets of rules for studies and figures.

@@ -69,7 +69,7 @@ def table_sizes(campaign: "Campaign") -> TableSizes:
         campaign.scene.particles if output.final_particles or frames else 0,
         output.final_particles,
         strings * samples * frames.count if frames else 0,
-        campaign.variables.table,
+        campaign.variables,
         campaign.objective.quantity_units,
         campaign.final.larger if campaign.final else (),
         campaign.census,

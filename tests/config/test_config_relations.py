@@ -108,7 +108,7 @@ def test_the_identity_holds_the_constraints_but_not_how_they_are_spelled():
             ["derived: {p: density + hardness}"],
             "does not fit together in 'density + hardness': 'density' is density, 'hardness' is",
         ),
-        (["derived: {p: exp(density)}"], "which has a call"),
+        (["derived: {p: exp(density)}"], "which has 'exp(density)'"),
         (["constraints: pressure < 1"], "constraints: is 'pressure < 1'; must be a list of texts"),
         (["constraints: []"], "constraints: is []; must be a list of texts like ['pressure"),
         (["constraints: [3]"], "constraints.0: is 3; must be a text like 'pressure < 0.1 * hard"),

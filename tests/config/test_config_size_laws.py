@@ -52,7 +52,7 @@ def test_a_relative_law_leaves_the_mean_to_the_box_or_a_diameter(entry):
     string = by_box.parameters()
     assert by_box.scene.build(string).radius == campaign().scene.build(string).radius
     assert by_size.scene.build(string).radius == 25e-6
-    assert by_box.fraction(0.5) == volume_fraction(0.5) * by_box.scene.third_moment
+    assert by_box.variables.fraction(0.5) == volume_fraction(0.5) * by_box.scene.third_moment
 
 
 def test_how_a_campaign_without_sizes_is_identified_does_not_change():
@@ -108,7 +108,7 @@ def test_a_wide_law_may_fill_no_more_of_the_box_than_has_room():
     found = message(wide, "  half_width: 0.01")
     assert "variables.size_ratio: reaches 0.8, a volume fraction of 1.13 with these" in found
     fits = with_sizes(wide, "  half_width: 0.01", ("  size_ratio", "  volume_fraction: 0.38"))
-    assert fits.fraction(fits.parameters()[1]) == pytest.approx(0.38, rel=1e-13)
+    assert fits.variables.fraction(fits.parameters()[1]) == pytest.approx(0.38, rel=1e-13)
 
 
 def test_strings_to_start_with_give_the_size_ratio_where_grains_have_sizes():

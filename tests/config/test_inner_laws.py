@@ -123,7 +123,7 @@ def test_numbers_that_laws_refuse_together_are_refused_inside_too():
     [found] = caught.value.problems
     assert (found.line, found.field) == (14, "variables.restitution.dry.film_thickness")
     campaign = Campaign.from_text(text(wet, more.replace("LOW", "2")))
-    path = campaign.variables.paths[0]
+    [path] = campaign.variables.of_scene
     section = with_numbers(campaign.scene, {path: 2e-6})
     assert section.restitution.dry.film_thickness == 2e-6
     with pytest.raises(ValueError, match=r"restitution\.dry\.roughness"):

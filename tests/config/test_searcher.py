@@ -7,7 +7,7 @@ import pytest
 from campaign_runs import QUICKSTART, SMALL, finish, write_campaign
 
 from agglom_mpi import load_campaign
-from agglom_mpi.config.own_variables import read_strings
+from agglom_mpi.config.given_strings import read_strings
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.schema import parameters_of

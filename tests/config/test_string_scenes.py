@@ -169,7 +169,7 @@ def test_a_median_of_the_sizes_leaves_the_volume_fraction_a_size_ratio():
         "sizes.median": "[10 um, 30 um]",
     }
     campaign = campaign_of(scene, variables)
-    assert campaign.variables.table.further_names == ("sizes.median",)
+    assert campaign.variables.further_names == ("sizes.median",)
     assert campaign.variables.by_volume_fraction
 
 
@@ -208,5 +208,5 @@ def test_a_law_that_refuses_its_numbers_together_is_named():
     string = campaign.parameters({"sizes.smallest": 5e-5, "sizes.largest": 4e-5})
     with pytest.raises(ValueError, match=r"sizes\.largest"):
         campaign.at(string)
-    [row] = campaign.scenes.rows(campaign.variables.table.columns_by_name(string[None]))
+    [row] = campaign.scenes.rows(campaign.variables.columns_by_name(string[None]))
     assert row is None

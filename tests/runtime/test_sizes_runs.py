@@ -90,7 +90,7 @@ def test_the_report_states_what_the_drawn_grains_of_completed_samples_fill(run):
     best = collect_summary(file).best[0]
     assert best["drawn_volume_fraction"] == drawn.as_dict()
     size_ratio = file.parameters[string][TEN.names.index("size_ratio")]
-    assert drawn.wanted == pytest.approx(campaign.fraction(size_ratio), rel=1e-12)
+    assert drawn.wanted == pytest.approx(campaign.variables.fraction(size_ratio), rel=1e-12)
     estimate = campaign.estimate(parameters, 3)
     assert estimate.volume_fraction.value == pytest.approx(np.mean(filled[:3]), rel=1e-12)
 

@@ -1,31 +1,22 @@
-"""The searched variables of a campaign as its file names them, and strings given by these names.
-
-A file may give the volume fraction in place of the size ratio, which is what strings hold.
-"""
+"""Strings of a campaign that are given by the names of its variables, or as arrays."""
 
 from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from agglom_mpi.config.alternatives import FRACTIONS
-from agglom_mpi.config.bounds import Bounds
 from agglom_mpi.config.quantities import BY_NAME
 from agglom_mpi.config.relation_reader import COLUMNS
 from agglom_mpi.config.yaml_source import ArgumentError, CampaignError, Problem
 from agglom_mpi.declaration.given_values import component_of, read_variable
 from agglom_mpi.formatting import in_unit
-from agglom_mpi.variables import (
-    VOLUME_FRACTION,
-    VariableTable,
-    size_ratio,
-    volume_fraction,
-)
+from agglom_mpi.variables import VOLUME_FRACTION, VariableTable, size_ratio
 
 if TYPE_CHECKING:
-    from agglom_mpi.config.campaign_sections import CampaignSections
+    from agglom_mpi.config.campaign import Campaign
 
 Floats = NDArray[np.float64]
 
@@ -49,67 +40,6 @@ ROUNDING: Final = 1e-9
 """Relative difference from a fixed value that is only rounding."""
 
 
-class OwnVariable(NamedTuple):
-    """A searched variable by the name and in the unit that the campaign gives it.
-
-    Attributes
-    ----------
-    name, unit
-    column
-        Its place in a string.
-    lower, upper
-        The range that is searched, in SI units.
-    logarithmic, cubic
-        Whether the campaign searches by its logarithm, or by its cube.
-    cubes
-        Of a volume fraction, the `third_moment` of the law of sizes; None for others.
-    """
-
-    name: str
-    unit: str
-    column: int
-    lower: float
-    upper: float
-    logarithmic: bool
-    cubic: bool
-    cubes: float | None = None
-
-    @property
-    def power(self) -> float:
-        """Power of the component of a string that it is, but for a factor: 3 or 1."""
-        return 1.0 if self.cubes is None else 3.0
-
-    def values(self, strings: Floats) -> Floats:
-        """Return its values at strings, (n, k), shape (n,)."""
-        return self.of_components(strings[:, self.column])
-
-    def of_components(self, components: Floats) -> Floats:
-        """Return its values for values of the component of a string, (n,)."""
-        if self.cubes is None:
-            return components
-        return np.array([volume_fraction(c, self.cubes) for c in components.tolist()])
-
-    def components(self, values: Floats) -> Floats:
-        """Return the values of the component of a string for its values, (n,)."""
-        if self.cubes is None:
-            return values
-        return np.array([size_ratio(value, self.cubes) for value in values.tolist()])
-
-
-def own_variables(box: Bounds) -> tuple[OwnVariable, ...]:
-    """Return the searched variables of a campaign's box, in the order of the strings."""
-    found = []
-    for i in np.flatnonzero(box.lower < box.upper).tolist():
-        variable, cubes = box.table.variables[i], None
-        if variable.name == "size_ratio" and box.by_volume_fraction:
-            variable, cubes = VOLUME_FRACTION, box.third_moment
-        logarithmic, cubic = bool(box.logarithmic[i]), bool(box.cubic[i]) and cubes is None
-        own = OwnVariable(variable.name, variable.unit, i, 0.0, 0.0, logarithmic, cubic, cubes)
-        lower, upper = own.of_components(np.array([box.lower[i], box.upper[i]])).tolist()
-        found.append(own._replace(lower=lower, upper=upper))
-    return tuple(found)
-
-
 def given_names(table: VariableTable, parameters: Parameters) -> set[str]:
     """Return the components of a string that parameters by name give; all of an array."""
     if not hasattr(parameters, "items"):
@@ -118,7 +48,7 @@ def given_names(table: VariableTable, parameters: Parameters) -> set[str]:
     return names | ({"size_ratio"} if VOLUME_FRACTION.name in names else set())
 
 
-def read_strings(campaign: "CampaignSections", parameters: Parameters) -> Floats:
+def read_strings(campaign: "Campaign", parameters: Parameters, share: float = 0.5) -> Floats:
     """Return strings of a campaign, (n, k) in SI units, as `campaign.simulate` reads one.
 
     Parameters
@@ -126,8 +56,9 @@ def read_strings(campaign: "CampaignSections", parameters: Parameters) -> Floats
     campaign
     parameters
         Values by name, a mapping or a DataFrame: numbers in SI units or texts with units, each (n,)
-        or one for all; what is not given is fixed, or the middle of its range. Or all variables
-        in SI units, shape (k,) or (n, k).
+        or one for all. Or all variables in SI units, shape (k,) or (n, k).
+    share
+        Share of the way along its range at which a variable is that is not given.
 
     Raises
     ------
@@ -157,14 +88,14 @@ def read_strings(campaign: "CampaignSections", parameters: Parameters) -> Floats
         said = ", ".join(f"{key} {length}" for key, length in lengths.items())
         message = f"have different lengths ({said}); must have one, or be one value for all"
         raise ArgumentError.of(campaign.name, "parameters", message) from None
-    strings = np.tile(campaign.variables.at(0.5), (*shape, 1))
+    strings = np.tile(box.at(share), (*shape, 1))
     for name, (_, values) in columns.items():
         if name in box.used:
-            strings[:, box.table.index(name)] = values
+            strings[:, box.index(name)] = values
     return strings
 
 
-def without_results(campaign: "CampaignSections", parameters: Any) -> dict[str, Any]:
+def without_results(campaign: "Campaign", parameters: Any) -> dict[str, Any]:
     """Return values by name; of rows of a table of strings, such as `file.best()`, the variables.
 
     What has a `string` is such a row: no variable is called that. Other columns of the tables, and
@@ -174,13 +105,13 @@ def without_results(campaign: "CampaignSections", parameters: Any) -> dict[str, 
     if "string" not in values:
         return values
     others = {*TABLE_COLUMNS, *(each.name for each in campaign.relations.derived)}
-    others -= set(campaign.variables.table.further_names)
+    others -= set(campaign.variables.further_names)
     if "size_ratio" not in values:  # as in strings of `Searcher.ask`
         others.discard(VOLUME_FRACTION.name)
     return {name: value for name, value in values.items() if name not in others}
 
 
-def read_searched(campaign: "CampaignSections", parameters: Parameters) -> Floats:
+def read_searched(campaign: "Campaign", parameters: Parameters) -> Floats:
     """Return strings, (n, k), that give every searched variable and change no other.
 
     Parameters
@@ -194,13 +125,13 @@ def read_searched(campaign: "CampaignSections", parameters: Parameters) -> Float
     CampaignError
         If a name is unknown, a value impossible or missing, or another than the campaign fixed.
     """
-    table = campaign.variables.table
+    table = campaign.variables
     strings, given = read_strings(campaign, parameters), given_names(table, parameters)
-    for variable in own_variables(campaign.variables):
+    for variable in table.own:
         if table.names[variable.column] not in given:
             message = "is missing; the campaign searches it"
             raise ArgumentError.of(campaign.name, variable.name, message)
-    for name, fixed in campaign.variables.fixed.items():
+    for name, fixed in table.fixed.items():
         values = strings[:, table.index(name)]
         other = values[np.abs(values - fixed) > ROUNDING * abs(fixed)]
         if len(other):
@@ -208,21 +139,19 @@ def read_searched(campaign: "CampaignSections", parameters: Parameters) -> Float
     return strings
 
 
-def _other_than_fixed(
-    campaign: "CampaignSections", name: str, given: float, fixed: float
-) -> ArgumentError:
+def _other_than_fixed(campaign: "Campaign", name: str, given: float, fixed: float) -> ArgumentError:
     """Return the error about a value that is not what the campaign fixed."""
-    unit = campaign.variables.table[name].unit
-    if name == "size_ratio" and campaign.variables.by_volume_fraction:
-        name = VOLUME_FRACTION.name
-        given, fixed = campaign.fraction(given), campaign.fraction(fixed)
+    box = campaign.variables
+    unit = box[name].unit
+    if name == "size_ratio" and box.by_volume_fraction:
+        name, given, fixed = VOLUME_FRACTION.name, box.fraction(given), box.fraction(fixed)
     message = f"is {given:.7g}; the campaign fixed it at {in_unit(f'{fixed:.7g}', unit)}"
     return ArgumentError.of(campaign.name, name, message)
 
 
-def _whole_strings(campaign: "CampaignSections", parameters: Any) -> Floats:
+def _whole_strings(campaign: "Campaign", parameters: Any) -> Floats:
     """Return strings of all k numbers; those that the scene uses must be finite."""
-    table = campaign.variables.table
+    table = campaign.variables
     try:
         strings = np.atleast_2d(np.asarray(parameters, np.float64))
     except (TypeError, ValueError):
@@ -247,17 +176,16 @@ def _whole_strings(campaign: "CampaignSections", parameters: Any) -> Floats:
     return strings
 
 
-def _read_column(key: str, value: Any, box: Bounds) -> tuple[str, Floats]:
+def _read_column(key: str, value: Any, box: VariableTable) -> tuple[str, Floats]:
     """Return the component that values of a variable give, and its values, (n,) or ()."""
-    third_moment = box.third_moment
-    read = partial(read_variable, third_moment=third_moment, table=box.table)
+    read = partial(read_variable, table=box)
     if isinstance(value, str) or np.ndim(value) == 0:
         one = value.item() if hasattr(value, "item") else value
         name, number = read(key, one)
         return name, np.asarray(number)
     if np.ndim(value) != 1:
         raise ValueError(f"has the shape {np.shape(value)}; must be one value or one-dimensional")
-    name = component_of(key, box.table)
+    name = component_of(key, box)
     values = np.asarray(value)
     if values.dtype.kind not in "iuf":  # of a list, as it is: numpy makes texts of its numbers
         listed = np.asarray(value, object).tolist()
@@ -266,7 +194,7 @@ def _read_column(key: str, value: Any, box: Bounds) -> tuple[str, Floats]:
     for one in _extremes(values):
         read(key, one)
     if key != name:
-        values = np.array([size_ratio(one, third_moment) for one in values.tolist()])
+        values = np.array([size_ratio(one, box.third_moment) for one in values.tolist()])
     return name, values
 
 
@@ -279,71 +207,14 @@ def _extremes(values: Floats) -> list[float]:
     return [float(values.min()), float(values.max()), *([float(sizes.min())] if len(sizes) else [])]
 
 
-def string_of(
-    campaign: "CampaignSections",
-    values: Mapping[str, float | str],
-    fill: Literal["lower", "centre", "upper"] = "centre",
-) -> Floats:
-    """Return one parameter string, (k,), in SI units; see `Campaign.parameters`.
-
-    Parameters
-    ----------
-    campaign
-    values
-        Values by name, SI numbers or texts with units.
-    fill
-        Which value of its range a variable takes that is not in `values`.
-
-    Raises
-    ------
-    CampaignError
-        If a name is unknown or a value impossible.
-    """
-    share, box = {"lower": 0.0, "centre": 0.5, "upper": 1.0}[fill], campaign.variables
-    string = box.at(share)
-    problems = []
-    given: dict[str, str] = {}
-    for key, value in without_results(campaign, values).items():
-        try:
-            name, number = read_variable(key, value, box.third_moment, box.table)
-        except ValueError as error:
-            problems.append(Problem(campaign.name, None, key, str(error)))
-            continue
-        if name in given:
-            message = f"is given beside {given[name]}; give one of {', '.join(FRACTIONS)}"
-            problems.append(Problem(campaign.name, None, key, message))
-        given[name] = key
-        if name in box.used:
-            string[box.table.index(name)] = number
-    if problems:
-        raise CampaignError(*problems)
-    return string
-
-
-def read_string(
-    campaign: "CampaignSections", parameters: Mapping[str, float | str] | ArrayLike
-) -> Floats:
-    """Return one parameter string, (k,), in SI units; see `Campaign.simulate`.
-
-    Parameters
-    ----------
-    campaign
-    parameters
-        As for `string_of`, or all variables in SI units, shape (k,).
-
-    Raises
-    ------
-    CampaignError
-        If a name is unknown or a value impossible, or these are several strings.
-    """
-    if isinstance(parameters, Mapping):
-        return string_of(campaign, parameters)
-    strings, by_name = read_strings(campaign, parameters), hasattr(parameters, "items")
+def read_string(campaign: "Campaign", parameters: Parameters, share: float = 0.5) -> Floats:
+    """Return one parameter string, (k,), in SI units; arguments and errors as of `read_strings`."""
+    strings, by_name = read_strings(campaign, parameters, share), hasattr(parameters, "items")
     if by_name and len(strings) != 1:
         message = f"are {len(strings)} strings; must be one, like a row by .iloc[0]"
         raise ArgumentError.of(campaign.name, "parameters", message)
-    if not by_name and np.ndim(parameters) != 1:
-        count = campaign.variables.table.count
-        message = f"have the shape {np.shape(parameters)}; must be {count} numbers"
+    if not by_name and np.asarray(parameters).ndim != 1:
+        count = campaign.variables.count
+        message = f"have the shape {np.asarray(parameters).shape}; must be {count} numbers"
         raise ArgumentError.of(campaign.name, "parameters", message)
     return strings[0]

@@ -4,8 +4,8 @@ from set_runs import three_variable_text
 
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.given_strings import read_searched, read_strings
 from agglom_mpi.config.loading import load_campaign
-from agglom_mpi.config.own_variables import own_variables, read_searched, read_strings
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.variables import TEN
 
@@ -19,7 +19,7 @@ def campaign():
 
 
 def test_a_variable_has_the_name_and_range_of_the_file(campaign):
-    speed, fraction, hardness, _ = own_variables(campaign.variables)
+    speed, fraction, hardness, _ = campaign.variables.own
     assert (speed.name, fraction.name, fraction.unit) == ("relative_speed", "volume_fraction", "1")
     assert (fraction.lower, fraction.upper) == pytest.approx((0.1, 0.3))
     assert not fraction.cubic
