@@ -13,9 +13,9 @@ from agglom_mpi.accuracy.study import closed
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.own_components import BesideCampaign
 from agglom_mpi.config.scene import SceneSection
-from agglom_mpi.config.size_file import read_beside
 from agglom_mpi.config.yaml_source import CampaignError, Problem
 from agglom_mpi.declaration.reading import SOURCE_SHA256, Reading
+from agglom_mpi.measurements.files.campaign_files import FilesBeside
 from agglom_mpi.physics import scales
 from agglom_mpi.simulation.engines import EventDriven
 from agglom_mpi.variables import TEN, volume_fraction
@@ -70,8 +70,7 @@ class MapScene(NamedTuple):
         text = text_of(
             {key: entry for key, entry in changed.items() if entry is not None}, given, self.seed
         )
-        beside = read_beside(Path(self.name).parent)
-        return Campaign.from_text(text, self.name, None, beside, self.reading)
+        return Campaign.from_text(text, self.name, None, self.reading)
 
 
 def text_of(
@@ -141,6 +140,7 @@ def map_scene(
     }
     for key in ("grain_diameter", "grain_radius"):
         document.pop(key, None)
+    folder = Path(campaign.name).parent
     return MapScene(
         section=section,
         values=dict(values),
@@ -148,7 +148,7 @@ def map_scene(
         name=campaign.name,
         title=campaign.title,
         seed=campaign.seed,
-        reading=Reading(own=BesideCampaign(Path(campaign.name).parent, allow_code)),
+        reading=Reading(own=BesideCampaign(folder, allow_code), files=FilesBeside(folder)),
         radius=scales.grain_radius(section, values),
         mass=scales.grain_mass(section, values),
         end_time=time,

@@ -23,7 +23,6 @@ from agglom_mpi.config.relations import NO_RELATIONS, Relations
 from agglom_mpi.config.scene import SceneSection, parse_engine
 from agglom_mpi.config.searchable import check_start
 from agglom_mpi.config.seeded_text import with_seed
-from agglom_mpi.config.size_file import SizeReader, unread
 from agglom_mpi.config.string_scenes import StringScene, StringScenes
 from agglom_mpi.config.user_function import UserFunction, function_of_means
 from agglom_mpi.config.yaml_source import (
@@ -121,15 +120,14 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
         text: str,
         name: str = "campaign.yaml",
         user_function: UserFunction | None = None,
-        read_sizes: SizeReader = unread,
         reading: Reading = PLAIN,
     ) -> "Campaign":
         """Return the campaign of a YAML text; `name` stands for the file in errors.
 
-        `read_sizes` returns the content of a file of sizes that its scene may name. `reading` finds
-        components of one's own, and reads a text that a run recorded as it was read then.
+        `reading` finds components of one's own and files of sizes, and reads a text that a run
+        recorded as it was read then.
         """
-        document, entries = read_document(text, name, read_sizes, reading)
+        document, entries = read_document(text, name, reading)
         campaign = cls(
             title=document.title,
             seed=document.seed,

@@ -1,7 +1,8 @@
 """Section `data`: what was measured, when, and with which error.
 
-An entry gives one number with its error, or the file of a size distribution. `data_files` reads
-the files; the identity of a campaign has their numbers, so that a stored campaign needs none.
+An entry gives one number with its error, or the file of a size distribution, which
+`measurements.files` reads. The identity of a campaign has its numbers, so that a stored campaign
+needs no file.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -11,15 +12,17 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, Self
 import numpy as np
 from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
-from agglom_mpi.config.size_choice import CurveKeys
-from agglom_mpi.config.size_curve import ShareWeight, SizeCurve
 from agglom_mpi.declaration.components import In, Whole
-from agglom_mpi.declaration.declared import FieldPath, raise_field_errors
+from agglom_mpi.declaration.declared import FieldError, FieldPath, raise_field_errors
 from agglom_mpi.declaration.field_types import Line
+from agglom_mpi.declaration.reading import NamedFiles
 from agglom_mpi.declaration.sections import Section
 from agglom_mpi.declaration.units import has_offset, quoted, to_si, unit_in
 from agglom_mpi.formatting import in_unit, value_with_prefix
 from agglom_mpi.measurements.datum import Datum, datum_name
+from agglom_mpi.measurements.files.campaign_files import CURVE_NUMBERS
+from agglom_mpi.measurements.files.size_curve import ShareWeight, SizeCurve
+from agglom_mpi.measurements.files.size_table import CurveKeys
 from agglom_mpi.measurements.quantities import QUANTITIES, MeasuredQuantity
 
 if TYPE_CHECKING:
@@ -55,11 +58,11 @@ class DatumEntry(Section):
         Name of the file, beside the campaign file: a cumulative curve, a histogram, or a list of
         diameters, under headings with units such as `sieve size (mm)` and `passing (%)`.
     column
-        Heading of the column to read, where a file has several.
+        Heading of the column to read, where a file has several amounts or sizes.
     unit
         Unit of the sizes, where their heading has none.
     headings
-        What headings of the file mean that are not known: `{finer wt: passing (%)}`.
+        Known headings in place of those of the file: `{finer wt: passing (%)}`.
     counted
         Number of grains that were counted for the shares in the file, in place of `error`. Columns
         of counts and lists of diameters count themselves.
@@ -225,16 +228,30 @@ class DatumEntry(Section):
         return {**found, "errors_of": self._curve.errors_of, **numbers}
 
 
+def with_curves(
+    data: Sequence[DatumEntry], files: NamedFiles
+) -> tuple[tuple[DatumEntry, ...], list[tuple[FieldPath, str]]]:
+    """Return the entries with what their files hold, and what is wrong with these."""
+    found, problems = [], []
+    for place, entry in enumerate(data):
+        if entry.file is None:
+            found.append(entry)
+            continue
+        try:
+            found.append(entry.with_curve(files.curve(place, entry.file, entry.curve_keys)))
+        except FieldError as error:
+            problems += [((place, *path), message) for path, message in error.problems]
+        except ValueError as error:
+            problems.append(((place, "file"), str(error)))
+    return tuple(found), problems
+
+
 def built_data(entries: Sequence[DatumEntry]) -> tuple[Datum, ...]:
     """Return the data of a section in SI units."""
     found: list[Datum] = []
     for entry in entries:
         found.append(entry.build(found))
     return tuple(found)
-
-
-CURVE_NUMBERS: Final = ("edges", "shares", "errors")
-"""Entries of an identity with the numbers of a file."""
 
 
 def impossible_data(

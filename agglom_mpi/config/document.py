@@ -22,8 +22,12 @@ from agglom_mpi.config.bounds import (
     required_variables,
 )
 from agglom_mpi.config.correlations import Correlation, stated_pairs
-from agglom_mpi.config.data_files import with_curves
-from agglom_mpi.config.data_section import DatumEntry, impossible_data, repeated_data
+from agglom_mpi.config.data_section import (
+    DatumEntry,
+    impossible_data,
+    repeated_data,
+    with_curves,
+)
 from agglom_mpi.config.field_errors import to_campaign_error
 from agglom_mpi.config.path_entries import PathEntries, read_paths
 from agglom_mpi.config.plan import (
@@ -34,7 +38,6 @@ from agglom_mpi.config.plan import (
 )
 from agglom_mpi.config.relation_reader import quantity_problems, read_constraints, read_derived
 from agglom_mpi.config.scene import MAX_PARTICLES, SceneSection
-from agglom_mpi.config.size_file import SizeReader, unread
 from agglom_mpi.config.yaml_source import CampaignError, Problem, Source, parse
 from agglom_mpi.declaration.choices import Choice
 from agglom_mpi.declaration.declared import FieldError, FieldPath, raise_field_errors
@@ -298,7 +301,7 @@ class CampaignDocument(SceneDocument):
 
 
 def read_document(
-    text: str, name: str, read_sizes: SizeReader = unread, reading: Reading = PLAIN
+    text: str, name: str, reading: Reading = PLAIN
 ) -> tuple[SceneDocument, PathEntries]:
     """Parse and validate the text of the campaign file `name`; raise a CampaignError.
 
@@ -313,7 +316,7 @@ def read_document(
         message = "holds none of the sections of a campaign, such as `scene:` and `variables:`"
         raise CampaignError(Problem(name, None, "", message))
     reason = _reason_for_search(source)
-    entries = read_paths(_with_sizes(source, read_sizes, reading), reading)
+    entries = read_paths(_with_sizes(source, reading), reading)
     _check_fractions(source, entries.table)
     reading = reading._replace(variables=entries.table)
     model = _model_of(CampaignDocument if reason else SceneDocument, entries.table)
@@ -338,7 +341,7 @@ def _model_of(model: type[SceneDocument], table: VariableTable) -> type[SceneDoc
     return create_model(model.__name__, __base__=model, variables=variables)
 
 
-def _with_sizes(source: Source, read_sizes: SizeReader, reading: Reading) -> Source:
+def _with_sizes(source: Source, reading: Reading) -> Source:
     """Return a file with what is in the file of sizes that its scene may name."""
     data: dict[str, Any] = source.data
     scene: Any = data.get("scene")
@@ -353,7 +356,7 @@ def _with_sizes(source: Source, read_sizes: SizeReader, reading: Reading) -> Sou
                 message = f"unknown key '{str(key)[:40]}'; allowed beside file: law, basis"
                 problems.append(((*path, str(key)), message))
         try:
-            found = read_sizes(sizes["file"])
+            found = reading.files.diameters(sizes["file"])
         except ValueError as error:
             problems.append(((*path, "file"), str(error)))
         else:

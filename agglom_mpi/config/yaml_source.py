@@ -14,7 +14,7 @@ from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.reader import ReaderError
 from ruamel.yaml.scanner import Scanner
 
-from agglom_mpi.config.bounded_reading import clipped, quoted_start, read_bounded
+from agglom_mpi.declaration.bounded_reading import clipped, quoted_start, read_bounded
 from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.errors import MissingLibraryError, UserError
 from agglom_mpi.file_kinds import HDF5_IS_NO_YAML, SIGNATURE, begins_as_hdf5

@@ -31,6 +31,9 @@ OWN_SHA256: Final = "own_sha256"
 """Name of the SHA-256 of these two, one after the other, hexadecimal."""
 
 
+ONLY_BESIDE: Final = "which is read beside a campaign file; this text has none"
+
+
 def names_own(name: object) -> TypeGuard[str]:
     """Return whether a name is meant for a component of one's own: it holds the end of a file."""
     return isinstance(name, str) and ".py" in name
@@ -64,20 +67,28 @@ class OwnComponents:
         ValueError
             If there is none, or its code may not run; with the reason.
         """
-        raise ValueError(
-            f"is {quoted(name)}, which is read beside a campaign file; this text has none"
-        )
+        raise ValueError(f"is {quoted(name)}, {ONLY_BESIDE}")
 
 
 NO_OWN: Final = OwnComponents()
 """Finds none."""
 
 
-class DataFiles:
-    """Reads the files that the section `data` names; this one reads none."""
+class NamedFiles:
+    """Reads the files of sizes that a campaign names; this one reads none."""
+
+    def diameters(self, name: str) -> Any:
+        """Return the diameters of a file of grains, which `scene.sizes` names.
+
+        Raises
+        ------
+        ValueError
+            If it cannot be read, with the reason.
+        """
+        raise ValueError(f"is {quoted(name)}, {ONLY_BESIDE}")
 
     def curve(self, place: int, name: str, keys: Any) -> Any:
-        """Return the size distribution of a file.
+        """Return the size distribution of a file, which the section `data` names.
 
         Parameters
         ----------
@@ -93,12 +104,10 @@ class DataFiles:
         ValueError
             If it cannot be read, with the reason.
         """
-        raise ValueError(
-            f"is {quoted(name)}, which is read beside a campaign file; this text has none"
-        )
+        raise ValueError(f"is {quoted(name)}, {ONLY_BESIDE}")
 
 
-NO_FILES: Final = DataFiles()
+NO_FILES: Final = NamedFiles()
 """Reads none."""
 
 
@@ -115,13 +124,13 @@ class Reading(NamedTuple):
     variables
         Variables of its strings.
     files
-        Reads the files of measured data.
+        Reads the files of sizes.
     """
 
     recorded: bool = False
     own: OwnComponents = NO_OWN
     variables: VariableTable = TEN
-    files: DataFiles = NO_FILES
+    files: NamedFiles = NO_FILES
 
 
 PLAIN: Final = Reading()

@@ -1,6 +1,6 @@
 """What was measured, with the covariance of its errors, and what the samples of a string predict.
 
-All values are in SI units. `config.size_curve` makes shares and their covariance of what
+All values are in SI units. `files.size_curve` makes shares and their covariance of what
 laboratories report: a cumulative curve, a histogram, or single diameters.
 """
 

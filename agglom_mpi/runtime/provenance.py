@@ -57,7 +57,7 @@ DECIDING: Final = (
     "statistics.py",
     "variables.py",
     "declaration/*.py",
-    "measurements/*.py",
+    "measurements/**/*.py",
     "physics/*.py",
     "simulation/**/*.py",
     "emulation/*.py",

@@ -149,9 +149,9 @@ def test_a_file_without_unit_is_of_relative_sizes(folder, content):
     ("content", "said"),
     [
         ("diameter (um)\n", "holds no number"),
-        ("diameter (um)\n40\n-1\n", "line 3: '-1'; must be a number greater than 0"),
-        ("diameter (um)\n40\n1e100\n", "line 3: '1e100' must be 0 or have a magnitude from 1e-30"),
-        ("diameter (um)\nnan\n40\n", "line 2: 'nan' is not a number"),
+        ("diameter (um)\n40\n-1\n", "line 3: '-1'; must be greater than 0"),
+        ("diameter (um)\n40\n1e100\n", "line 3: '1e100'"),
+        ("diameter (um)\nnan\n40\n", "line 2: 'nan'"),
         ("diameter (um)\n1\n101\n", "the largest must be at most 100 times the smallest"),
     ],
 )

@@ -190,7 +190,7 @@ def test_a_datum_does_not_stand_under_two_names(first, again):
         with pytest.raises(CampaignError) as caught:
             Campaign.from_text(text)
         assert [problem.field for problem in caught.value.problems] == ["data.1"]
-        recorded = Campaign.from_text(text, "stored", None, None, Reading(recorded=True))
+        recorded = Campaign.from_text(text, "stored", None, Reading(recorded=True))
         assert len(recorded.data) == 2
 
 

@@ -20,7 +20,7 @@ from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
 from agglom_mpi.variables import TEN
 
-pytestmark = pytest.mark.slow(guard="config/test_size_curve_file.py")
+pytestmark = pytest.mark.slow(guard="measurements/test_curve_file.py")
 
 
 @pytest.fixture(scope="module")

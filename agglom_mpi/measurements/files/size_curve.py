@@ -112,10 +112,7 @@ class MeasuredClasses(NamedTuple):
             ends[-1] = 0
         else:
             ends.append(0)
-        return self.with_edges_at(ends[::-1])
-
-    def with_edges_at(self, kept: list[int]) -> "MeasuredClasses":
-        """Return the classes between some of the edges, by index, the first and the last too."""
+        kept = ends[::-1]
         sums = (
             np.add.reduceat(each, kept[:-1]) for each in (self.shares, self.variances, self.counts)
         )

@@ -8,9 +8,9 @@ import pytest
 from examples import examples
 from hypothesis import strategies as st
 
-from agglom_mpi.config.size_choice import CurveKeys
-from agglom_mpi.config.size_curve_file import read_size_curve
 from agglom_mpi.declaration.declared import FieldError
+from agglom_mpi.measurements.files.curve_file import read_size_curve
+from agglom_mpi.measurements.files.size_table import CurveKeys
 
 ERROR = CurveKeys(error=0.02)
 COUNTED = CurveKeys(counted=1000)
@@ -35,67 +35,72 @@ LAYOUTS = {
     "Mastersizer, size classes": (
         "Mastersizer 2000\tVer. 5.60\nSample Name:\tSand\n\n"
         "Size (µm)\tVolume In (%)\n10.000\t0.00\n20.000\t10.00\n63.000\t25.00\n125.000\t50.00\n"
-        "250.000\t15.00\n500.000\t0.00\n1000.000\t\n"
+        "250.000\t15.00\n500.000\t0.00\n1000.000\t\n",
+        {"headings": {"Volume In (%)": "volume share (%)"}},
     ),
     "Mastersizer, cumulative": (
         "Size (μm),Volume Under (%)\n20.0,0.00\n63.0,10.00\n125.0,35.00\n250.0,85.00\n"
-        "500.0,100.00\n1000.0,100.00\n"
+        "500.0,100.00\n1000.0,100.00\n",
+        {"headings": {"Volume Under (%)": "volume passing (%)"}},
     ),
     "sieve sheet with a pan": (
         "Lab;Sieve test 4\n\nSieve size (mm);Mass retained (g)\n0.5;0\n0.25;30.0\n0.125;100.0\n"
-        "0.063;50.0\nPan;20.0\nTotal;200.0\n"
+        "0.063;50.0\nPan;20.0\nTotal;200.0\n",
+        {},
     ),
     "ASTM sheet": (
-        "Sieve No.,Sieve opening (mm),Retained (g),Retained (%),Cumulative retained (%),"
+        "Sieve No.,Sieve size (mm),Retained (g),Retained (%),Cumulative retained (%),"
         "Passing (%)\n35,0.5,0,0,0,100\n60,0.25,30,15,15,85\n120,0.125,100,50,65,35\n"
-        "230,0.063,50,25,90,10\n"
+        "230,0.063,50,25,90,10\n",
+        {"column": "Passing"},
     ),
     "Camsizer": (
         "CAMSIZER 0.3.5.7\r\nDate\t12.3.2014\r\n\r\nx1 [mm]\tx2 [mm]\tp3 [%]\tQ3 [%]\tSPHT3\r\n"
         "0.000\t0.063\t10.0\t10.0\t0.8\r\n0.063\t0.125\t25.0\t35.0\t0.81\r\n"
-        "0.125\t0.250\t50.0\t85.0\t0.82\r\n0.250\t0.500\t15.0\t100.0\t0.83\r\n"
+        "0.125\t0.250\t50.0\t85.0\t0.82\r\n0.250\t0.500\t15.0\t100.0\t0.83\r\n",
+        {"headings": {"x1 [mm]": "lower", "x2 [mm]": "upper", "p3 [%]": "share"}},
     ),
     "decimal commas": (
         "Sieve [mm];Retained [g];Passing [%]\r\n0,5;0,0;100,0\r\n0,25;30,0;85,0\r\n"
-        "0,125;100,0;35,0\r\n0,063;50,0;10,0\r\nBoden;20,0;0,0\r\n"
-    ).encode("cp1252"),
+        "0,125;100,0;35,0\r\n0,063;50,0;10,0\r\nPan;20,0;0,0\r\n".encode("cp1252"),
+        {"column": "passing (%)"},
+    ),
     "classes with a byte-order mark": (
-        "\ufeffClass [µm];Mass fraction [%]\r\n<63;10,0\r\n63-125;25,0\r\n125-250;50,0\r\n"
-        "250-500;15,0\r\n"
-    ),
-    "Horiba": (
-        "Diameter (µm),Frequency (%),Undersize (%)\n63.0,10.0,10.0\n125.0,25.0,35.0\n"
-        "250.0,50.0,85.0\n500.0,15.0,100.0\n"
-    ),
-    "Microtrac": (
-        "Size(um)\t%Chan\t%Pass\n500\t15.00\t100.00\n250\t50.00\t85.00\n125\t25\t35\n63\t10\t10\n"
+        "\ufeffClass [µm];Mass share [%]\r\n<63;10,0\r\n63-125;25,0\r\n125-250;50,0\r\n"
+        "250-500;15,0\r\n",
+        {},
     ),
     "Helos": (
         "xo/µm;Q3/%;xm/µm;q3lg\n63,00;10,00;44,5;0,2\n125,00;35,00;88,7;0,84\n"
-        "250,00;85,00;176,8;1,66\n500,00;100,00;353,6;0,5\n"
+        "250,00;85,00;176,8;1,66\n500,00;100,00;353,6;0,5\n",
+        {"headings": {"xo/µm": "size (um)", "Q3/%": "passing (%)"}},
     ),
     "lower and upper edges, fractions": (
-        "lower (um),upper (um),fraction\n0,63,0.1\n63,125,0.25\n125,250,0.5\n250,500,0.15\n"
+        "lower (um),upper (um),share\n0,63,0.1\n63,125,0.25\n125,250,0.5\n250,500,0.15\n",
+        {},
     ),
     "oversize, UTF-16": (
-        "Particle size (µm)\tOversize (%)\n63\t90\n125\t65\n250\t15\n500\t0\n"
-    ).encode("utf-16"),
-    "a line of units": "Sieve;Passing\nmm;%\n0.5;100\n0.25;85\n0.125;35\n0.063;10\n",
-    "Coulter": (
-        "Channel Diameter (Lower) um\tDiff. Volume %\n10\t0\n20\t10\n63\t25\n125\t50\n"
-        "250\t15\n500\t\n"
+        "Particle size (µm)\tCumulative retained (%)\n63\t90\n125\t65\n250\t15\n500\t0\n".encode(
+            "utf-16"
+        ),
+        {},
+    ),
+    "a line of units": (
+        "Sieve;Passing\nmm;%\n0.5;100\n0.25;85\n0.125;35\n0.063;10\n",
+        {},
     ),
     "masses and percentages": (
-        "Mesh in mm;Retained in g;Retained in %\n0,5;0,0;0\n0,25;30,0;15\n"
-        "0,125;100,0;50\n0,063;50,0;25\nSchale;20,0;10\nSumme;200,0;100\n"
+        "Sieve (mm);Retained (g);Retained (%)\n0,5;0,0;0\n0,25;30,0;15\n"
+        "0,125;100,0;50\n0,063;50,0;25\nPan;20,0;10\nTotal;200,0;100\n",
+        {"column": "Retained (g)"},
     ),
-    "upper edges": "Upper size (um);Volume %\n63;10\n125;25\n250;50\n500;15\n",
+    "upper edges": ("Upper (um);Volume (%)\n63;10\n125;25\n250;50\n500;15\n", {}),
 }
 
 
-@pytest.mark.parametrize("content", LAYOUTS.values(), ids=LAYOUTS)
-def test_a_layout_of_an_instrument_is_read(read, content):
-    curve = read(content)
+@pytest.mark.parametrize(("content", "keys"), LAYOUTS.values(), ids=LAYOUTS)
+def test_a_layout_of_an_instrument_is_read(read, content, keys):
+    curve = read(content, CurveKeys(error=0.02, **keys))
     assert curve.shares == pytest.approx(SHARES, abs=1e-12)
     assert curve.edges[1:] == pytest.approx(EDGES, rel=1e-12)
     assert curve.edges[0] in (0.0, pytest.approx(20e-6))
@@ -121,7 +126,7 @@ def test_an_error_column_is_that_of_each_row(read):
 
 
 def test_errors_of_amounts_are_those_of_their_shares(read):
-    text = "class (um);mass (g);sd (g)\n0-63;20;2\n63-125;50;3\n125-250;130;4\n"
+    text = "class (um);mass (g);error (g)\n0-63;20;2\n63-125;50;3\n125-250;130;4\n"
     curve = read(text, CurveKeys())
     random = np.random.default_rng(1)
     amounts = np.array([20, 50, 130]) + 1e-3 * random.normal(size=(20_000, 3)) * [2, 3, 4]
@@ -145,7 +150,7 @@ def test_counted_grains_that_are_weighed_vary_as_they_were_drawn(read):
     rows = "".join(
         f"{s / 2**0.5};{s * 2**0.5};{share}\n" for s, share in zip(sizes, shares, strict=True)
     )
-    curve = read("lower (um);upper (um);mass fraction\n" + rows, COUNTED)
+    curve = read("lower (um);upper (um);mass share\n" + rows, COUNTED)
     drawn = np.random.default_rng(2).multinomial(1000, number, size=20_000) * sizes**3
     found = drawn / drawn.sum(axis=1, keepdims=True)
     assert np.cov(found.T) == pytest.approx(curve.covariance, rel=0.06, abs=1e-6)
@@ -175,31 +180,31 @@ IMAGEJ = " ,Area,Mean,Min,Max,Circ.,Feret,MinFeret\n" + "".join(
 
 
 def test_results_of_imagej_need_a_column_and_a_unit(read):
+    feret = {"headings": {"Feret": "diameter"}}
     by_area = read(IMAGEJ, CurveKeys("number", "Area", "um^2"))
-    by_feret = read(IMAGEJ, CurveKeys("number", "Feret", "um"))
+    by_feret = read(IMAGEJ, CurveKeys("number", "Feret", "um", **feret))
     assert by_feret.edges[1:-1] == pytest.approx(1.1 * np.array(by_area.edges[1:-1]), rel=1e-5)
-    for keys in (CurveKeys("number"), CurveKeys("number", "Feret")):
-        with pytest.raises(ValueError, match="Feret"):
+    for keys in (CurveKeys("number", unit="um", **feret), CurveKeys("number", "Feret", **feret)):
+        with pytest.raises(ValueError, match=r"beside the sizes|'Feret'"):
             read(IMAGEJ, keys)
 
 
 def test_what_a_heading_states_of_the_weight_is_kept(read):
-    text = "x [um];Q0 [%];Q3 [%]\n10;20;5\n20;60;30\n40;100;100\n"
+    text = "size [um];number passing [%];mass passing [%]\n10;20;5\n20;60;30\n40;100;100\n"
     assert read(text, CurveKeys("number", error=0.01)).shares[0] == pytest.approx(0.2)
     assert read(text, CurveKeys("mass", error=0.01)).shares[0] == pytest.approx(0.05)
-    with pytest.raises(FieldError, match="Q0"):
+    with pytest.raises(FieldError, match=r"column.*'number passing'"):
         read(text)
     with pytest.raises(FieldError, match="weight"):
-        read(text, CurveKeys("area", "Q3", error=0.01))
+        read(text, CurveKeys("area", "mass passing", error=0.01))
 
 
 REFUSED = {
     "a curve that turns back": (
         "Sieve (mm);Passing (%)\n0.5;100\n0.25;35\n0.125;85\n0.063;10\n",
-        ("line 3", "'Passing'", "'35'", "line 4"),
+        ("line 3", "'Passing'", "'35'"),
     ),
     "a sum of 70 %": ("class (um);share (%)\n0-63;20\n63-125;50\n", ("'share'", "70", "100 %")),
-    "no unit of sizes": ("sieve;passing (%)\n63;20\n125;100\n", ("'sieve'", "unit")),
     "no unit of amounts": ("sieve (um);passing\n63;20\n125;70\n", ("'passing'", "%")),
     "a negative share": (
         "class (um);share (%)\n0-63;-20\n63-125;120\n",
@@ -238,24 +243,22 @@ REFUSED = {
     ),
     "one class": ("class (um);share (%)\n63-125;100\n", ("classes", "two")),
     "an open class alone": ("class (um);passing (%)\n>63;100\n", ("two sizes",)),
-    "by intensity": ("size (nm);intensity (%)\n10;20\n20;80\n", ("'intensity'", "mass")),
-    "a density": ("x (um);Volume density (1/um)\n10;2\n20;8\n", ("'Volume density'", "mass")),
-    "an amount without a name": ("x (um);y\n10;2\n20;8\n30;5\n", ("'y'", "number")),
+    "by intensity": ("size (nm);intensity (%)\n10;20\n20;80\n", ("'intensity'",)),
+    "a density": (
+        "size (um);Volume (1/um)\n10;2\n20;8\n30;9\n",
+        ("'Volume'", "amount of each size"),
+    ),
+    "an amount without a name": ("size (um);y\n10;2\n20;8\n30;5\n", ("'y'",)),
     "a class in a class": ("class (um);share (%)\n0-63;20\n63;30\n63-125;50\n", ("line 3", "'63'")),
     "a pan below 0": ("class (um);share (%)\npan;20\n0-63;80\n", ("line 2", "'pan'")),
     "a pan of upper edges": ("upper (um);share (%)\npan;20\n63;80\n", ("line 2", "'pan'")),
     "an edge alone": ("lower (um),share (%),id\n63,,1\n", ("two sizes",)),
-    "a unit of another kind": ("sieve (kg);passing (%)\n63;20\n125;100\n", ("'kg'", "'um'")),
     "no sizes": ("mass (g);passing (%)\n63;20\n125;100\n", ("line 1", "heading")),
     "a curve over middles": (
         "middle (um);passing (%)\n63;20\n125;100\n",
-        ("no column of sizes", "heading"),
+        ("line 1", "heading"),
     ),
     "no headings": ("63;20\n125;100\n", ("heading",)),
-    "two columns of errors": (
-        "sieve (um);passing (%);error (%);sd (%)\n63;20;1;1\n125;100;1;1\n",
-        ("columns of errors",),
-    ),
     "no grains": ("class (um);mass (g)\n0-63;0\n63-125;0\n", ("'mass'", "0")),
     "a negative size": ("sieve (um);passing (%)\n-63;20\n125;100\n", ("line 2", "'-63'")),
 }
@@ -271,20 +274,28 @@ def test_another_file_is_refused_with_its_line_and_value(read, content, named):
     assert str(caught.value).isprintable()
 
 
-@pytest.mark.parametrize(
-    ("keys", "field"),
-    [
-        (CurveKeys(), "error"),
-        (CurveKeys(error=0.1, counted=3), "counted"),
-        (CurveKeys(error=0.1, unit="mm"), "unit"),
-        (CurveKeys(error=0.1, unit="kg"), "unit"),
-        (CurveKeys(error=0.1, column="Retained"), "column"),
-        (CurveKeys("number", error=0.1), "weight"),
-    ],
-)
-def test_a_key_that_does_not_fit_the_file_is_named(read, keys, field):
+KEYS = {
+    "no error": (CurveKeys(), "sieve (um);mass passing (%)", "error"),
+    "two errors": (CurveKeys(error=0.1, counted=3), "sieve (um);passing (%)", "counted"),
+    "an error and a column": (ERROR, "sieve (um);passing (%);error (%)", "error"),
+    "two columns of errors": (CurveKeys(), "sieve (um);passing (%);error;Error", "error"),
+    "two units": (CurveKeys(error=0.1, unit="mm"), "sieve (um);passing (%)", "unit"),
+    "no unit": (ERROR, "sieve;passing (%)", "unit"),
+    "another unit": (ERROR, "sieve (kg);passing (%)", "unit"),
+    "another unit of the entry": (CurveKeys(error=0.1, unit="kg"), "sieve;passing (%)", "unit"),
+    "another column": (CurveKeys(error=0.1, column="Retained"), "size (um);passing (%)", "column"),
+    "one heading twice": (ERROR, "sieve (um);passing (%);Passing (%)", "column"),
+    "another weight": (CurveKeys("number", error=0.1), "size (um);mass passing (%)", "weight"),
+}
+
+
+@pytest.mark.parametrize(("keys", "headings", "field"), KEYS.values(), ids=KEYS)
+def test_a_key_that_does_not_fit_the_file_is_named(read, keys, headings, field):
+    rows = [f"{size};{share};{share};1\n" for size, share in ((63, 20), (125, 70), (250, 100))]
+    width = headings.count(";") + 1
+    text = "".join(";".join(row.split(";")[:width]).strip() + "\n" for row in rows)
     with pytest.raises(FieldError) as caught:
-        read("sieve (um);mass passing (%)\n63;20\n125;70\n250;100\n", keys)
+        read(f"{headings}\n{text}", keys)
     [((name,), _)] = caught.value.problems
     assert name == field
 
@@ -313,7 +324,6 @@ UNKNOWN = {
         "diameter (um);number/cm3;id\n10;3;1\n20;5;2\n30;4;3\n",
         "number/cm3",
     ),
-    "one heading twice": ("sieve (um);Passing (%);Passing (%)\n63;20;30\n125;70;90\n", "'Passing'"),
     "an error of 100 %": ("sieve (um);passing (%);error (%)\n63;20;100\n125;100;0\n", "'100'"),
     **{
         f"{heading} of {number}": (
@@ -345,24 +355,17 @@ def test_a_list_with_an_extreme_diameter_is_refused(read, number):
         read(f"diameter (um)\n{number}\n" + "40\n50\n" * 10, CurveKeys("number"))
 
 
-RETAINED = {
-    "%": ("Retained (%)", (0, 40, 20, 30)),
-    "g": ("Retained (g)", (0, 80, 40, 60)),
-    "cumulative": ("Cumulative retained (%)", (0, 40, 60, 90)),
-}
-
-
-@pytest.mark.parametrize(("heading", "numbers"), RETAINED.values(), ids=RETAINED)
-def test_a_column_that_contradicts_the_curve_needs_one_to_be_named(read, heading, numbers):
-    passing = zip((0.5, 0.25, 0.125, 0.063), numbers, (100, 85, 35, 10), strict=True)
-    text = f"Sieve (mm);{heading};Passing (%)\n" + "".join(
-        ";".join(map(str, row)) + "\n" for row in passing
+def test_one_of_several_columns_of_amounts_is_named(read):
+    text = "Sieve (mm);Retained (g);Retained (%);Passing (%)\n" + "".join(
+        f"{row}\n" for row in ("0.5;0;0;100", "0.25;30;15;85", "0.125;100;50;35", "0.063;70;35;10")
     )
-    with pytest.raises(FieldError) as caught:
-        read(text)
-    assert [path for path, _ in caught.value.problems] == [("column",)]
-    curve = read(text, CurveKeys(error=0.02, column="Passing"))
-    assert curve.shares == pytest.approx(SHARES, abs=1e-12)
+    for column in ("", "Retained"):
+        with pytest.raises(FieldError) as caught:
+            read(text, CurveKeys(error=0.02, column=column))
+        assert [path for path, _ in caught.value.problems] == [("column",)]
+    for column in ("Passing", "passing (%)"):
+        curve = read(text, CurveKeys(error=0.02, column=column))
+        assert curve.shares == pytest.approx(SHARES, abs=1e-12)
 
 
 def test_an_entry_may_say_what_headings_mean(read):
@@ -387,6 +390,9 @@ def numbers_as(text, comma):
     return text.replace(".", ",") if comma else text
 
 
+CURVES = ["passing", "cumulative retained"]
+
+
 @st.composite
 def tables(draw):
     """Shares of classes, and a file of them in some layout."""
@@ -398,12 +404,12 @@ def tables(draw):
     unit, size = draw(st.sampled_from([("um", 1e-6), ("mm", 1e-3), ("nm", 1e-9), ("µm", 1e-6)]))
     separator = draw(st.sampled_from([";", "\t", ","]))
     comma = separator != "," and draw(st.booleans())
-    form = draw(st.sampled_from(["passing", "oversize", "classes", "edges", "staggered"]))
+    form = draw(st.sampled_from([*CURVES, "classes", "edges", "staggered"]))
     percent = draw(st.booleans())
     factor, sign = (100.0, "%") if percent else (1.0, "1")
     values, rows = shares * factor, []
     titles = [f"size ({unit})", f"share ({sign})"]
-    if form in ("passing", "oversize"):
+    if form in CURVES:
         below = np.concatenate([[0.0], np.cumsum(parts) / parts.sum()])
         curve = (below if form == "passing" else 1.0 - below) * factor
         rows = [[repr(e), repr(v)] for e, v in zip(edges.tolist(), curve.tolist(), strict=True)]
@@ -413,7 +419,7 @@ def tables(draw):
         pairs = zip(edges[:-1].tolist(), edges[1:].tolist(), values.tolist(), strict=True)
         rows = [[f"{low!r}-{high!r}", repr(value)] for low, high, value in pairs]
     elif form == "edges":
-        titles = [f"from ({unit})", f"to ({unit})", titles[1]]
+        titles = [f"lower ({unit})", f"upper ({unit})", titles[1]]
         pairs = zip(edges[:-1].tolist(), edges[1:].tolist(), values.tolist(), strict=True)
         rows = [[repr(each) for each in row] for row in pairs]
     else:
@@ -447,7 +453,7 @@ PIECES = [*(bytes([byte]) for byte in b',;\t."\n\r#[]()<>1-e %_/\x00\xb5\xff'), 
     st.lists(st.tuples(st.integers(0, 10_000), st.integers(0, 3), st.sampled_from(PIECES))),
 )
 def test_any_damage_is_read_or_refused_in_a_line(name, damage):
-    layout = LAYOUTS[name]
+    layout, stated = LAYOUTS[name]
     content = bytearray(layout if isinstance(layout, bytes) else layout.encode())
     for place, length, piece in damage:
         place %= len(content) + 1
@@ -455,7 +461,7 @@ def test_any_damage_is_read_or_refused_in_a_line(name, damage):
     for keys in (ERROR, COUNTED):
         try:
             with TemporaryDirectory() as folder:
-                curve = read_in(Path(folder), bytes(content), keys)
+                curve = read_in(Path(folder), bytes(content), keys._replace(**stated))
         except ValueError as error:
             assert str(error).isprintable()  # noqa: PT017
             continue
