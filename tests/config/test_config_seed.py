@@ -15,8 +15,13 @@ from agglom_mpi.config.yaml_source import CampaignError, parse
         ("a: 1", "a: 1\nseed: 7\n"),
         ("seed: 1\na: 2", "seed: 7\na: 2"),
         ("a: 2\nseed : 1  # mine\n", "a: 2\nseed : 7  # mine\n"),
+        ('"seed": 1\n', '"seed": 7\n'),
         ("seed:\na: 1\n", "seed: 7\na: 1\n"),
         ("seed: !!int '5'\na: 1\n", "seed: 7\na: 1\n"),
+        ("{a: 1, seed: 0x1F}", "{a: 1, seed: 7}"),
+        ("{a: 1,\n b: 2}\n", "{seed: 7, a: 1,\n b: 2}\n"),
+        ("---\n  a: 1\n  b: 2\n", "---\n  a: 1\n  b: 2\n  seed: 7\n"),
+        ("a: 1\n...\n", "seed: 7\na: 1\n...\n"),
         ("a: {seed: 1}\n# seed: 5\n", "a: {seed: 1}\n# seed: 5\nseed: 7\n"),
         ("a: |\n  seed: 3\n", "a: |\n  seed: 3\nseed: 7\n"),
         ("a: .nan\r\nseed: 1\r\n", "a: .nan\r\nseed: 7\r\n"),
@@ -27,7 +32,7 @@ def test_a_seed_is_replaced_or_added(text, wanted):
     assert parse(wanted, "c.yaml").data["seed"] == 7
 
 
-@pytest.mark.parametrize("text", ["seed: &x 3\na: *x\n", "{seed: 1, a: 1}"])
+@pytest.mark.parametrize("text", ["a: &x 3\nseed: *x\n", "seed: &x 3\na: *x\n"])
 def test_a_seed_that_is_not_alone_is_refused_with_its_line(text):
     line = text.splitlines().index(next(row for row in text.splitlines() if "seed" in row)) + 1
     with pytest.raises(CampaignError, match=rf"c\.yaml:{line}: seed: cannot be replaced by 7"):
