@@ -10,7 +10,6 @@ import numpy.typing as npt
 from agglom_mpi.config.yaml_source import CampaignError, Problem, parse
 from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.declaration.given_values import JAMMING_FRACTION
-from agglom_mpi.errors import CodeNotAllowedError
 from agglom_mpi.formatting import in_unit
 from agglom_mpi.variables import volume_fraction
 
@@ -30,11 +29,7 @@ def check_ends(campaign: "CampaignSections") -> None:
     """
     if not campaign.variables.paths:
         return
-    try:
-        problems = _refused(campaign) or dict(_out_of_reach(campaign))
-    except CodeNotAllowedError:  # of a recorded law of one's own, which was asked at the start
-        return
-    if problems:
+    if problems := _refused(campaign) or dict(_out_of_reach(campaign)):
         source = parse(campaign.text, campaign.name)
         raise CampaignError(*(source.problem(*found) for found in problems.items()))
 
@@ -44,10 +39,7 @@ def refused_corners(campaign: "CampaignSections") -> list[Problem]:
     found: list[tuple[FieldPath, str]] = []
     for names, strings in _corners(campaign):
         refusals = ((string, _refusal(campaign, string)) for string in strings)
-        try:
-            string, message = next(((s, m) for s, m in refusals if m), (None, ""))
-        except CodeNotAllowedError:  # of a recorded law of one's own
-            continue
+        string, message = next(((s, m) for s, m in refusals if m), (None, ""))
         if string is not None:
             reached = " and ".join(f"{name} {_value(campaign, name, string)}" for name in names)
             text = f"reaches {reached}, where {message}; samples fail there; constraints exclude it"

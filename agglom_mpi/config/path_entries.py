@@ -23,7 +23,6 @@ from agglom_mpi.config.scene_paths import (
 from agglom_mpi.config.yaml_source import CampaignError, Problem, Source
 from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.declaration.reading import Reading
-from agglom_mpi.errors import CodeNotAllowedError
 from agglom_mpi.variables import TEN, VOLUME_FRACTION, VariableTable
 
 SECTION: Final = "variables"
@@ -163,10 +162,7 @@ def _table(
         with suppress(ValidationError):  # which is reported with all else
             section = SceneSection.model_validate(scene, context=reading)
             of_sizes = {p: entry for p, entry in ranges.items() if p.section == "sizes"}
-            try:
-                own = any(_changes_volume(section, p, entry) for p, entry in of_sizes.items())
-            except CodeNotAllowedError:  # of a recorded law of one's own
-                own = VOLUME_FRACTION.name in reading.variables
+            own = any(_changes_volume(section, p, entry) for p, entry in of_sizes.items())
             further += [VOLUME_FRACTION] if own else []
     return VariableTable(further)
 

@@ -10,7 +10,7 @@ from agglom_mpi.declaration.own_modules import own_error
 from agglom_mpi.declaration.reading import PLAIN, Reading, names_own, reading_of
 from agglom_mpi.declaration.units import quoted
 from agglom_mpi.declaration.users_code import users_code
-from agglom_mpi.errors import CodeNotAllowedError, named_error
+from agglom_mpi.errors import named_error
 
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler, ValidationInfo
@@ -129,8 +129,6 @@ def _made_own(own: type[Component], entry: Any, reading: Reading) -> Component:
         with users_code(name):
             made = own.checked(entry, reading)
             summary = made.summary
-    except CodeNotAllowedError:  # of a stand-in without a summary
-        return made
     except Exception as error:
         if isinstance(error, ValueError) and not own_error(error):
             raise
