@@ -294,7 +294,7 @@ def open_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> Cam
         The HDF5 file.
     allow_code
         Whether components of one's own, whose code the file has, may be executed. Without them
-        the file has no estimates by an objective of one's own, and simulates nothing by a law.
+        the file is its tables; all else raises a `CodeNotAllowedError`.
 
     Returns
     -------

@@ -32,7 +32,7 @@ def lacks_rows(data: CampaignData) -> bool:
 def check_finished(report: VerificationReport, frames: int) -> None:
     """Add to a report the rows that a finished campaign lacks, which has this number of frames."""
     data = report.data
-    finished = report.settled and data.status().state == "finished"
+    finished = report.settled and data.status().state == "finished" and not data.code_note
     if not finished or data.attributes.get("purpose", INVERSION) != INVERSION:
         return
     counts = FinishedCounts.of_reason(data.status().reason)

@@ -46,19 +46,18 @@ def recorded_inversion(data: "CampaignData") -> "Campaign | None":
 def derived_columns(data: "CampaignData") -> list[DerivedColumn]:
     """Return the derived columns of all strings of a campaign file, in the order of its rows.
 
-    There are none where its text is damaged.
+    There are none where its text is damaged, or has code of one's own that may not run.
     """
     return data.derived(_columns)
 
 
 def _columns(data: "CampaignData") -> list[DerivedColumn]:
-    if not any(may_have_key(data, key) for key in DERIVING_KEYS):
+    if data.code_note or not any(may_have_key(data, key) for key in DERIVING_KEYS):
         return []
     campaign = recorded_inversion(data)
     if campaign is None:
         return []
-    strings = parameters_of(data.string_rows())
-    return data.unless_code("derived quantities", lambda: columns_of(campaign, strings), [])
+    return columns_of(campaign, parameters_of(data.string_rows()))
 
 
 def values_of(data: "CampaignData", strings: Sequence[int] | Floats, name: str) -> Floats:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.analysis.estimates import completed_rows, objective_of
+from agglom_mpi.analysis.estimates import completed_rows
 from agglom_mpi.formatting import in_unit, value_with_error
 from agglom_mpi.outcome import quantity_columns
 from agglom_mpi.statistics import MeanEstimate, mean_of
@@ -79,14 +79,3 @@ def quantity_rows(data: "CampaignData", strings: Sequence[int]) -> list[list[str
                 cells = [value_with_error(m.value, m.error) if m.samples else "" for m in means]
                 rows.append([f"{in_unit(name, unit)}, {measured}", *cells])
     return rows
-
-
-def left_out(data: "CampaignData") -> list[str]:
-    """Return a line on what a report leaves out because it does not run a user's code."""
-    objective = objective_of(data)
-    if not objective.needs_code:
-        return []
-    return [
-        "objectives are as searched, by the samples that strings were chosen by; what needs "
-        f"{objective.code_of_means} is left out, as re-estimates: it runs with --allow-code only"
-    ]

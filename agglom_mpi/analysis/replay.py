@@ -14,7 +14,7 @@ from agglom_mpi.config.own_components import own_of
 from agglom_mpi.config.searchable import check_search_library
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.declaration.reading import SOURCE_VALUES
-from agglom_mpi.errors import CodeNotAllowedError, MissingLibraryError
+from agglom_mpi.errors import MissingLibraryError
 from agglom_mpi.outcome import FAILED
 from agglom_mpi.search.decisions import Decision, GenerationSummary, StringEvaluated
 from agglom_mpi.search.ensemble import EnsembleResult
@@ -53,10 +53,8 @@ class ReplayLog:
                     self.summaries[decision.generation] = decision
 
 
-def replay(report: VerificationReport) -> Replayed | None:
+def replay(report: VerificationReport) -> Replayed:
     """Repeat all decisions from the stored samples, as a resume does, and compare.
-
-    None if they were made by code of one's own that may not run.
 
     Faults, and absent rows that decisions rest on, are added to the report. Nothing is simulated.
 
@@ -66,8 +64,8 @@ def replay(report: VerificationReport) -> Replayed | None:
         If the search needs a library that is not installed.
     """
     try:
-        text, identity = str(report.data.attributes["campaign"]), report.data.identity
         data = report.data
+        text, identity = data.campaign_text, data.identity
         own, allowed = data.reading.own, data.allowed
         campaign = campaign_of_record(text, str(data.path), identity, own, allowed)
         _check_campaign(campaign, report)
@@ -78,8 +76,6 @@ def replay(report: VerificationReport) -> Replayed | None:
             report.faults.extend(samples_that_differ(data, campaign))
     except MissingLibraryError:
         raise
-    except CodeNotAllowedError:
-        return None
     except (
         CampaignError,
         ArithmeticError,

@@ -22,7 +22,7 @@ from agglom_mpi.analysis.derived import derived_columns
 from agglom_mpi.analysis.estimates import objective_of, rounding_of, unconverged
 from agglom_mpi.analysis.failed_samples import failure_lines, no_result, state_lines
 from agglom_mpi.analysis.finite_size import describe_finite_size
-from agglom_mpi.analysis.quantity_means import left_out, quantity_rows
+from agglom_mpi.analysis.quantity_means import quantity_rows
 from agglom_mpi.analysis.ranking import listed_strings, rank_strings, ranks_itself
 from agglom_mpi.analysis.selection_bias import SelectionBias, describe_bias, selection_bias
 from agglom_mpi.display.fitted_table import FittedTable
@@ -147,7 +147,7 @@ def summary_table(file: CampaignData, best: int | None = None) -> RenderableType
     note += describe_finite_size(file, [entry["string"] for entry in summary.best])
     if not summary.no_result:
         note += failure_lines(file)
-    footer = _footer(summary, state_lines(file), note, left_out(file))
+    footer = _footer(summary, state_lines(file), note)
     if summary.no_result:
         return Group(*filter(None, [summary.title]), *footer)
     more = quantity_rows(file, [entry["string"] for entry in summary.best])
@@ -225,13 +225,8 @@ SEARCH_ESTIMATES: Final = (
 """Note on a search that ranks strings by more than their own samples."""
 
 
-def _footer(
-    summary: Summary,
-    states: Sequence[str],
-    notes: Sequence[str] = (),
-    left_out: Sequence[str] = (),
-) -> list[str]:
-    """Return the lines below the table; where re-estimates are `left_out`, these lines say so."""
+def _footer(summary: Summary, states: Sequence[str], notes: Sequence[str] = ()) -> list[str]:
+    """Return the lines below the table."""
     shown = [entry["string"] for entry in summary.best]
     estimated = sum(entry["reestimate"] is not None for entry in summary.best)
     fresh = ""
@@ -245,11 +240,7 @@ def _footer(
         f"{pluralise(summary.samples_used, 'sample')} used of {summary.samples_simulated} "
         f"simulated{fresh}, "
         f"{format_duration(summary.seconds)}, {summary.samples_per_second:.0f} samples/s",
-        *(
-            ()
-            if summary.no_result
-            else left_out or describe_bias(summary.verdict, shown, estimated)
-        ),
+        *(() if summary.no_result else describe_bias(summary.verdict, shown, estimated)),
         *notes,
     ]
     if summary.not_converged:

@@ -93,10 +93,10 @@ def _ranked_strings(campaign: Campaign, path: Path) -> tuple[NDArray[np.int64], 
     They are numbers, (n,), and this campaign's variables, (n, k), nan where the other lacks one.
     """
     data = read_inversion(str(path), permitted_modules(campaign))
+    if data.code_note:
+        what = "needs code of one's own, which runs only if this campaign names the same module"
+        raise ValueError(what)
     strings, order = data.string_rows(), np.asarray(rank_strings(data).order, np.int64)
-    if data.left_out:
-        what = f"needs code of one's own for its {data.left_out[0]}"
-        raise ValueError(f"{what}, which runs only if this campaign names the same module")
     parameters = parameters_of(strings[np.searchsorted(strings["string"], order)])
     return order, campaign.variables.of_other(parameters, data.variables)
 

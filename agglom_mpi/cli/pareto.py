@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from agglom_mpi.cli.common import ALLOW_CODE, PATH, examples, exit_with, mention_left_out, say
+from agglom_mpi.cli.common import ALLOW_CODE, PATH, examples, exit_with, say
 
 
 @click.command(
@@ -72,6 +72,4 @@ def pareto(
         say(line)
     if OBJECTIVE in (x, y) and not is_one_question(opened):
         say("warning: the objectives are not of the same question", error=True)
-    for file in opened:
-        mention_left_out(file)
     return 0

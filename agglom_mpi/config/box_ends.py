@@ -10,7 +10,6 @@ import numpy.typing as npt
 from agglom_mpi.config.yaml_source import CampaignError, Problem, parse
 from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.declaration.given_values import JAMMING_FRACTION
-from agglom_mpi.errors import CodeNotAllowedError
 from agglom_mpi.formatting import in_unit
 from agglom_mpi.variables import volume_fraction
 
@@ -33,13 +32,9 @@ def check_ends(campaign: "Campaign") -> None:
     box, names = campaign.variables, _searched(campaign)
     if not box.of_scene:
         return
-    try:
-        problems = _refused(campaign, (each for name in names for each in _ends(campaign, [name])))
-        whole = ((names, string) for string in (box.lower, box.upper))
-        problems = problems or _refused(campaign, whole) or dict(_out_of_reach(campaign))
-    except CodeNotAllowedError:  # of a recorded law of one's own, which was asked at the start
-        return
-    if problems:
+    problems = _refused(campaign, (each for name in names for each in _ends(campaign, [name])))
+    whole = ((names, string) for string in (box.lower, box.upper))
+    if problems := problems or _refused(campaign, whole) or dict(_out_of_reach(campaign)):
         source = parse(campaign.text, campaign.name)
         raise CampaignError(*(source.problem(*found) for found in problems.items()))
 
@@ -49,11 +44,8 @@ def refused_corners(campaign: "Campaign") -> list[Problem]:
     problems: dict[FieldPath, str] = {}
     for _, group in groupby(_searched(campaign), key=lambda name: name.split(".")[0]):
         names = list(group)[:MAX_TOGETHER]
-        try:
-            if len(names) > 1:
-                problems |= _refused(campaign, _ends(campaign, names))
-        except CodeNotAllowedError:  # of a recorded law of one's own
-            continue
+        if len(names) > 1:
+            problems |= _refused(campaign, _ends(campaign, names))
     if not problems:
         return []
     source, more = parse(campaign.text, campaign.name), "samples fail there; constraints exclude it"

@@ -36,7 +36,7 @@ from agglom_mpi.config.plan import (
     Plan,
     Stopping,
 )
-from agglom_mpi.config.relation_reader import quantity_problems, read_constraints, read_derived
+from agglom_mpi.config.relations import quantity_problems, read_constraints, read_derived
 from agglom_mpi.config.scene import MAX_PARTICLES, SceneSection
 from agglom_mpi.config.yaml_source import CampaignError, Problem, Source, parse
 from agglom_mpi.declaration.choices import Choice

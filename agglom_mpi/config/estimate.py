@@ -219,8 +219,7 @@ def estimate_of(
     """
     objective, table = campaign.objective_at(parameters), campaign.variables
     summaries = [outcome.measured for outcome in outcomes]
-    needs_code = objective.needs_code
-    value, error = (math.nan, math.nan) if needs_code else objective.of_ensemble(summaries)
+    value, error = objective.of_ensemble(summaries)
     rounding = objective.rounding(value)
     used = campaign.variables.used
     records = [outcome.record for outcome in outcomes]
@@ -255,7 +254,7 @@ def estimate_of(
         units={variable.name: variable.unit for variable in table.further},
         quantities={
             name: mean_of([outcome.quantities[name] for outcome in outcomes])
-            for name in (() if needs_code else objective.quantity_units)
+            for name in objective.quantity_units
         },
         quantity_units=dict(objective.quantity_units),
     )

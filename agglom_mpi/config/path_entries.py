@@ -20,7 +20,6 @@ from agglom_mpi.config.scene_paths import (
 )
 from agglom_mpi.config.yaml_source import CampaignError, Problem, Source
 from agglom_mpi.declaration.reading import Reading
-from agglom_mpi.errors import CodeNotAllowedError
 from agglom_mpi.variables import TEN, VOLUME_FRACTION, Variable, VariableTable
 
 SECTION: Final = "variables"
@@ -74,7 +73,7 @@ def read_paths(source: Source, reading: Reading) -> PathEntries:
     further = list(found)
     with suppress(ValidationError):  # which is reported with all else
         whole = SceneSection.model_validate(whole, context=reading)
-        if VOLUME_FRACTION.name in variables and _changes_volume(whole, ranges, reading):
+        if VOLUME_FRACTION.name in variables and _changes_volume(whole, ranges):
             further.append(VOLUME_FRACTION)
     kept = {key: entry for key, entry in variables.items() if key not in refused}
     data = {**source.data, "scene": whole, SECTION: kept}
@@ -118,9 +117,7 @@ def _middle(entry: Variable) -> float:
     return min(max(middle, lower), upper)
 
 
-def _changes_volume(
-    section: SceneSection, ranges: Mapping[str, Variable], reading: Reading
-) -> bool:
+def _changes_volume(section: SceneSection, ranges: Mapping[str, Variable]) -> bool:
     """Return whether the third moment of the sizes differs over the box.
 
     A volume fraction, which then stands for different size ratios, is a variable of its own.
@@ -132,8 +129,6 @@ def _changes_volume(
                     cubes = with_numbers(section, {name: end}).third_moment
                     if abs(cubes - section.third_moment) > 1e-12 * cubes:
                         return True
-    except CodeNotAllowedError:  # of a recorded law of one's own
-        return VOLUME_FRACTION.name in reading.variables
     except ValueError:  # a law refuses the end, which is reported later
         return True
     return False

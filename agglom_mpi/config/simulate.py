@@ -15,7 +15,7 @@ from agglom_mpi.config.user_function import (
     function_of_means,
     objective_alone,
 )
-from agglom_mpi.errors import CodeNotAllowedError, named_error
+from agglom_mpi.errors import named_error
 from agglom_mpi.outcome import FinalParticles, final_particles
 from agglom_mpi.random_streams import sample_key, sample_stream
 from agglom_mpi.simulation.census import census_values, new_census_room
@@ -82,8 +82,6 @@ def simulate(
     final = final_particles(scene, particles)
     try:
         objective, quantities = objective_value(campaign, scene, vector, record, final, sample)
-    except CodeNotAllowedError:
-        raise
     except Exception as error:  # a user's function may raise any
         reason = named_error(error)
         raise RuntimeError(f"sample {sample} failed: {reason}") from error

@@ -5,7 +5,7 @@ class, such as `components.class_named`, asks it for the classes of one's own.
 """
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeGuard
 
 from agglom_mpi.declaration.units import quoted
@@ -25,8 +25,9 @@ SOURCE_VALUES: Final = "source_values"
 """Entry of an identity with the values that this code has read, where there are some."""
 
 OWN_MODULES: Final = "own_modules"
+"""Name of the text, JSON, with the modules of one's own of a file."""
 OWN_COMPONENTS: Final = "own_components"
-"""Names of the two texts, JSON, that a file records of components of one's own."""
+"""Name of a text of files of earlier versions, which described the classes of these modules."""
 OWN_SHA256: Final = "own_sha256"
 """Name of the SHA-256 of these two, one after the other, hexadecimal."""
 
@@ -39,13 +40,14 @@ def names_own(name: object) -> TypeGuard[str]:
     return isinstance(name, str) and ".py" in name
 
 
-def sections_of_own(identity: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the sections of an identity that have a component of one's own: `scene.friction`."""
-    for entry, name in identity.items():
-        section = entry.rpartition(".")[0]
-        is_own = isinstance(name, str) and OWN_NAME.fullmatch(name)
-        if is_own and f"{section}.{SOURCE_SHA256}" in identity:
-            yield section
+def own_names(identity: Mapping[str, Any]) -> dict[str, str]:
+    """Return the components of one's own of an identity by section: `scene.friction`."""
+    named = {entry.rpartition(".")[0]: name for entry, name in identity.items() if names_own(name)}
+    return {
+        section: name
+        for section, name in named.items()
+        if OWN_NAME.fullmatch(name) and f"{section}.{SOURCE_SHA256}" in identity
+    }
 
 
 def values_in(identity: Mapping[str, Any], section: str) -> tuple[tuple[str, str], ...]:

@@ -3,7 +3,6 @@
 import io
 import time
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,7 +13,6 @@ from agglom_mpi.analysis.data_fit import describe_fit
 from agglom_mpi.analysis.estimates import rounding_of
 from agglom_mpi.analysis.failed_samples import no_result
 from agglom_mpi.analysis.finite_size import describe_finite_size
-from agglom_mpi.analysis.quantity_means import left_out
 from agglom_mpi.analysis.ranking import listed_strings, rank_strings
 from agglom_mpi.analysis.selection_bias import describe_bias, selection_bias
 from agglom_mpi.analysis.summary import moment_notes
@@ -107,6 +105,7 @@ def write_report(
         If it cannot be written.
     """
     begun = time.perf_counter()
+    file.require_code()
     require_library("matplotlib", "report", "figures")
     require_library("jinja2", "report", "web pages")
     require_directory(directory)
@@ -124,7 +123,7 @@ def write_report(
         page.add_posterior(found, posterior.found(found))
     for section in dict.fromkeys(figure.section for figure in FIGURES.values()):
         resimulates = section == "particles" and simulate and not all_stored(file)
-        if resimulates and file.may_simulate and rank_strings(file).order:
+        if resimulates and rank_strings(file).order:
             yield RESIMULATION_MESSAGE
         page.draw(section)
     replace_file(directory / NAME, page.render().encode())
@@ -167,9 +166,8 @@ class PageBuilder:
         for figure in FIGURES.values():
             if figure.section != section or (figure.on_request and not self._sensitivity):
                 continue
-            draw = partial(figure.drawing, self._data, self._options)
             try:
-                drawing = self._data.unless_code(f"figure {figure.name}", draw, None)
+                drawing = figure.drawing(self._data, self._options)
             except FramesUnavailableError as error:
                 self._frames_unavailable = str(error)
                 continue
@@ -291,10 +289,10 @@ def comparison_lines(data: CampaignData) -> list[str]:
     estimated = {estimate.string for estimate in rank_strings(data).estimates}.intersection(shown)
     paired = PairedSamples.behind(rank_strings(data).estimates, data)
     bias = selection_bias(rank_strings(data).estimates, paired, rounding_of(data))
-    lines = left_out(data) or describe_bias(bias, shown, len(estimated))
+    verdict = describe_bias(bias, shown, len(estimated))
     fit = describe_fit(data, shown[0]) if shown else []
     size = describe_finite_size(data, shown)
-    lines = [*lines, *moment_notes(data), *fit, *size, *data.unused_notes]
+    lines = [*verdict, *moment_notes(data), *fit, *size, *data.unused_notes]
     return [typeset(line) for line in lines]
 
 

@@ -3,10 +3,10 @@
 import json
 import logging
 import zlib
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -15,8 +15,9 @@ from agglom_mpi.declaration.reading import (
     OWN_COMPONENTS,
     OWN_MODULES,
     OWN_SHA256,
+    SOURCE_SHA256,
     Reading,
-    sections_of_own,
+    own_names,
 )
 from agglom_mpi.errors import CodeNotAllowedError
 from agglom_mpi.formatting import shortened
@@ -36,8 +37,6 @@ if TYPE_CHECKING:
     import h5py
 
     from agglom_mpi.config.user_function import UserFunction
-
-T = TypeVar("T")
 
 Allowed = bool | Collection[tuple[str, str]]
 """Whether code of one's own in a file may be executed: all, none, or modules by name and digest."""
@@ -157,8 +156,6 @@ class CampaignHeader:
 
     Attributes
     ----------
-    left_out
-        What was left out, as that needs code which may not be executed.
     altered
         Attributes and tables that are not as they were written.
     """
@@ -167,7 +164,6 @@ class CampaignHeader:
         self.path = path
         self.attributes = attributes
         self.allow_code = allow_code
-        self.left_out: list[str] = []
         self.altered: list[str] = []
 
     def __repr__(self) -> str:
@@ -202,15 +198,20 @@ class CampaignHeader:
 
     @cached_property
     def reading(self) -> Reading:
-        """How the campaign is read: as it was recorded, and with its own components."""
-        if OWN_COMPONENTS not in self.attributes:
+        """How the campaign is read: as it was recorded, and with its own components.
+
+        Raises
+        ------
+        CodeNotAllowedError
+            If these may not be executed.
+        """
+        self.require_code()
+        if OWN_MODULES not in self.attributes:
             return Reading(recorded=True)
         # Imported here: the others are read without what reads modules.
-        from agglom_mpi.config.own_components import RecordedComponents, RecordedModules
+        from agglom_mpi.config.own_components import RecordedModules
 
-        if not self.allow_code:
-            return Reading(recorded=True, own=RecordedComponents(self.attributes))
-        own = RecordedModules(self.attributes, self.identity, self._may_run, self.path.parent)
+        own = RecordedModules(self.attributes, self.identity, self.path.parent)
         return Reading(recorded=True, own=own)
 
     def _may_run(self, file: str, sha256: str) -> bool:
@@ -237,25 +238,31 @@ class CampaignHeader:
         folder = OwnModule.of(function.file, source, self.path.parent).folder
         return function._replace(source=source, folder=folder)
 
-    @property
-    def may_simulate(self) -> bool:
-        """Whether no law of the scene is one's own, or its code may run."""
-        sections = sections_of_own(self.identity)
-        return self.allow_code is True or not any(each.startswith("scene.") for each in sections)
+    @cached_property
+    def code_note(self) -> str:
+        """A line on the campaign's own code that may not run; then a file is its tables alone.
 
-    def unless_code(self, what: str, compute: Callable[[], T], otherwise: T) -> T:
-        """Return `compute()`; where that needs code that may not run, `what` is left out."""
-        try:
-            return compute()
-        except CodeNotAllowedError:
-            if what not in self.left_out:
-                self.left_out.append(what)
-            return otherwise
+        It is empty of a campaign without such code, and where that may run.
+        """
+        digests = {
+            name: str(self.identity[f"{section}.{SOURCE_SHA256}"])
+            for section, name in own_names(self.identity).items()
+        }
+        refused = [
+            name
+            for name, digest in digests.items()
+            if not self._may_run(name.partition(":")[0], digest)
+        ]
+        of_means = self.identity.get("objective.of_means")
+        if of_means is not None and self.allowed is None:
+            refused.append(of_means)
+        names = ", ".join(refused)
+        return f"{self.path} has code of its own ({names}); --allow-code runs it" if names else ""
 
-    def left_out_lines(self) -> list[str]:
-        """Return a line on what was left out; none where nothing was."""
-        what = ", ".join(self.left_out)
-        return [f"{self.path}: left out without --allow-code: {what}"] if what else []
+    def require_code(self) -> None:
+        """Raise a CodeNotAllowedError if the campaign has code of its own that may not run."""
+        if self.code_note:
+            raise CodeNotAllowedError(self.code_note)
 
     def note_altered(self, names: Iterable[str]) -> None:
         """Record, and log as a warning, attributes and tables that are altered."""

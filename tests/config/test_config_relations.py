@@ -8,7 +8,7 @@ from agglom_mpi.analysis.estimates import Estimate
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.expressions import evaluate
 from agglom_mpi.config.quantities import CONSTANTS, QUANTITIES
-from agglom_mpi.config.relation_reader import COLUMNS, MAX_ENTRIES
+from agglom_mpi.config.relations import COLUMNS, MAX_ENTRIES
 from agglom_mpi.config.searchable import check_constraints, check_searchable, log_narrow
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.physics import scales

@@ -298,8 +298,6 @@ def draw_sample_counts(ax: Any, counts: SampleCounts) -> Any:
 
 
 def _ensembles_data(data: CampaignData, _: FigureOptions) -> EnsembleHistories | None:
-    if objective_of(data).needs_code:
-        return None
     samples = data.counted_samples
     completed = {*samples["string"][samples["state"] == COMPLETED].tolist()}
     shown = [i for i in rank_strings(data).order if i in completed][:STRINGS]

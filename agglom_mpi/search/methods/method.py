@@ -157,21 +157,6 @@ class SearchMethod(Component):
         """Return the search before its first generation."""
         raise NotImplementedError
 
-    def record(self) -> dict[str, Any]:
-        """Return what a file records of a method of one's own: what a stand-in counts by."""
-        return {
-            "counts": {
-                "strings": [self.strings(1), self.strings(2)],
-                "first_sample": [self.first_sample(1), self.first_sample(2)],
-            }
-        }
-
-    @classmethod
-    def restored(cls, record: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the attributes of a stand-in, which counts on from the first two numbers."""
-        counts = {name: _counting(*numbers) for name, numbers in record["counts"].items()}
-        return super().restored(record) | counts
-
     @property
     def kept(self) -> int:
         """Number of best strings whose mean is shown, unless the target says otherwise."""
@@ -241,11 +226,6 @@ class SearchMethod(Component):
     def details(self) -> list[str]:
         """Further lines of `agglom check` on the method."""
         return []
-
-
-def _counting(first: int, second: int) -> Callable[[Any, int], int]:
-    """Return a method of a number from 1 on that rises evenly."""
-    return lambda self, number: first + (number - 1) * (second - first)
 
 
 class PopulationMethod(SearchMethod):

@@ -139,11 +139,6 @@ class Objective(Component):
         return self
 
     @property
-    def needs_code(self) -> bool:
-        """Whether the objective of samples needs a function that is not run here."""
-        return False
-
-    @property
     def by_mean_radius(self) -> "RadiusObjective | None":
         """The objective if it depends on the samples' mean radius ratios alone, else None."""
         return None

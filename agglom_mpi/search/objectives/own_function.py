@@ -152,11 +152,6 @@ class MeanOfFunction(Objective):
         bound.__dict__["_function"] = of_means if self.of_means else None
         return bound
 
-    @property
-    def needs_code(self) -> bool:
-        """Whether the objective of samples needs a function that is not run here."""
-        return bool(self.of_means) and self._function is None
-
     def problems(self) -> Iterator[tuple[FieldPath, str]]:
         """Yield functions that are not `module:function`, and a key without the other."""
         must = "must be module:function, of module.py beside the campaign file"
