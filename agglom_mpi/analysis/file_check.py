@@ -12,6 +12,7 @@ from agglom_mpi.errors import FAILURE, FINISHED
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.storage.access import DamagedCampaign
 from agglom_mpi.storage.consistency import check_counts, check_digests, check_numbers
+from agglom_mpi.storage.recorded_code import allowed_function
 from agglom_mpi.storage.schema import STUDY
 from agglom_mpi.storage.verify import VerificationReport, row_list, verify_rows
 
@@ -32,7 +33,7 @@ OWN_DECISIONS: Final = "decisions are made by code of one's own: --allow-code ru
 def check_file(path: str, allow_code: bool = False) -> tuple[str, int]:
     """Verify a campaign file, without writing to it; return the text to print and the exit code.
 
-    `allow_code` as for `CampaignHeader`.
+    `allow_code` as for `CampaignData`.
 
     Raises
     ------
@@ -63,7 +64,7 @@ def _why_not_replayed(report: VerificationReport) -> str:
     if report.data.attributes.get("purpose") == STUDY:
         return f"the strings of an {STUDY} are not searched"
     of_means = report.data.identity.get("objective.of_means")
-    if of_means is not None and report.data.allowed is None:
+    if of_means is not None and allowed_function(report.data) is None:
         return f"decisions rest on {of_means}, which is run with --allow-code only"
     return ""
 

@@ -47,8 +47,10 @@ from agglom_mpi.report.sample_particles import (
 from agglom_mpi.report.set_files import SetRequest, write_files
 from agglom_mpi.report.set_summary import set_text
 from agglom_mpi.storage.files import replace_file
+from agglom_mpi.storage.lock import live_status
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
+from agglom_mpi.storage.recorded_code import may_simulate
 from agglom_mpi.storage.schema import FAILURE_CAPACITY
 
 NAME: Final = "report.html"
@@ -124,7 +126,7 @@ def write_report(
         page.add_posterior(found, posterior.found(found))
     for section in dict.fromkeys(figure.section for figure in FIGURES.values()):
         resimulates = section == "particles" and simulate and not all_stored(file)
-        if resimulates and file.may_simulate and rank_strings(file).order:
+        if resimulates and may_simulate(file) and rank_strings(file).order:
             yield RESIMULATION_MESSAGE
         page.draw(section)
     replace_file(directory / NAME, page.render().encode())
@@ -234,7 +236,7 @@ class PageBuilder:
         return {
             "title": data.title or data.path.stem,
             "file_name": data.path.name,
-            "status": data.live_status(),
+            "status": live_status(data),
             "generations": len(data.generation_rows()),
             "judged": len(data.result_rows()),
             "no_result": no_result(data),

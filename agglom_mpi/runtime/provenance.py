@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import h5py
 
-from agglom_mpi.storage.run_log import LegStart
+from agglom_mpi.storage.schema import VERSIONS
 from agglom_mpi.version import __version__
 
 _SOURCES = Path(__file__).parents[2]
@@ -181,20 +181,22 @@ def versions() -> dict[str, str]:
     return found
 
 
-def leg_start(ranks: int, mpi: str, *, nodes: int = 1, database: str = "gathered") -> LegStart:
-    """Return what is recorded of a start of the program, which is now."""
-    return LegStart(
-        started=time.time(),
-        ranks=ranks,
-        nodes=nodes,
-        database=database,
-        host=socket.gethostname(),
-        processor=processor(),
-        code_version=__version__,
-        sources_sha256=sources_digest(),
-        git_revision=git_revision(),
-        versions=versions() | {"mpi": mpi},
-    )
+def leg_start(
+    ranks: int, mpi: str, *, nodes: int = 1, database: str = "gathered"
+) -> dict[str, Any]:
+    """Return the columns of `/legs` of a start of the program, which is now."""
+    found = versions() | {"mpi": mpi}
+    return {
+        "started": time.time(),
+        "ranks": ranks,
+        "nodes": nodes,
+        "database": database,
+        "host": socket.gethostname(),
+        "processor": processor(),
+        "code_version": __version__,
+        "sources_sha256": sources_digest(),
+        "git_revision": git_revision(),
+    } | {name: found[name] for name in VERSIONS}
 
 
 def processor() -> str:

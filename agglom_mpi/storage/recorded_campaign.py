@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 from agglom_mpi.config import loading
 from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.storage.recorded_code import allowed_function, recorded_reading
 
 if TYPE_CHECKING:
     from agglom_mpi.storage.reader import CampaignData
@@ -22,5 +23,9 @@ def recorded_campaign(data: "CampaignData") -> Campaign:
 
 def _campaign(data: "CampaignData") -> Campaign:
     return loading.campaign_of_record(
-        data.campaign_text, str(data.path), data.identity, data.reading.own, data.allowed
+        data.campaign_text,
+        str(data.path),
+        data.identity,
+        recorded_reading(data).own,
+        allowed_function(data),
     )
