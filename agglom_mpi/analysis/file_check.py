@@ -12,7 +12,7 @@ from agglom_mpi.errors import FAILURE, FINISHED
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.storage.access import DamagedCampaign
 from agglom_mpi.storage.consistency import check_counts, check_digests, check_numbers
-from agglom_mpi.storage.recorded_code import allowed_function
+from agglom_mpi.storage.recorded_campaign import allowed_function
 from agglom_mpi.storage.schema import STUDY
 from agglom_mpi.storage.verify import VerificationReport, row_list, verify_rows
 

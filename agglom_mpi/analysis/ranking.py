@@ -7,7 +7,7 @@ import numpy as np
 
 from agglom_mpi.analysis.derived import may_have_key, recorded_inversion
 from agglom_mpi.analysis.estimates import Estimate, estimates_of, rounding_of
-from agglom_mpi.storage.recorded_code import recorded_search
+from agglom_mpi.storage.recorded_campaign import recorded_search
 
 if TYPE_CHECKING:
     from agglom_mpi.storage.reader import CampaignData

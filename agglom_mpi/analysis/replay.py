@@ -21,7 +21,7 @@ from agglom_mpi.search.ensemble import EnsembleResult
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.proposals import MODEL, Proposals
 from agglom_mpi.storage.reader import given_strings
-from agglom_mpi.storage.recorded_code import allowed_function, recorded_reading
+from agglom_mpi.storage.recorded_campaign import allowed_function, recorded_reading
 from agglom_mpi.storage.schema import parameters_of
 from agglom_mpi.storage.table import consecutive_samples
 from agglom_mpi.storage.verify import VerificationReport, row_list

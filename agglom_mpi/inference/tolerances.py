@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from agglom_mpi.config.arguments import read_amount, read_fraction, shown
 from agglom_mpi.config.user_function import function_of_means
 from agglom_mpi.search.objectives.objective import Objective
-from agglom_mpi.storage.recorded_code import allowed_function, recorded_component
+from agglom_mpi.storage.recorded_campaign import allowed_function, recorded_component
 
 if TYPE_CHECKING:
     from agglom_mpi.storage.reader import CampaignData

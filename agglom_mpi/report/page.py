@@ -49,8 +49,7 @@ from agglom_mpi.report.set_summary import set_text
 from agglom_mpi.storage.files import replace_file
 from agglom_mpi.storage.lock import live_status
 from agglom_mpi.storage.reader import CampaignData
-from agglom_mpi.storage.recorded_campaign import recorded_campaign
-from agglom_mpi.storage.recorded_code import may_simulate
+from agglom_mpi.storage.recorded_campaign import may_simulate, recorded_campaign
 from agglom_mpi.storage.schema import FAILURE_CAPACITY
 
 NAME: Final = "report.html"

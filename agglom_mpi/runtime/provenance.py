@@ -14,7 +14,6 @@ from typing import Any, Final
 
 import h5py
 
-from agglom_mpi.storage.schema import VERSIONS
 from agglom_mpi.version import __version__
 
 _SOURCES = Path(__file__).parents[2]
@@ -168,6 +167,10 @@ def _is_docstring(node: Any) -> bool:
         and isinstance(node.value, ast.Constant)
         and isinstance(node.value.value, str)
     )
+
+
+VERSIONS: Final = ("python", "numpy", "numba", "h5py", "hdf5", "mpi", "scipy")
+"""The columns of `/legs` that record library versions."""
 
 
 def versions() -> dict[str, str]:

@@ -59,9 +59,7 @@ STRING_COLUMNS: Final = (
     Column("generation", "i4", "", "generation that it was proposed for, from 0"),
     Column("slot", "i4", "", "its place among the strings of that generation"),
     Column(
-        "origin",
-        "u1",
-        "",
+        *("origin", "u1", ""),
         "0 random, 1 offspring, 2 of a model, 3 given, 4 a parent that gets more samples",
     ),
     Column("parents", "i8", "", "strings that it was bred from, -1 for none", (2,)),
@@ -154,9 +152,6 @@ SAMPLES: Final = TableSchema(
 sample_dtype: Final = SAMPLES.dtype
 """One row of `/samples`; what a run hands to the writer, `crc` not filled in."""
 
-QUANTITY_MEANING: Final = "quantity of the sample by the objective's function; 0 if it failed"
-"""Meaning of the columns of quantities."""
-
 
 def samples_schema(
     quantities: Mapping[str, str], census: CensusLayout | None = None
@@ -172,10 +167,9 @@ def samples_schema(
     """
     if not quantities and census is None:
         return SAMPLES
-    columns = [
-        Column(name, "f8", unit, QUANTITY_MEANING, since=4)
-        for name, unit in sorted(quantities.items())
-    ]
+    meaning = "quantity of the sample by the objective's function; 0 if it failed"
+    units = sorted(quantities.items())
+    columns = [Column(name, "f8", unit, meaning, since=4) for name, unit in units]
     columns += census_columns(census)
     at = [field.name for field in SAMPLES.fields].index("objective") + 1
     return SAMPLES._replace(fields=(*SAMPLES.fields[:at], *columns, *SAMPLES.fields[at:]))
@@ -248,11 +242,7 @@ LEGS: Final = TableSchema(
         Column("samples", "i8", "1", "samples simulated in this leg"),
         Column("busy_seconds", "f8", "s", "wall-clock time of their simulation, sum over ranks"),
         Column(
-            "cpu_seconds",
-            "f8",
-            "s",
-            "processor time of their simulation, sum over ranks",
-            since=3,
+            "cpu_seconds", "f8", "s", "processor time of their simulation, sum over ranks", since=3
         ),
         Column(
             "database_seconds",
@@ -263,8 +253,6 @@ LEGS: Final = TableSchema(
         CRC,
     ),
 )
-VERSIONS: Final = ("python", "numpy", "numba", "h5py", "hdf5", "mpi", "scipy")
-"""The columns of `/legs` that record library versions."""
 
 STATUS: Final = TableSchema(
     "status",

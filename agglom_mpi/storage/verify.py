@@ -25,7 +25,7 @@ from agglom_mpi.storage.access import (
 )
 from agglom_mpi.storage.header import altered_parts
 from agglom_mpi.storage.reader import CampaignData
-from agglom_mpi.storage.recorded_code import recorded_search
+from agglom_mpi.storage.recorded_campaign import recorded_search
 from agglom_mpi.storage.rows import Rows
 from agglom_mpi.storage.schema import CAMPAIGN_STATES, volume_table
 from agglom_mpi.storage.status import REWRITE_SECONDS, read_status, status_of

@@ -17,7 +17,7 @@ from agglom_mpi.search.objectives.objective import Objective
 from agglom_mpi.search.stopping import StoppingRule
 from agglom_mpi.search.studied_rules import compared_rules
 from agglom_mpi.storage.reader import CampaignData
-from agglom_mpi.storage.recorded_code import recorded_component
+from agglom_mpi.storage.recorded_campaign import recorded_component
 
 Floats = NDArray[np.float64]
 
