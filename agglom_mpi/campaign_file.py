@@ -10,7 +10,9 @@ from agglom_mpi.formatting import pluralise
 from agglom_mpi.outcome import FinalParticles
 from agglom_mpi.report.campaign_plots import CampaignPlots
 from agglom_mpi.storage.access import NotACampaign
-from agglom_mpi.storage.reader import Status, read_campaign
+from agglom_mpi.storage.lock import live_status
+from agglom_mpi.storage.reader import read_campaign
+from agglom_mpi.storage.status import Status
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -55,7 +57,7 @@ class CampaignFile(CampaignPlots):
                 (len(data.string_rows()), "string"),
             )
             return ", ".join(
-                [f"; {data.live_status().state}", *(pluralise(*each) for each in counts)]
+                [f"; {live_status(data).state}", *(pluralise(*each) for each in counts)]
             )
         except (OSError, UserError):
             return ""
@@ -68,7 +70,7 @@ class CampaignFile(CampaignPlots):
     @property
     def seed(self) -> int:
         """Seed of all random streams."""
-        return self._opened.seed
+        return int(self._opened.attributes["seed"])
 
     @property
     def campaign_text(self) -> str:
@@ -77,7 +79,7 @@ class CampaignFile(CampaignPlots):
 
     def status(self) -> Status:
         """Return the state of the campaign, the time of the last change (Unix, s), and a reason."""
-        return self._snapshot().live_status()
+        return live_status(self._snapshot())
 
     @property
     def damaged(self) -> int:

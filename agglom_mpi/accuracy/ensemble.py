@@ -33,6 +33,7 @@ from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.random_streams import search_stream
 from agglom_mpi.report.drawing import Drawing
 from agglom_mpi.search.objectives.growth import MaximumGrowth
+from agglom_mpi.search.objectives.objective import RadiusObjective
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -80,8 +81,8 @@ def ensemble_section(campaign: "Campaign", rows: np.ndarray, quick: bool = False
     if len(pool) < FEWEST_ROWS:
         too_few = sentences.paragraph("too_few")
         return _nothing(sentences, "no pool to draw from", failures=(too_few,))
-    plan, objective, other = campaign.plan, campaign.objective.by_mean_radius, False
-    if objective is None:
+    plan, objective, other = campaign.plan, campaign.objective, False
+    if not isinstance(objective, RadiusObjective):
         greatest = MaximumGrowth().of_grains(campaign.scene.equivalent_grains)
         plan, objective, other = None, greatest, True
     truth = truth_of(pool, objective)

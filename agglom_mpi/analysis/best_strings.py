@@ -103,7 +103,7 @@ def collect_best(file: CampaignData, count: int) -> list[dict[str, Any]]:
         _entry(file, rows[string], parameters[string], again.get(string))
         | {"seconds": float(wall[string]), "processor_seconds": float(cpu[string])}
         | _filled(file, string)
-        | ({"quantities": as_entries(file, string)} if file.quantities else {})
+        | ({"quantities": as_entries(file, string)} if file.sizes.quantities else {})
         | _finite_size(file, string)
         | {
             column.name: float(values_of(file, [string], column.name)[0])

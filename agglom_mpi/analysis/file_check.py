@@ -12,6 +12,7 @@ from agglom_mpi.errors import FAILURE, FINISHED
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.storage.access import DamagedCampaign
 from agglom_mpi.storage.consistency import check_counts, check_digests, check_numbers
+from agglom_mpi.storage.recorded_campaign import code_note
 from agglom_mpi.storage.schema import STUDY
 from agglom_mpi.storage.verify import VerificationReport, row_list, verify_rows
 
@@ -29,7 +30,7 @@ REMEDIES: Final = {
 def check_file(path: str, allow_code: bool = False) -> tuple[str, int]:
     """Verify a campaign file, without writing to it; return the text to print and the exit code.
 
-    `allow_code` as for `CampaignHeader`.
+    `allow_code` as for `CampaignData`.
 
     Raises
     ------
@@ -46,7 +47,7 @@ def check_file(path: str, allow_code: bool = False) -> tuple[str, int]:
     check_counts(report)
     digests = check_digests(report)
     study = report.data.attributes.get("purpose") == STUDY
-    left_out = f"the strings of an {STUDY} are not searched" if study else report.data.code_note
+    left_out = f"the strings of an {STUDY} are not searched" if study else code_note(report.data)
     replayed = left_out or replay(report)
     lines = [*_verified(report, digests, replayed)]
     damage = [*report.losses, *report.faults]

@@ -23,7 +23,7 @@ def quantity_means(data: "CampaignData", string: int) -> dict[str, tuple[MeanEst
 
     Failed samples are left out. The dictionary is empty where there are no quantities.
     """
-    names = list(data.quantities)
+    names = list(data.sizes.quantities)
     if not names:
         return {}
     used, fresh = (completed_rows(data, string, fresh) for fresh in (False, True))
@@ -38,7 +38,7 @@ def as_entries(data: "CampaignData", string: int) -> dict[str, Any]:
             "standard_error": used.error,
             "estimate": fresh.value,
             "estimate_standard_error": fresh.error,
-            "unit": data.quantities[name],
+            "unit": data.sizes.quantities[name],
         }
         for name, (used, fresh) in quantity_means(data, string).items()
     }
@@ -56,9 +56,9 @@ def quantity_table(
     fresh
         Whether the means are over fresh samples, and not over those that results rest on.
     """
-    found = [quantity_means(data, string) for string in strings] if data.quantities else []
+    found = [quantity_means(data, string) for string in strings] if data.sizes.quantities else []
     table: dict[str, tuple[NDArray[np.float64], str]] = {}
-    for name, unit in data.quantities.items():
+    for name, unit in data.sizes.quantities.items():
         means = [each[name][int(fresh)] for each in found]
         own = quantity_columns(name)[2 * fresh :]
         table[own[0]] = np.array([mean.value for mean in means], np.float64), unit
@@ -72,7 +72,7 @@ def quantity_rows(data: "CampaignData", strings: Sequence[int]) -> list[list[str
     Means over fresh samples follow where there are any.
     """
     found, rows = [quantity_means(data, string) for string in strings], []
-    for name, unit in data.quantities.items():
+    for name, unit in data.sizes.quantities.items():
         for i, measured in enumerate(MEASURED_ON):
             means = [each[name][i] for each in found]
             if any(mean.samples for mean in means):

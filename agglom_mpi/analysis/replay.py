@@ -21,6 +21,7 @@ from agglom_mpi.search.ensemble import EnsembleResult
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.proposals import MODEL, Proposals
 from agglom_mpi.storage.reader import given_strings
+from agglom_mpi.storage.recorded_campaign import allowed_function, recorded_reading
 from agglom_mpi.storage.schema import parameters_of
 from agglom_mpi.storage.table import consecutive_samples
 from agglom_mpi.storage.verify import VerificationReport, row_list
@@ -66,7 +67,7 @@ def replay(report: VerificationReport) -> Replayed:
     try:
         data = report.data
         text, identity = data.campaign_text, data.identity
-        own, allowed = data.reading.own, data.allowed
+        own, allowed = recorded_reading(data).own, allowed_function(data)
         campaign = campaign_of_record(text, str(data.path), identity, own, allowed)
         _check_campaign(campaign, report)
         campaign = campaign.with_generations(_generations(report))
@@ -116,7 +117,7 @@ def _check_campaign(campaign: Campaign, report: VerificationReport) -> None:
         report.data.attributes[n] for n in ("seed", "title")
     ):
         report.faults.append("attributes: another seed or title than in the campaign's text")
-    if report.data.quantities != dict(campaign.objective.quantity_units):
+    if report.data.sizes.quantities != dict(campaign.objective.quantity_units):
         report.faults.append("attributes: other quantities than in the campaign's text")
     rows, box = data.variable_rows(), campaign.variables
     if _described(data.variables) != _described(box):

@@ -70,7 +70,7 @@ def samples_that_differ(data: "CampaignData", campaign: "Campaign") -> Iterator[
         string, sample = int(row["string"]), int(row["sample"])
         number = campaign.first_sample(string) + sample
         again = campaign.simulate(data.parameters[string], number)
-        if not is_same_sample(row, again, data.format_version, bool(campaign.user_function)):
+        if not is_same_sample(row, again, data.sizes.version, bool(campaign.user_function)):
             yield f"samples: sample {sample} of string {string} {AGREEMENT[False]}"
 
 

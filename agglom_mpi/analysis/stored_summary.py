@@ -4,6 +4,8 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from agglom_mpi.formatting import in_unit, without_nan
+from agglom_mpi.storage.lock import live_status
+from agglom_mpi.storage.recorded_campaign import code_note
 
 if TYPE_CHECKING:
     from agglom_mpi.storage.reader import CampaignData
@@ -14,7 +16,7 @@ def stored_summary(file: "CampaignData") -> dict[str, Any]:
 
     The best string is that of the last generation, as searched.
     """
-    status, generations, results = file.live_status(), file.generation_rows(), file.result_rows()
+    status, generations, results = live_status(file), file.generation_rows(), file.result_rows()
     found = {
         "title": file.title,
         "state": status.state,
@@ -39,7 +41,9 @@ def stored_text(file: "CampaignData", as_json: bool) -> str:
     """Return these numbers as lines or as JSON, and why there are no others."""
     found = stored_summary(file)
     if as_json:
-        return json.dumps({"file": str(file.path), **found, "needs_code": file.code_note}, indent=2)
+        return json.dumps(
+            {"file": str(file.path), **found, "needs_code": code_note(file)}, indent=2
+        )
     units = {variable.name: variable.unit for variable in file.variables.variables}
     lines = [f"{name}: {in_unit(value, units.get(name, '1'))}" for name, value in found.items()]
-    return "\n".join([*lines, file.code_note])
+    return "\n".join([*lines, code_note(file)])

@@ -28,6 +28,7 @@ from agglom_mpi.analysis.selection_bias import SelectionBias, describe_bias, sel
 from agglom_mpi.display.fitted_table import FittedTable
 from agglom_mpi.formatting import format_duration, in_unit, number_or_none, pluralise, without_nan
 from agglom_mpi.outcome import FAILED
+from agglom_mpi.storage.lock import live_status
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.variables import PAPER_VARIABLES
 
@@ -75,7 +76,7 @@ def collect_summary(file: CampaignData, best: int = 6) -> Summary:
         Number of the best strings to include. Each has a `reestimate` on its fresh samples, None if
         it has none.
     """
-    results, legs, status = file.result_rows(), file.legs(), file.live_status()
+    results, legs, status = file.result_rows(), file.legs(), live_status(file)
     samples = file.all_sample_rows()
     estimates = rank_strings(file).estimates
     fresh = int((samples["sample"] >= file.fresh_from).sum())

@@ -117,7 +117,7 @@ def samples(data: "CampaignData") -> "pd.DataFrame":
     frame.insert(5, "fresh", rows["sample"] >= data.fresh_from)
     if not data.has_temperature:
         frame["mean_temperature"] = frame["mean_temperature"].where(frame["mean_temperature"] > 0.0)
-    return _with_units(frame, samples_schema(data.quantities).fields)
+    return _with_units(frame, samples_schema(data.sizes.quantities).fields)
 
 
 def estimates(data: "CampaignData") -> "pd.DataFrame":

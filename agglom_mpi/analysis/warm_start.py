@@ -18,6 +18,7 @@ from agglom_mpi.storage.reader import (
     read_campaign,
     read_inversion,
 )
+from agglom_mpi.storage.recorded_campaign import code_note
 from agglom_mpi.storage.schema import parameters_of
 from agglom_mpi.storage.verify import row_list
 
@@ -93,7 +94,7 @@ def _ranked_strings(campaign: Campaign, path: Path) -> tuple[NDArray[np.int64], 
     They are numbers, (n,), and this campaign's variables, (n, k), nan where the other lacks one.
     """
     data = read_inversion(str(path), permitted_modules(campaign))
-    if data.code_note:
+    if code_note(data):
         what = "needs code of one's own, which runs only if this campaign names the same module"
         raise ValueError(what)
     strings, order = data.string_rows(), np.asarray(rank_strings(data).order, np.int64)

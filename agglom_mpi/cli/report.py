@@ -17,6 +17,7 @@ from agglom_mpi.cli.common import (
 from agglom_mpi.cli.set_options import read_set_request, set_options
 from agglom_mpi.errors import FAILURE, FINISHED, INTERRUPTED
 from agglom_mpi.formatting import pluralise
+from agglom_mpi.storage.recorded_campaign import code_note
 
 if TYPE_CHECKING:
     from agglom_mpi.report.next_summary import PosteriorRequest
@@ -169,7 +170,7 @@ def report(
                 say(line)
         elif request is not None:
             _show(_set(opened[0], request, sensitivity, as_json), as_json)
-        elif opened[0].code_note and len(files) == 1 and asked is None and not sensitivity:
+        elif code_note(opened[0]) and len(files) == 1 and asked is None and not sensitivity:
             from agglom_mpi.analysis.stored_summary import stored_text
 
             say(stored_text(opened[0], as_json))

@@ -353,7 +353,7 @@ def data_posterior(file: "CampaignData") -> DataPosterior:
         If the campaign has no data, or its strings cannot be emulated, with the reason.
     """
     campaign = recorded_campaign(file)
-    if not campaign.data or file.census is None:
+    if not campaign.data or file.sizes.census is None:
         raise PosteriorError(
             f"{file.path}: the campaign has no section data; for the posterior of one measured "
             "mean, use feasible_set(tolerance).posterior(measured, error), or agglom report "

@@ -249,7 +249,7 @@ def _new_quantities(
     stated: Mapping[str, AssumedError],
 ) -> Iterator[NextMeasurement]:
     """Yield each quantity of one number that is not measured and differs between strings."""
-    campaign, layout = of.box.campaign, file.census
+    campaign, layout = of.box.campaign, file.sizes.census
     assert layout is not None
     times = [None if time == math.inf else time for time in layout.times]
     new = quantities_to_measure(times, of.data, not campaign.scene.heating.is_absent)

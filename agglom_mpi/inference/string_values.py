@@ -67,7 +67,7 @@ def string_values(
     ValueError
         If the campaign stores no censuses, or none at the time of a datum.
     """
-    campaign, layout = recorded_campaign(file), file.census
+    campaign, layout = recorded_campaign(file), file.sizes.census
     if layout is None:
         raise ValueError(f"{file.path}: its samples have no censuses, as it has no section data")
     places = _places(layout, data)

@@ -12,6 +12,7 @@ from agglom_mpi.formatting import pluralise
 from agglom_mpi.storage.compact import write_compact
 from agglom_mpi.storage.files import atomic_file, require_absent
 from agglom_mpi.storage.reader import CampaignData, read_campaign, read_inversion
+from agglom_mpi.storage.recorded_campaign import code_note
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -129,7 +130,7 @@ def export(
         yield f"{exports.json}: {pluralise(exports.json.stat().st_size, 'byte')}"
     if selection is not None:
         yield from write_samples(file, samples, selection.frames)
-    yield from (*filter(None, [file.code_note]), *file.unused_notes)
+    yield from (*filter(None, [code_note(file)]), *file.unused_notes)
 
 
 def _refuse_tolerance(file: CampaignData, draws: "SetRequest") -> None:
@@ -171,7 +172,7 @@ def names_of(file: CampaignData) -> tuple[str, ...]:
 
     Without its code that may not run, it has none of estimates.
     """
-    if file.code_note:
+    if code_note(file):
         return tuple(name for name in TABLES if name != "estimates")
     return (*OF_VOLUMES, *TABLES) if file.volumes else TABLES
 

@@ -22,6 +22,7 @@ from agglom_mpi.inference.draw_groups import (
 from agglom_mpi.inference.feasible_set import FeasibleSet, feasible_set
 from agglom_mpi.report.set_files import SetRequest, is_of_data
 from agglom_mpi.storage.files import atomic_file
+from agglom_mpi.storage.lock import live_status
 from agglom_mpi.version import __version__
 
 if TYPE_CHECKING:
@@ -115,10 +116,10 @@ def _attributes(data: "CampaignData") -> dict[str, str | int]:
     """Return what is known of the file as a whole."""
     return {
         "title": data.title,
-        "seed": data.seed,
+        "seed": int(data.attributes["seed"]),
         "campaign": data.campaign_text,
         "campaign_sha256": str(data.attributes["campaign_sha256"]),
-        "state": data.live_status().state,
+        "state": live_status(data).state,
         "fresh_from": data.fresh_from,
         "with_unused": int(data.with_unused),
         "source": f"agglom_mpi {__version__}",

@@ -45,8 +45,9 @@ from agglom_mpi.report.sample_particles import (
 from agglom_mpi.report.set_files import SetRequest, write_files
 from agglom_mpi.report.set_summary import set_text
 from agglom_mpi.storage.files import replace_file
+from agglom_mpi.storage.lock import live_status
 from agglom_mpi.storage.reader import CampaignData
-from agglom_mpi.storage.recorded_campaign import recorded_campaign
+from agglom_mpi.storage.recorded_campaign import recorded_campaign, require_code
 from agglom_mpi.storage.schema import FAILURE_CAPACITY
 
 NAME: Final = "report.html"
@@ -105,7 +106,7 @@ def write_report(
         If it cannot be written.
     """
     begun = time.perf_counter()
-    file.require_code()
+    require_code(file)
     require_library("matplotlib", "report", "figures")
     require_library("jinja2", "report", "web pages")
     require_directory(directory)
@@ -232,7 +233,7 @@ class PageBuilder:
         return {
             "title": data.title or data.path.stem,
             "file_name": data.path.name,
-            "status": data.live_status(),
+            "status": live_status(data),
             "generations": len(data.generation_rows()),
             "judged": len(data.result_rows()),
             "no_result": no_result(data),

@@ -159,7 +159,7 @@ def _resimulated(file: CampaignData, selected: SelectedSample, frames: int) -> t
     except RuntimeError as error:
         raise mistaken(file.path, "--sample", f"cannot be shown: {error}") from error
     assert outcome.frames is not None
-    agrees = is_same(row, outcome.record, file.format_version)
+    agrees = is_same(row, outcome.record, file.sizes.version)
     return outcome.frames, f"simulated again, {AGREEMENT[agrees]}"
 
 

@@ -199,7 +199,7 @@ def _resimulated_radii(
     parameters, first = data.parameters[string], campaign.first_sample(string)
     outcomes = [campaign.simulate(parameters, first + int(row["sample"])) for row in rows]
     same = all(
-        is_same(row, each.record, data.format_version)
+        is_same(row, each.record, data.sizes.version)
         for row, each in zip(rows, outcomes, strict=True)
     )
     return [outcome.radii for outcome in outcomes], same

@@ -124,7 +124,7 @@ def write_json(path: Path, data: "CampaignData", request: SetRequest | None) -> 
 
 def is_of_data(data: "CampaignData", request: SetRequest | None) -> bool:
     """Return whether the posterior of a campaign's data is meant: no measured mean is given."""
-    return data.census is not None and (request is None or request.measured is None)
+    return data.sizes.census is not None and (request is None or request.measured is None)
 
 
 def write_files(request: SetRequest, found: FeasibleSet, posterior: "MeanPosterior | None") -> None:

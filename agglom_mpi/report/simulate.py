@@ -212,7 +212,7 @@ def _recorded_string(request: SimulationRequest) -> SelectedString:
     parameters = recorded_parameters(file, request.string)
     first = campaign.first_sample(request.string or 0)
     row = _recorded_row(request, file)
-    return SelectedString(campaign, parameters, first, row, file.format_version)
+    return SelectedString(campaign, parameters, first, row, file.sizes.version)
 
 
 def _recorded_row(request: SimulationRequest, file: "CampaignData") -> np.void | None:

@@ -205,7 +205,7 @@ def _once(names: Iterable[str]) -> list[str]:
 
 def _growth(data: CampaignData, options: FigureOptions) -> Growth | None:
     """Return the growth of the best strings, or of one; None without data at several times."""
-    if not has_data(data) or data.census is None or len(data.census.times) < 2:
+    if not has_data(data) or data.sizes.census is None or len(data.sizes.census.times) < 2:
         return None
     campaign = recorded_campaign(data)
     names = compared_strings(data, options.string)
@@ -215,7 +215,7 @@ def _growth(data: CampaignData, options: FigureOptions) -> Growth | None:
     if not known:
         return None
     end = float(campaign.scene.end_time)  # data at several times need a fixed one
-    times = np.array([0.0, *(min(time, end) for time in data.census.times)])
+    times = np.array([0.0, *(min(time, end) for time in data.sizes.census.times)])
     panels = [
         _panel(data, kind, [each[place] for each in known], _points(kind, campaign.data, end))
         for place, kind in enumerate(kinds)
@@ -227,9 +227,9 @@ def _curves(
     data: CampaignData, string: int, name: str, kinds: Sequence[_Kind]
 ) -> list[list[GrowthCurve]] | None:
     """Return the curves of a string in each panel, in SI units; None where no sample completed."""
-    assert data.census is not None
+    assert data.sizes.census is not None
     wanted = [(quantity, kind.weight) for kind in kinds for quantity in kind.quantities]
-    times = [None if time == math.inf else time for time in data.census.times]
+    times = [None if time == math.inf else time for time in data.sizes.census.times]
     asked = [
         Datum.of_value(quantity, 1.0, 1.0, weight, time)
         for quantity, weight in wanted

@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, NamedTuple, P
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.declaration.components import Component, UnknownComponentError, Whole
+from agglom_mpi.declaration.components import Component, Whole
 from agglom_mpi.declaration.declared import LATER, FieldPath
 from agglom_mpi.declaration.given_values import EarlierCampaign, GivenStrings
 from agglom_mpi.declaration.needed import needed
-from agglom_mpi.declaration.reading import PLAIN, Reading
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.search.proposals import Evaluations, Proposals, Ranked
 from agglom_mpi.search.space import SearchSpace
@@ -104,6 +103,8 @@ class SearchMethod(Component):
         Optional library that the method needs, of the extra `search`; None: none.
     ranks_by_model
         Whether strings are ranked by a model of all samples, not by their own objectives.
+    has_parents
+        Whether the best strings are kept as parents, for whose places strings can race.
     """
 
     named_by: ClassVar[str] = "method"
@@ -111,6 +112,7 @@ class SearchMethod(Component):
     lag: ClassVar[int] = 1
     library: ClassVar[str | None] = None
     ranks_by_model: ClassVar[bool] = False
+    has_parents: ClassVar[bool] = False
     start: Annotated[GivenStrings | None, LATER] = None
 
     if TYPE_CHECKING:  # a field of most methods, which cannot hide an attribute of its base class
@@ -125,21 +127,6 @@ class SearchMethod(Component):
         if isinstance(entry, Mapping) and cls.named_by not in entry:
             return {cls.named_by: DEFAULT_METHOD, **entry}
         return entry
-
-    @classmethod
-    def recorded_in(
-        cls, identity: Mapping[str, Any], reading: Reading = PLAIN
-    ) -> "SearchMethod | None":
-        """Return the method of a campaign by its identity.
-
-        None if it searches nothing, or by a method of a later version. It has the numbers that are
-        entries of their own, and defaults of the others.
-        """
-        entries = {key.removeprefix("search."): value for key, value in identity.items()}
-        try:
-            return cls.of_entries(entries, reading)
-        except UnknownComponentError:
-            return None
 
     @property
     @needed
@@ -161,11 +148,6 @@ class SearchMethod(Component):
     def kept(self) -> int:
         """Number of best strings whose mean is shown, unless the target says otherwise."""
         return 1
-
-    @property
-    def has_parents(self) -> bool:
-        """Whether the best strings are kept as parents, for whose places strings can race."""
-        return False
 
     @property
     def ranks_itself(self) -> bool:

@@ -13,7 +13,7 @@ from agglom_mpi.measurements.datum import Datum, Predictions, predictions
 from agglom_mpi.measurements.layout import CENSUS_COLUMNS, CensusLayout
 from agglom_mpi.outcome import SampleSummary, summaries
 from agglom_mpi.search.criteria import Criterion, NoCriterionError
-from agglom_mpi.search.objectives.objective import Objective
+from agglom_mpi.search.objectives.objective import Objective, accumulated
 
 if TYPE_CHECKING:
     from agglom_mpi.measurements.misfit import Misfit
@@ -134,10 +134,7 @@ class MisfitOfData(Objective):
 
     def misfit(self, outcomes: Sequence[SampleSummary]) -> "Misfit":
         """Return the misfit of completed samples with all that is known of each datum."""
-        accumulator = self.accumulator()
-        for outcome in outcomes:
-            accumulator.add(outcome)
-        return accumulator.misfit
+        return accumulated(self.accumulator(), outcomes).misfit
 
     def predictions(
         self, outcomes: Sequence[SampleSummary], data: Sequence[Datum] | None = None
