@@ -41,7 +41,7 @@ BOOTSTRAP_SEED: Final = 46
 """Seed of the resampling of runs, so that a report is the same each time."""
 
 
-Times = Mapping[str, TimesToTargets]
+Times = dict[str, TimesToTargets]
 """Times to each target of the runs of a setting, by the cost."""
 
 

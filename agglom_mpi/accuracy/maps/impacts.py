@@ -55,22 +55,13 @@ class Material(NamedTuple):
     rise: float
 
 
-class ExactImpact(NamedTuple):
-    """Outcome: whether it bonds, deficit 1 − e, number of roots, whether in closed form."""
-
-    bonds: bool
-    deficit: float
-    roots: int
-    closed: bool
-
-
-def exact_impact(material: Material, x: float) -> ExactImpact:
-    """Return the outcome of an impact: the smallest root in e; bonding is decided first."""
+def exact_deficit(material: Material, x: float) -> float:
+    """Return the deficit 1 − e by the smallest root in e; 1 from X = 1 on, where pairs bond."""
     if x >= 1.0:
-        return ExactImpact(True, 1.0, 0, True)
+        return 1.0
     if material.softening * material.rise == 0.0:
-        return ExactImpact(False, closed_form(material, x), 1, True)
-    return _brute_force(material, x)
+        return closed_form(material, x)
+    return brute_force(material, x)
 
 
 def closed_form(material: Material, x: float) -> float:
@@ -91,34 +82,27 @@ def excess(material: Material, x: float, logarithm: Any) -> Any:
     return np.log(np.longdouble(x)) + np.log(force / area) - hardening - logarithm
 
 
-def _brute_force(material: Material, x: float) -> ExactImpact:
-    """Return the outcome by a dense scan from e = 0 up and bisection, in extended precision."""
+def brute_force(material: Material, x: float) -> float:
+    """Return the deficit by a dense scan from e = 0 up and bisection, in extended precision."""
     grid = np.linspace(np.longdouble(0.0), np.longdouble(LOWEST), POINTS)
     values = excess(material, x, grid)
-    crossings = np.flatnonzero((values[:-1] < 0.0) & (values[1:] >= 0.0))
-    roots = int(np.count_nonzero((values[:-1] < 0.0) != (values[1:] < 0.0)))
-    above, below = grid[crossings[0]], grid[crossings[0] + 1]
-    for k in _grazing_roots(values, int(crossings[0])):
+    first = int(np.flatnonzero((values[:-1] < 0.0) & (values[1:] >= 0.0))[0])
+    above, below = grid[first], grid[first + 1]
+    # Maxima before the crossing that nearly are roots: two may touch there.
+    start = values[: first + 1]
+    peaks = (start[1:-1] > start[:-2]) & (start[1:-1] >= start[2:]) & (start[1:-1] > -NEAR)
+    for k in np.flatnonzero(peaks) + 1:
         fine = np.linspace(grid[k - 1], grid[k + 1], POINTS)
         touching = np.flatnonzero(excess(material, x, fine) >= 0.0)
         if len(touching):
-            above, below, roots = fine[touching[0] - 1], fine[touching[0]], roots + 2
+            above, below = fine[touching[0] - 1], fine[touching[0]]
             break
-    while True:
-        middle = (above + below) / 2
-        if middle in (above, below):
-            return ExactImpact(False, float(np.exp(below)), roots, False)
+    while (middle := (above + below) / 2) not in (above, below):
         if excess(material, x, middle) < 0.0:
             above = middle
         else:
             below = middle
-
-
-def _grazing_roots(values: NDArray[np.longdouble], before: int) -> NDArray[np.intp]:
-    """Return the indices of maxima before the crossing at index `before` that nearly are roots."""
-    start = values[: before + 1]
-    peaks = (start[1:-1] > start[:-2]) & (start[1:-1] >= start[2:]) & (start[1:-1] > -NEAR)
-    return np.flatnonzero(peaks) + 1
+    return float(np.exp(below))
 
 
 DENSITY: Final = 5000.0

@@ -19,9 +19,8 @@ from agglom_mpi.accuracy.maps.cooling import (
 )
 from agglom_mpi.accuracy.maps.figure import Axis
 from agglom_mpi.accuracy.maps.impacts import (
-    ExactImpact,
     Material,
-    exact_impact,
+    exact_deficit,
     hardness_of,
     impact_laws,
     solve_all,
@@ -159,29 +158,22 @@ def solved_impacts(
     solvers: Mapping[str, Any], material: Material, x: float
 ) -> dict[str, CellResult]:
     """Return what becomes of one impact by each solver; `x` as in `impacts`."""
-    reference = exact_impact(material, x)
+    reference, bonded = exact_deficit(material, x), x >= 1.0
     hardness = hardness_of(material, np.array([x]))
     results = {}
     for name, solver in solvers.items():
-        deficit, bonds, capped = (
-            part[0] for part in solve_all(impact_laws(material, solver), hardness)
-        )
-        error = abs(float(deficit) - reference.deficit)
-        trouble = _impact_trouble(reference, error, bool(bonds), bool(capped))
-        error = 0.0 if reference.bonds and bonds else error
+        found = solve_all(impact_laws(material, solver), hardness)
+        deficit, bonds, capped = (part[0] for part in found)
+        error = abs(float(deficit) - reference)
+        trouble = ""
+        if bonds != bonded:
+            trouble = "wrongly bonded or not"
+        elif not bonded and error > TOLERANCE:
+            elsewhere = error > ELSEWHERE * TOLERANCE
+            trouble = "at the cap" if capped else "another root" if elsewhere else "inaccurate"
+        error = 0.0 if bonded and bonds else error
         results[name] = CellResult({trouble: trouble} if trouble else {}, error)
     return results
-
-
-def _impact_trouble(reference: ExactImpact, error: float, bonds: bool, capped: bool) -> str:
-    """Return what is wrong with a solution; empty if nothing is."""
-    if bonds != reference.bonds:
-        return "wrongly bonded or not"
-    if reference.bonds or error <= TOLERANCE:
-        return ""
-    if capped:
-        return "at the cap"
-    return "another root" if error > ELSEWHERE * TOLERANCE else "inaccurate"
 
 
 def cooling_map(scene: MapScene, quick: bool = False) -> ReportSection:
