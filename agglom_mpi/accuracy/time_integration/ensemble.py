@@ -21,7 +21,6 @@ from agglom_mpi.accuracy.time_integration.stopping_study import (
     WITH_ERROR,
     Truth,
     at_goal,
-    campaigns_own,
     covers_too_little,
     families,
     of_rules,
@@ -100,7 +99,7 @@ def ensemble_section(campaign: Campaign, rows: np.ndarray, quick: bool = False) 
     draws = search_stream(campaign.seed, RANDOM_ORDER).integers(0, len(pool), (most, orders))
     rules = families(truth, most)
     if plan and plan.ensemble.is_adaptive:
-        rules.append(campaigns_own(plan.ensemble, most))
+        rules.append((OWN, plan.ensemble))
     frame, goal = study(pool, objective, rules, draws), round_goal(truth)
     sentences = Sentences(
         "ensemble",

@@ -7,8 +7,7 @@ tolerance is evaluated afterwards.
 """
 
 import math
-from collections.abc import Callable, Iterator
-from functools import partial
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
@@ -185,16 +184,6 @@ class Truth(NamedTuple):
     moments: Floats
 
 
-class RuleFamily(NamedTuple):
-    """A stopping rule at several tolerances, and the limits of its ensembles."""
-
-    label: str
-    make: Callable[..., StoppingRule]
-    tolerances: tuple[float, ...]
-    min_samples: int
-    max_samples: int
-
-
 def truth_of(pool: np.ndarray, objective: RadiusObjective) -> Truth:
     """Return the exact statistics of a pool from which samples are drawn with replacement."""
     ratio = pool["mean_radius_ratio"]
@@ -208,22 +197,19 @@ def truth_of(pool: np.ndarray, objective: RadiusObjective) -> Truth:
     )
 
 
-def families(truth: Truth, most: int) -> list[RuleFamily]:
+Rules = list[tuple[str, StoppingRule]]
+"""Rules to study, each with its label: one label has a rule of each tolerance."""
+
+
+def families(truth: Truth, most: int) -> Rules:
     """Return the rules to study, in ensembles of at most `most` samples."""
-    found = []
+    found: Rules = []
     for label, make in STUDIED_RULES:
-        make = partial(make, max_samples=most)
-        rule = make(tolerance=1.0)
+        rule = make(tolerance=1.0, max_samples=most)
         widths = half_widths(truth, rule.min_samples, most)
-        tolerances = PUBLISHED_TOLERANCES if rule.relative_to else tuple(widths)
-        found.append(RuleFamily(label, make, tolerances, rule.min_samples, most))
+        for tolerance in PUBLISHED_TOLERANCES if rule.relative_to else widths:
+            found.append((label, make(tolerance=tolerance, max_samples=most)))
     return found
-
-
-def campaigns_own(rule: StoppingRule, most: int) -> RuleFamily:
-    """Return the rule that a campaign's `ensemble` asks for, with its one tolerance."""
-    limit = min(rule.max_samples, most)
-    return RuleFamily(OWN, lambda tolerance: rule, (rule.tolerance,), rule.min_samples, limit)
 
 
 def half_widths(truth: Truth, fewest: int, most: int) -> Iterator[float]:
@@ -241,10 +227,7 @@ def half_widths(truth: Truth, fewest: int, most: int) -> Iterator[float]:
 
 
 def study(
-    pool: np.ndarray,
-    objective: RadiusObjective,
-    rules: list[RuleFamily],
-    draws: NDArray[np.int64],
+    pool: np.ndarray, objective: RadiusObjective, rules: Rules, draws: NDArray[np.int64]
 ) -> "pd.DataFrame":
     """Apply every rule to the same orders of a pool; one row per rule and tolerance.
 
@@ -257,13 +240,12 @@ def study(
 
     truth = truth_of(pool, objective)
     paths = run_paths(pool, objective, draws)
-    return pd.DataFrame(
-        [evaluate(family, value, paths, truth) for family in rules for value in family.tolerances]
-    )
+    return pd.DataFrame([evaluate(label, rule, paths, truth) for label, rule in rules])
 
 
-def nominal_error(rule: StoppingRule, tolerance: float, truth: Truth) -> float:
-    """Return the relative error of mean b^f/b⁰ that a tolerance is, taken as an error bound."""
+def nominal_error(rule: StoppingRule, truth: Truth) -> float:
+    """Return the relative error of mean b^f/b⁰ that the tolerance is, taken as an error bound."""
+    tolerance = rule.tolerance
     if rule.relative_to == "mean_radius":
         return tolerance
     if rule.relative_to == "objective":
@@ -272,12 +254,11 @@ def nominal_error(rule: StoppingRule, tolerance: float, truth: Truth) -> float:
 
 
 def evaluate(
-    family: RuleFamily, tolerance: float, paths: EstimatePaths, truth: Truth
+    label: str, rule: StoppingRule, paths: EstimatePaths, truth: Truth
 ) -> dict[str, object]:
-    """Return the row of a rule at a tolerance; proportions come with binomial standard errors."""
-    rule = family.make(tolerance=tolerance)
-    stops = stop(rule, paths, family.min_samples, family.max_samples)
-    bound = nominal_error(rule, tolerance, truth)
+    """Return the row of a rule; proportions come with binomial standard errors."""
+    stops = stop(rule, paths, rule.min_samples, min(rule.max_samples, len(paths.mean)))
+    bound = nominal_error(rule, truth)
     error = at_stop(paths.mean, stops) / truth.mean - 1.0
     rms, low, high = root_mean_square(error)
     place = rule.highest_moment - 1
@@ -288,8 +269,8 @@ def evaluate(
     lucky, lucky_error = proportion((np.abs(error) > bound)[stops.satisfied])
     coverage, coverage_error = proportion(covered)
     return {
-        "rule": family.label,
-        "tolerance": tolerance,
+        "rule": label,
+        "tolerance": rule.tolerance,
         "error believed": bound,
         "orders": len(error),
         "samples, mean": float(np.mean(stops.used)),
