@@ -35,8 +35,6 @@ FACTOR_SIZE: Final = (9.0, 7.4)
 """Width and height of the figure of a factor, inches."""
 COSTS: Final = (COST_SAMPLES, COST_SECONDS)
 """The costs, as columns name them."""
-RELATIVE: Final = ", relative to the default"
-"""Ending of the names of columns of ratios."""
 BOOTSTRAP_SEED: Final = 46
 """Seed of the resampling of runs, so that a report is the same each time."""
 
@@ -80,13 +78,17 @@ def answer_section(study: AnswerStudy, answers: Answers, times: Sequence[Times])
     """Return the section on all settings."""
     expected, last = expected_times(study, times), last_answers(study, answers)
     compared = expected[expected["target"] == study.compared]
+    place = study.targets.index(study.compared)
     small = [f"{target:g}" for target in study.targets if target < answers.resolution]
     sentences = Sentences(
         "answer",
         study=study,
         answers=answers,
         small=", ".join(small),
-        lines=[(row["setting"], sentence(row)) for _, row in compared.iterrows()],
+        lines=[
+            (setting.name, sentence(setting.name, each, times[0], place))
+            for setting, each in zip(study.settings, times, strict=True)
+        ],
     )
     what = f"Expected cost of an error of at most {study.compared:g}: one row is one setting."
     tables = [
@@ -130,9 +132,8 @@ def expected_times(study: AnswerStudy, times: Sequence[Times]) -> "pd.DataFrame"
     rows = []
     for setting, each in zip(study.settings, times, strict=True):
         random = np.random.default_rng(BOOTSTRAP_SEED)
-        bands = {f"expected {cost}": each[cost].band(random) for cost in COSTS}
-        for cost in COSTS:
-            bands[f"{cost}{RELATIVE}"] = each[cost].relative_to(times[0][cost], random)
+        bands = [each[cost].band(random) for cost in COSTS]
+        ratios = [each[cost].relative_to(times[0][cost], random) for cost in COSTS]
         runs = each[COST_SAMPLES]
         for place, target in enumerate(study.targets):
             row: dict[str, object] = {
@@ -142,8 +143,10 @@ def expected_times(study: AnswerStudy, times: Sequence[Times]) -> "pd.DataFrame"
                 "runs": runs.runs,
                 "runs that reach it": int(runs.successes[place]),
             }
-            for name, found in bands.items():
-                row |= dict(zip(band_names(name), found[place], strict=True))
+            for cost, band, ratio in zip(COSTS, bands, ratios, strict=True):
+                row |= dict(zip(band_names(f"expected {cost}"), band[place], strict=True))
+                relative = band_names(f"{cost}, relative to the default")
+                row |= dict(zip(relative, ratio[place], strict=True))
             rows.append(row)
     return pd.DataFrame(rows)
 
@@ -151,11 +154,6 @@ def expected_times(study: AnswerStudy, times: Sequence[Times]) -> "pd.DataFrame"
 def band_names(name: str) -> tuple[str, str, str]:
     """Return the columns of a value and its band."""
     return name, f"{name}, low", f"{name}, high"
-
-
-def band_in(row: Any, name: str) -> Band:
-    """Return a value with its band from the columns of a row."""
-    return Band(*(row[column] for column in band_names(name)))
 
 
 def last_answers(study: AnswerStudy, answers: Answers) -> "pd.DataFrame":
@@ -206,21 +204,25 @@ def verdict(ratio: Band, cost: str) -> str:
     return f"{what}: {text} × the default's, {found}"
 
 
-def sentence(row: Any) -> str:
-    """Return one sentence on a row of `expected_times`."""
-    count = f"{row['runs that reach it']} of {row['runs']} runs reach it"
-    if row["setting"] == DEFAULT:
+def sentence(name: str, each: Times, default: Times, target: int) -> str:
+    """Return one sentence on a setting at one of the targets, by its place."""
+    runs = each[COST_SAMPLES]
+    count = f"{runs.successes[target]} of {runs.runs} runs reach it"
+    if name == DEFAULT:
         return f"{count}."
-    clauses = [verdict(band_in(row, f"{cost}{RELATIVE}"), cost) for cost in COSTS]
-    return f"{count}; {'; '.join(clauses)}."
+    random = np.random.default_rng(BOOTSTRAP_SEED)
+    ratios = {cost: each[cost].relative_to(default[cost], random)[target] for cost in COSTS}
+    return f"{count}; {'; '.join(verdict(ratio, cost) for cost, ratio in ratios.items())}."
+
+
+def _expected(row: Any, cost: str) -> Band:
+    return Band(*(row[name] for name in band_names(f"expected {cost}")))
 
 
 EXPECTED_COLUMNS: Final = (
     *TableColumn.plain("factor", "setting"),
-    TableColumn("samples", lambda row: band_text(band_in(row, f"expected {COST_SAMPLES}"))),
-    TableColumn(
-        "processor time", lambda row: band_text(band_in(row, f"expected {COST_SECONDS}"), "time")
-    ),
+    TableColumn("samples", lambda row: band_text(_expected(row, COST_SAMPLES))),
+    TableColumn("processor time", lambda row: band_text(_expected(row, COST_SECONDS), "time")),
 )
 LAST_COLUMNS: Final = (
     *TableColumn.plain("setting"),
