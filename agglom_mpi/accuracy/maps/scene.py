@@ -94,7 +94,7 @@ def map_scene(
         raise CampaignError(Problem(campaign.name, None, "scene.sizes", message))
     number = min(section.particles, grains)
     smaller = (number / section.particles) ** (1.0 / 3.0)
-    changes = {
+    changes: dict[str, object] = {
         "particles": number,
         "half_width": scales.half_width(section, values) * smaller,
         "grain_diameter": None,
@@ -102,6 +102,8 @@ def map_scene(
         "end_time": scales.end_time(section, values),
         "engine": EventDriven(budget=budget),
     }
+    if section.cooling.by_steps:  # which the event engine does not take
+        changes["cooling"] = section.cooling.model_copy(update={"integration": "exact"})
     alone = replace(campaign, objective=MaximumGrowth(), plan=None, user_function=None)
     centre = with_values(alone, section.model_copy(update=changes), values)
     return MapScene(section, values, centre)
