@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.accuracy.run_times import time_columns
+from agglom_mpi.accuracy.report import time_columns
 from agglom_mpi.accuracy.study import Rows, completed
 from agglom_mpi.analysis.tables import time_on_free_core
 from agglom_mpi.config.campaign import Campaign

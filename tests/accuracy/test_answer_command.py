@@ -13,7 +13,7 @@ from agglom_here import agglom_here
 from campaign_runs import QUICKSTART, SLOWLY, environment, inject, need_mpirun
 from processes import HANG, end_group, start_group, wait_for
 
-from agglom_mpi.accuracy.fresh_estimates import first_fresh_sample
+from agglom_mpi.accuracy.answer.errors import first_fresh_sample
 from agglom_mpi.config.answer_study import load_answer_study
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.storage.reader import read_campaign

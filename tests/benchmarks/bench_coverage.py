@@ -14,7 +14,7 @@ import pytest
 from bench_bias import ROWS
 from goals import growth_target, maximum_growth, moment_targets
 
-from agglom_mpi.accuracy.resampling import at_stop, run_paths, stop
+from agglom_mpi.accuracy.time_integration.stopping_study import at_stop, run_paths, stop
 from agglom_mpi.analysis.estimates import interval
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import summaries

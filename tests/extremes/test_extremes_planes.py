@@ -6,8 +6,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from agglom_mpi.accuracy.map_scene import map_scene
-from agglom_mpi.accuracy.planes import DEFAULT, PLANES
+from agglom_mpi.accuracy.maps.planes import DEFAULT, PLANES
+from agglom_mpi.accuracy.maps.scene import map_scene
 from agglom_mpi.accuracy.soundness import CLOSED, overlaps_part
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import REASONS, FailureReason
@@ -49,7 +49,7 @@ def assert_ledger_closes(campaign, sample):
 @pytest.mark.parametrize("job", JOBS.values(), ids=JOBS)
 @pytest.mark.parametrize("name", PLANES)
 def test_the_default_method_is_sound_everywhere_in_a_plane(job, name):
-    scene = map_scene(load_campaign(job), {}, 40, 5000, False)
+    scene = map_scene(load_campaign(job), {}, 40, 5000)
 
     @settings(
         max_examples=EXAMPLES,

@@ -1,12 +1,12 @@
 """How many samples does a string need, and does a stopping rule know when it has them?"""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from agglom_mpi.accuracy.document import (
+from agglom_mpi.accuracy.report import (
     Curve,
     ReportSection,
     ReportTable,
@@ -14,12 +14,13 @@ from agglom_mpi.accuracy.document import (
     TableColumn,
     draw_curves,
 )
-from agglom_mpi.accuracy.stopping_study import (
+from agglom_mpi.accuracy.study import Rows, StudyPart, completed
+from agglom_mpi.accuracy.time_integration.steps import EVENT, StudiedScene, event_engine
+from agglom_mpi.accuracy.time_integration.stopping_study import (
     OWN,
     WITH_ERROR,
     Truth,
     at_goal,
-    campaigns_own,
     covers_too_little,
     families,
     of_rules,
@@ -28,8 +29,7 @@ from agglom_mpi.accuracy.stopping_study import (
     study,
     truth_of,
 )
-from agglom_mpi.formatting import format_percent
-from agglom_mpi.outcome import COMPLETED
+from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.random_streams import search_stream
 from agglom_mpi.report.drawing import Drawing
 from agglom_mpi.search.objectives.growth import MaximumGrowth
@@ -39,9 +39,7 @@ if TYPE_CHECKING:
     import matplotlib.figure
     import pandas as pd
 
-    from agglom_mpi.config.campaign import Campaign
-
-TITLE: Final = "Ensemble: how many samples, and when to stop"
+ENSEMBLE_TITLE: Final = "Ensemble: how many samples, and when to stop"
 
 ORDERS: Final = 2000
 QUICK_ORDERS: Final = 400
@@ -63,7 +61,17 @@ RANDOM_ORDER: Final = 201
 """Purpose of the random stream; see `random_streams`."""
 
 
-def ensemble_section(campaign: "Campaign", rows: np.ndarray, quick: bool = False) -> ReportSection:
+def ensemble_part(scene: StudiedScene, pool: int) -> StudyPart:
+    """Return the part on the stopping rules, on a pool of samples of the event engine."""
+    event = scene.setup(event_engine(scene.campaign))._replace(samples=pool)
+
+    def section(samples: Mapping[str, Rows]) -> ReportSection:
+        return ensemble_section(scene.campaign, completed(samples[EVENT]), scene.quick)
+
+    return StudyPart({EVENT: event}, section)
+
+
+def ensemble_section(campaign: Campaign, rows: np.ndarray, quick: bool = False) -> ReportSection:
     """Return the section on the stopping rules, on a pool of samples of one parameter string.
 
     Parameters
@@ -76,53 +84,47 @@ def ensemble_section(campaign: "Campaign", rows: np.ndarray, quick: bool = False
     quick
         Draw fewer orders.
     """
-    pool = rows[rows["state"] == COMPLETED]
-    sentences = Sentences("ensemble", rows=len(rows), pool=len(pool), fewest=FEWEST_ROWS)
+    pool = completed(rows)
+    values: dict[str, Any] = {"rows": len(rows), "pool": len(pool), "fewest": FEWEST_ROWS}
     if len(pool) < FEWEST_ROWS:
-        too_few = sentences.paragraph("too_few")
-        return _nothing(sentences, "no pool to draw from", failures=(too_few,))
-    plan, objective, other = campaign.plan, campaign.objective, False
+        return _nothing(values, "no pool to draw from", "too_few", failed=True)
+    plan, objective = campaign.plan, campaign.objective
+    values["other_objective"] = not isinstance(objective, RadiusObjective)
     if not isinstance(objective, RadiusObjective):
-        greatest = MaximumGrowth().of_grains(campaign.scene.equivalent_grains)
-        plan, objective, other = None, greatest, True
-    truth = truth_of(pool, objective)
-    most = min(max(plan.ensemble.max_samples, SHORTEST), LONGEST) if plan else SHORTEST
-    reference = sentences.paragraph("reference", truth=truth)
+        plan, objective = None, MaximumGrowth().of_grains(campaign.scene.equivalent_grains)
+    values["truth"] = truth = truth_of(pool, objective)
     if truth.spread <= ROUNDING * truth.mean:
-        equal = sentences.paragraph("all_equal")
-        return _nothing(sentences, reference, conclusions=(equal,))
+        return _nothing(values, Sentences("ensemble", **values).paragraph("reference"), "all_equal")
+    most = min(max(plan.ensemble.max_samples, SHORTEST), LONGEST) if plan else SHORTEST
     orders = min(QUICK_ORDERS if quick else ORDERS, MOST_DRAWS // most)
     draws = search_stream(campaign.seed, RANDOM_ORDER).integers(0, len(pool), (most, orders))
     rules = families(truth, most)
     if plan and plan.ensemble.is_adaptive:
-        rules.append(campaigns_own(plan.ensemble, most))
-    frame = study(pool, objective, rules, draws)
-    goal = round_goal(truth)
-    return sentences.section(
-        TITLE,
-        _figures(frame, truth, most, sentences),
-        _tables(frame, goal, sentences),
-        truth=truth,
+        rules.append((OWN, plan.ensemble))
+    frame, goal = study(pool, objective, rules, draws), round_goal(truth)
+    sentences = Sentences(
+        "ensemble",
+        **values,
         orders=orders,
         most=most,
         failed=len(rows) - len(pool),
         own=plan and plan.ensemble,
-        other_objective=other,
         share=_share,
         flaws=list(_flaws(frame)),
         **_findings(frame, truth, goal),
     )
+    figures, tables = _figures(frame, truth, most, sentences), _tables(frame, goal, sentences)
+    return sentences.section(ENSEMBLE_TITLE, figures, tables)
 
 
 def _nothing(
-    sentences: Sentences,
-    reference: str,
-    failures: tuple[str, ...] = (),
-    conclusions: tuple[str, ...] = (),
+    values: dict[str, Any], reference: str, block: str, failed: bool = False
 ) -> ReportSection:
-    """Return a section without figures and tables."""
-    problem, setups = sentences.paragraph("problem"), "nothing was run"
-    return ReportSection(TITLE, problem, reference, setups, (), (), failures, conclusions)
+    """Return a section without figures and tables, with one failure or conclusion."""
+    sentences = Sentences("ensemble", **values)
+    problem, items = sentences.paragraph("problem"), (sentences.paragraph(block),)
+    section = ReportSection(ENSEMBLE_TITLE, problem, reference, "nothing was run")
+    return section._replace(failures=items) if failed else section._replace(conclusions=items)
 
 
 def _share(row: Any, name: str) -> str:
@@ -133,28 +135,21 @@ def _share(row: Any, name: str) -> str:
 
 
 def _findings(frame: "pd.DataFrame", truth: Truth, goal: float) -> dict[str, Any]:
-    """Return what the conclusions refer to."""
-    rules = of_rules(frame)
+    """Return what the conclusions refer to, with the mean samples that each rule takes."""
+    rules, costs = of_rules(frame), []
     with_error = rules[rules["rule"] == WITH_ERROR]
+    for rule, rows in rules.groupby("rule", sort=False):
+        samples, best = samples_needed(rows, goal), rows["rms error"].min()
+        costs.append(
+            {"rule": rule, "reached": math.isfinite(samples), "samples": samples, "best": best}
+        )
     return {
         "goal": goal,
         "samples_at_goal": (truth.spread / truth.mean / goal) ** 2,
-        "costs": list(_costs(rules, goal)),
+        "costs": costs,
         "with_error": None if with_error.empty else at_goal(with_error, goal).iloc[0],
         "own_rows": [row for _, row in frame[frame["rule"] == OWN].iterrows()],
     }
-
-
-def _costs(rules: "pd.DataFrame", goal: float) -> Iterator[dict[str, Any]]:
-    """Yield the mean samples that each rule takes to reach the goal, and its least error."""
-    for rule, rows in rules.groupby("rule", sort=False):
-        samples = samples_needed(rows, goal)
-        yield {
-            "rule": rule,
-            "reached": math.isfinite(samples),
-            "samples": samples,
-            "best": rows["rms error"].min(),
-        }
 
 
 def _flaws(frame: "pd.DataFrame") -> Iterator[dict[str, Any]]:
@@ -176,38 +171,28 @@ def _figures(
     frame: "pd.DataFrame", truth: Truth, most: int, sentences: Sentences
 ) -> tuple[Drawing, ...]:
     rules = of_rules(frame)
+    spent, wrong = "samples spent (mean)", "rms relative error of mean b/b$^0$"
 
     def error(figure: "matplotlib.figure.Figure") -> None:
-        axes = draw_curves(
-            figure,
-            _curves(rules, "samples, mean", "rms error", ("rms error, low", "rms error, high")),
-            "samples spent (mean)",
-            "rms relative error of mean b/b$^0$",
-        )
+        axes = draw_curves(figure, _curves(rules, "samples, mean"), spent, wrong)
         count = np.geomspace(2.0, most)
         best = truth.spread / truth.mean / np.sqrt(count)
         axes.plot(count, best, "k--", linewidth=1.0, label="number fixed beforehand")
         axes.legend(frameon=False, fontsize="small")
 
     def belief(figure: "matplotlib.figure.Figure") -> None:
-        axes = draw_curves(
-            figure,
-            _curves(rules, "error believed", "rms error", ("rms error, low", "rms error, high")),
-            "relative error that the tolerance stands for",
-            "rms relative error of mean b/b$^0$",
-        )
+        believed = "relative error that the tolerance stands for"
+        axes = draw_curves(figure, _curves(rules, "error believed"), believed, wrong)
         axes.axline((1e-2, 1e-2), (1e-3, 1e-3), color="0.5", linewidth=0.8)
         axes.legend(frameon=False, fontsize="small", loc="upper left")
         axes.set_ylim(top=5.0 * rules["rms error"].max())
 
     def coverage(figure: "matplotlib.figure.Figure") -> None:
-        axes = draw_curves(
-            figure,
-            _curves(rules, "samples, mean", "coverage", ("coverage, low", "coverage, high")),
-            "samples spent (mean)",
+        curves, label = (
+            _curves(rules, "samples, mean", "coverage"),
             "intervals that contain the truth",
-            scales=("log", "linear"),
         )
+        axes = draw_curves(figure, curves, spent, label, scales=("log", "linear"))
         axes.axhline(0.95, color="0.5", linewidth=0.8)
 
     return (
@@ -217,22 +202,19 @@ def _figures(
     )
 
 
-def _curves(frame: "pd.DataFrame", cost: str, error: str, band: tuple[str, str]) -> list[Curve]:
+def _curves(frame: "pd.DataFrame", cost: str, error: str = "rms error") -> list[Curve]:
+    """Return the curve of each rule, of its errors or of its coverage, with 95 % bands."""
     spread = 1.96 * frame["coverage, standard error"]
-    wide = frame.assign(
-        **{
-            "coverage, low": frame["coverage"] - spread,
-            "coverage, high": np.minimum(frame["coverage"] + spread, 1.0),
-        }
-    )
+    low, high = frame["coverage"] - spread, np.minimum(frame["coverage"] + spread, 1.0)
+    wide = frame.assign(**{"coverage, low": low, "coverage, high": high})
     return [
-        Curve(str(rule), rows[cost], rows[error], rows[band[0]], rows[band[1]])
+        Curve(str(rule), rows[cost], rows[error], rows[f"{error}, low"], rows[f"{error}, high"])
         for rule, rows in wide.groupby("rule", sort=False)
     ]
 
 
-COLUMNS: Final = (
-    TableColumn("rule", lambda row: row["rule"]),
+RULE_COLUMNS: Final = (
+    *TableColumn.plain("rule"),
     TableColumn.number("tolerance", ".3g", "TOL"),
     TableColumn.number("error believed", ".1e", "believed"),
     TableColumn(
@@ -241,11 +223,11 @@ COLUMNS: Final = (
             f"{row['samples, mean']:.0f} ({row['samples, 10 %']:.0f}, {row['samples, 90 %']:.0f})"
         ),
     ),
-    TableColumn("rms error", lambda row: format_percent(row["rms error"])),
-    TableColumn("median error", lambda row: format_percent(row["median error"])),
+    TableColumn.percent("rms error"),
+    TableColumn.percent("median error"),
     TableColumn("by luck", lambda row: _share(row, "stopped by luck")),
     TableColumn("95 % covers", lambda row: _share(row, "coverage")),
-    TableColumn("at max_samples", lambda row: format_percent(row["ended at max_samples"])),
+    TableColumn.percent("ended at max_samples", "at max_samples"),
 )
 
 
@@ -253,9 +235,8 @@ def _tables(frame: "pd.DataFrame", goal: float, sentences: Sentences) -> tuple[R
     import pandas as pd
 
     chosen = pd.concat([at_goal(of_rules(frame), goal), frame[frame["rule"] == OWN]])
-    caption = sentences.paragraph("table_caption", goal=goal)
     everything = "Every rule at every tolerance; errors are relative, samples are counts."
     return (
-        ReportTable("ensemble_at_goal", caption, chosen, COLUMNS),
+        ReportTable("ensemble_at_goal", sentences.paragraph("table_caption"), chosen, RULE_COLUMNS),
         ReportTable("ensemble_rules", everything, frame),
     )

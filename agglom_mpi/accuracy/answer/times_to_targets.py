@@ -6,7 +6,7 @@ reach the target once if a run that has not is followed by another one.
 """
 
 import math
-from typing import Final, NamedTuple, Self
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -81,10 +81,6 @@ class TimesToTargets(NamedTuple):
     def share(self, costs: ArrayLike) -> Floats:
         """Return the share of all pairs of a run and a target that are reached by costs, (k,)."""
         return (self.reached[None] <= np.asarray(costs)[:, None, None]).mean(axis=(1, 2))
-
-    def at(self, target: int) -> Self:
-        """Return the times to one of the targets, by its place."""
-        return self._replace(reached=self.reached[:, target : target + 1])
 
     def band(self, random: np.random.Generator) -> list[Band]:
         """Return the expected run time of each target with its bootstrap band."""

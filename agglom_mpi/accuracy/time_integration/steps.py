@@ -11,22 +11,26 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from agglom_mpi.accuracy.document import (
+from agglom_mpi.accuracy.report import (
     Curve,
     ReportSection,
     ReportTable,
     Sentences,
     TableColumn,
     draw_curves,
-)
-from agglom_mpi.accuracy.run_times import (
     quartile_names,
-    shown_time,
     time_columns,
     time_name,
     time_text,
 )
-from agglom_mpi.accuracy.study import Rows, Setup, completed, paired_difference
+from agglom_mpi.accuracy.study import (
+    Rows,
+    Setup,
+    StudyPart,
+    completed,
+    paired_difference,
+    with_scene,
+)
 from agglom_mpi.analysis.tables import time_on_free_core
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.report.drawing import Drawing
@@ -86,12 +90,46 @@ TOLERANCES: Final = (0.05, 0.01, 0.002)
 """Relative errors of growth that the conclusions speak of."""
 
 
+class StudiedScene(NamedTuple):
+    """A string whose settings are varied.
+
+    Attributes
+    ----------
+    campaign, parameters
+        The scene, and the string, shape (k,), SI units.
+    samples
+        Of each set-up.
+    quick
+        Whether to vary little.
+    """
+
+    campaign: Campaign
+    parameters: NDArray[np.float64]
+    samples: int
+    quick: bool
+
+    @property
+    def end_time(self) -> float:
+        """End time of the scene in s."""
+        return self.campaign.at(self.parameters).build().end_time
+
+    def setup(self, by: Engine | None = None, **changes: object) -> Setup:
+        """Return the set-up with an engine in place of the scene's, or with other entries of it."""
+        changed = with_scene(self.campaign, **changes) if changes else self.campaign
+        return Setup(changed, self.parameters, self.samples, by)
+
+
 class Stepper(NamedTuple):
     """A published stepper: name of its family, shortest step in s, and the engine."""
 
     family: str
     step: float
     engine: Engine
+
+    @property
+    def name(self) -> str:
+        """Name of its set-up."""
+        return f"{self.family}, {self.step:.3g} s"
 
 
 def steppers(end_time: float, quick: bool) -> Iterator[Stepper]:
@@ -105,98 +143,62 @@ def steppers(end_time: float, quick: bool) -> Iterator[Stepper]:
             yield Stepper(family, floor, AdaptiveSteps(floor=floor, ceiling=cap * floor))
 
 
-def name_of(stepper: Stepper) -> str:
-    """Return the name of a stepper's set-up."""
-    return f"{stepper.family}, {stepper.step:.3g} s"
-
-
-def end_time_of(campaign: Campaign, parameters: NDArray[np.float64]) -> float:
-    """Return the end time of a campaign's scene in s; `parameters` has shape (k,), SI units."""
-    return campaign.at(parameters).build().end_time
-
-
-def setups(
-    campaign: Campaign, parameters: NDArray[np.float64], samples: int, quick: bool
-) -> dict[str, Setup]:
-    """Return the set-ups of the section: the event engine, and every stepper on its samples."""
-    chosen = {EVENT: Setup(campaign, parameters, samples, event_engine(campaign))}
-    for stepper in steppers(end_time_of(campaign, parameters), quick):
-        chosen[name_of(stepper)] = Setup(campaign, parameters, samples, stepper.engine)
-    return chosen
-
-
 def event_engine(campaign: Campaign) -> Engine:
     """Return the event engine of a campaign, its own if it has one."""
     engine = campaign.scene.engine
     return EventDriven() if engine.has_time_steps else engine
 
 
-def time_integration_section(
-    campaign: Campaign,
-    parameters: NDArray[np.float64],
-    samples: Mapping[str, Rows],
-    quick: bool,
-) -> ReportSection:
-    """Return the section on the error of time steps.
+def steps_part(scene: StudiedScene) -> StudyPart:
+    """Return the part on the error of time steps: every stepper on the event engine's samples."""
+    setups = {EVENT: scene.setup(event_engine(scene.campaign))}
+    for stepper in steppers(scene.end_time, scene.quick):
+        setups[stepper.name] = scene.setup(stepper.engine)
+    return StudyPart(setups, lambda samples: _section(scene, samples))
 
-    Parameters
-    ----------
-    campaign, parameters
-        The scene and the string, shape (k,), SI units.
-    samples
-        Rows of each of `setups`.
-    quick
-        Whether the quick setups ran.
-    """
-    frame = measure(campaign, parameters, samples, quick)
-    reference = mean_of(completed(samples[EVENT])["mean_radius_ratio"])
+
+def _section(scene: StudiedScene, samples: Mapping[str, Rows]) -> ReportSection:
+    frame = measured_steps(scene, samples)
     cost = time_columns("sample", time_on_free_core(samples[EVENT]))
     sentences = Sentences(
         "time_integration",
-        growth=reference,
+        growth=mean_of(completed(samples[EVENT])["mean_radius_ratio"]),
         cost=cost[TIME],
         cost_text=time_text(cost, "sample"),
         time=TIME,
-        end_time=end_time_of(campaign, parameters),
-        reached=[(tolerance, list(_reached(frame, tolerance))) for tolerance in TOLERANCES],
+        end_time=scene.end_time,
+        reached=[(tolerance, list(reached_by(frame, tolerance))) for tolerance in TOLERANCES],
         failed=[row for _, row in frame[frame["failed"] > 0].iterrows()],
-        overlaps=list(_overlaps(frame)),
+        overlaps=frame.groupby("method", sort=False)["overlaps per sample"].max().items(),
     )
-    return sentences.section(
-        title="Time integration",
-        figures=(
-            Drawing(
-                "time_integration",
-                sentences.paragraph("bias_caption"),
-                lambda figure: _draw_signed(figure, frame, cost[TIME]),
-            ),
-            Drawing(
-                "time_integration_error",
-                sentences.paragraph("error_caption"),
-                lambda figure: _draw_error(figure, frame, cost[TIME]),
-            ),
+    figures = [
+        Drawing(
+            "time_integration",
+            sentences.paragraph("bias_caption"),
+            lambda figure: _draw_signed(figure, frame, cost[TIME]),
         ),
-        tables=(ReportTable("time_integration", "One row is one set-up.", frame, COLUMNS),),
-    )
+        Drawing(
+            "time_integration_error",
+            sentences.paragraph("error_caption"),
+            lambda figure: _draw_error(figure, frame, cost[TIME]),
+        ),
+    ]
+    table = ReportTable("time_integration", "One row is one set-up.", frame, STEP_COLUMNS)
+    return sentences.section("Time integration", figures, [table])
 
 
-def measure(
-    campaign: Campaign,
-    parameters: NDArray[np.float64],
-    samples: Mapping[str, Rows],
-    quick: bool,
-) -> "pd.DataFrame":
-    """Return cost and bias of every stepper, one row each; arguments as for the section."""
+def measured_steps(scene: StudiedScene, samples: Mapping[str, Rows]) -> "pd.DataFrame":
+    """Return cost and bias of every stepper, one row each, from the samples of all set-ups."""
     import pandas as pd
 
     reference = samples[EVENT]
     growth = mean_of(completed(reference)["mean_radius_ratio"]).value
     rows = []
-    for stepper in steppers(end_time_of(campaign, parameters), quick):
-        own = samples[name_of(stepper)]
+    for stepper in steppers(scene.end_time, scene.quick):
+        own = samples[stepper.name]
         good = completed(own)
         bias = paired_difference(own, reference, "mean_radius_ratio")
-        objective = objective_bias(campaign, own, reference)
+        objective = objective_bias(scene.campaign, own, reference)
         rows.append(
             {
                 "method": stepper.family,
@@ -229,12 +231,12 @@ def objective_bias(campaign: Campaign, own: Rows, reference: Rows) -> MeanEstima
     return paired_difference(pair[0], pair[1], "value")
 
 
-COLUMNS: Final = (
-    TableColumn("method", lambda row: row["method"]),
+STEP_COLUMNS: Final = (
+    *TableColumn.plain("method"),
     TableColumn("shortest step", lambda row: f"{row['shortest step (s)']:.2g} s"),
     TableColumn.number("samples", ".0f"),
     TableColumn.number("failed", ".0f"),
-    shown_time("sample"),
+    TableColumn.time("sample"),
     TableColumn.mean("bias of b/b⁰", "bias of b/b0", "standard error", "pairs"),
     TableColumn(
         "relative, ± 95 %",
@@ -249,26 +251,17 @@ COLUMNS: Final = (
 
 def _draw_signed(figure: "matplotlib.figure.Figure", frame: "pd.DataFrame", cost: float) -> None:
     curves = []
-    for family, rows in frame.groupby("method", sort=False):
+    for curve, rows in _curves(frame):
         bias, half = 100.0 * rows["relative bias"], 100.0 * rows["relative half width"]
-        curves.append(_curve(str(family), rows, bias)._replace(low=bias - half, high=bias + half))
-    axes = draw_curves(
-        figure,
-        curves,
-        AXIS,
-        "bias of mean b/b⁰ (%)",
-        scales=("log", "linear"),
-        zero=True,
-    )
+        curves.append(curve._replace(error=bias, low=bias - half, high=bias + half))
+    axes = draw_curves(figure, curves, AXIS, "bias of mean b/b⁰ (%)", scales=("log", "linear"))
+    axes.axhline(0.0, color="0.5", linewidth=0.8)
     axes.plot([cost], [0.0], "k*", markersize=9, label="event")
     axes.legend(frameon=False, fontsize="small")
 
 
 def _draw_error(figure: "matplotlib.figure.Figure", frame: "pd.DataFrame", cost: float) -> None:
-    curves = [
-        _curve(str(family), rows, 100.0 * _bound(rows))
-        for family, rows in frame.groupby("method", sort=False)
-    ]
+    curves = [curve for curve, _ in _curves(frame)]
     axes = draw_curves(figure, curves, AXIS, "|bias| of mean b/b⁰, at most (%)")
     # No error has no place on a logarithmic axis: the star stands on its lower end.
     axes.axvline(cost, color="k", linewidth=0.8, linestyle=":")
@@ -278,10 +271,12 @@ def _draw_error(figure: "matplotlib.figure.Figure", frame: "pd.DataFrame", cost:
     axes.legend(edgecolor="none", fontsize="small")  # opaque over the spreads of times
 
 
-def _curve(family: str, rows: "pd.DataFrame", error: "pd.Series") -> Curve:
-    """Return the curve of a method's errors against the time of a sample."""
-    low, high = (rows[name] for name in quartile_names("sample"))
-    return Curve(family, rows[TIME], error, cost_low=low, cost_high=high)
+def _curves(frame: "pd.DataFrame") -> Iterator[tuple[Curve, "pd.DataFrame"]]:
+    """Yield the curve of each method's errors against the time of a sample, with its rows."""
+    for method, rows in frame.groupby("method", sort=False):
+        low, high = (rows[name] for name in quartile_names("sample"))
+        error = 100.0 * _bound(rows)
+        yield Curve(str(method), rows[TIME], error, cost_low=low, cost_high=high), rows
 
 
 def _bound(rows: "pd.DataFrame") -> "pd.Series":
@@ -289,15 +284,7 @@ def _bound(rows: "pd.DataFrame") -> "pd.Series":
     return rows["relative bias"].abs() + rows["relative half width"]
 
 
-def _overlaps(frame: "pd.DataFrame") -> Iterator[tuple[str, float]]:
-    """Yield the methods that leave overlapping pairs in a sample, and how many at most."""
-    for method, rows in frame.groupby("method", sort=False):
-        worst = rows["overlaps per sample"].max()
-        if worst >= 0.5:
-            yield str(method), worst
-
-
-def _reached(frame: "pd.DataFrame", tolerance: float) -> Iterator[dict[str, Any]]:
+def reached_by(frame: "pd.DataFrame", tolerance: float) -> Iterator[dict[str, Any]]:
     """Yield of each method the cheapest set-up that is shown to reach a tolerance, or None.
 
     A set-up reaches it if the 95 % interval of its bias and those of all finer steps of its method

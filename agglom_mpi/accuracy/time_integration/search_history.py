@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from agglom_mpi.accuracy.document import (
+from agglom_mpi.accuracy.report import (
     Curve,
     ReportSection,
     ReportTable,
@@ -14,13 +14,13 @@ from agglom_mpi.accuracy.document import (
     TableColumn,
     draw_curves,
 )
-from agglom_mpi.accuracy.study import Rows, Setup, closed, completed
+from agglom_mpi.accuracy.study import Rows, Setup, StudyPart, closed, completed
 from agglom_mpi.analysis.selection_bias import CLAIMED_ERRORS
+from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.user_function import UserFunction
 from agglom_mpi.config.yaml_source import CampaignError, Problem
 from agglom_mpi.formatting import format_digits
 from agglom_mpi.report.drawing import Drawing
-from agglom_mpi.search.objectives.objective import Objective
 from agglom_mpi.statistics import MeanEstimate, t_95
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
@@ -35,16 +35,10 @@ def name_of(string: int) -> str:
     return f"string {string} again"
 
 
-def best_strings(history: CampaignData) -> list[int]:
-    """Return the strings that were the best after some generation, in the order they became so."""
-    best = [int(row["best_string"]) for row in history.generation_rows()]
-    return list(dict.fromkeys(best))
-
-
-def setups(
+def history_part(
     history: CampaignData, samples: int, allowed: UserFunction | None = None
-) -> dict[str, Setup]:
-    """Return a set-up for every string that was ever the best, on configurations not seen before.
+) -> StudyPart:
+    """Return the part on strings that were ever the best, on configurations not seen before.
 
     Raises
     ------
@@ -61,27 +55,24 @@ def setups(
             message = "is a function that is not run from a file: give its unchanged campaign, too"
             raise CampaignError(Problem(campaign.name, None, "objective.call", message))
         campaign = replace(campaign, user_function=allowed)
-    return {
-        name_of(string): Setup(
-            *closed(campaign, history.parameters[string]),
-            samples,
-            first_sample=history.max_samples,
-        )
-        for string in best_strings(history)
-    }
+    setups = {}
+    for string in dict.fromkeys(int(row["best_string"]) for row in history.generation_rows()):
+        own = closed(campaign, history.parameters[string])
+        setups[name_of(string)] = Setup(*own, samples, first_sample=history.max_samples)
+    return StudyPart(setups, lambda found: _section(history, recorded_campaign(history), found))
 
 
-def search_history_section(history: CampaignData, samples: Mapping[str, Rows]) -> ReportSection:
-    """Return the section on the history of a campaign; `samples` are those of `setups`, by name."""
-    frame = measure(history, samples)
+def _section(
+    history: CampaignData, campaign: Campaign, samples: Mapping[str, Rows]
+) -> ReportSection:
+    frame = measured_history(history, campaign, samples)
     changes = frame[frame["string"] != frame["string"].shift()]
     optimism = optimism_of(frame.drop_duplicates("string"))
-    rounding = campaign_objective(history).rounding(frame["objective"])
-    again = len(samples[name_of(int(frame["string"].iloc[-1]))])
+    rounding = campaign.objective.rounding(frame["objective"])
     sentences = Sentences(
         "search_history",
         file=history.path.name,
-        again=again,
+        again=len(samples[name_of(int(frame["string"].iloc[-1]))]),
         generations=len(frame),
         last=frame.iloc[-1],
         best=frame.iloc[int(frame["estimated again"].argmin())],
@@ -91,34 +82,30 @@ def search_history_section(history: CampaignData, samples: Mapping[str, Rows]) -
         is_bias=abs(optimism.value) > max(CLAIMED_ERRORS * optimism.error, rounding),
         estimate=lambda row: MeanEstimate(row["estimated again"], row["standard error of that"], 2),
     )
-    return sentences.section(
-        title="Inversion",
-        figures=(
-            Drawing(
-                "inversion",
-                sentences.paragraph("caption"),
-                lambda figure: _draw(figure, frame, campaign_objective(history).least),
-            ),
-        ),
-        tables=(
-            ReportTable(
-                "inversion", "One row is one generation that changed the best.", changes, COLUMNS
-            ),
-            ReportTable("inversion_history", "One row is one generation.", frame),
-        ),
+    figure = Drawing(
+        "inversion",
+        sentences.paragraph("caption"),
+        lambda figure: _draw(figure, frame, campaign.objective.least),
     )
+    caption = "One row is one generation that changed the best."
+    tables = [
+        ReportTable("inversion", caption, changes, HISTORY_COLUMNS),
+        ReportTable("inversion_history", "One row is one generation.", frame),
+    ]
+    return sentences.section("Inversion", [figure], tables)
 
 
-def measure(history: CampaignData, samples: Mapping[str, Rows]) -> "pd.DataFrame":
+def measured_history(
+    history: CampaignData, campaign: Campaign, samples: Mapping[str, Rows]
+) -> "pd.DataFrame":
     """Return for each generation its best string as the search had it, and estimated again."""
     import pandas as pd
 
-    campaign, rows = recorded_campaign(history), []
+    rows = []
     for row in history.generation_rows():
         string = int(row["best_string"])
         good = completed(samples[name_of(string)])
-        objective = campaign.objective_at(history.parameters[string])
-        value, error = objective.of_rows(good)
+        value, error = campaign.objective_at(history.parameters[string]).of_rows(good)
         rows.append(
             {
                 "generation": int(row["generation"]),
@@ -136,18 +123,14 @@ def measure(history: CampaignData, samples: Mapping[str, Rows]) -> "pd.DataFrame
     return pd.DataFrame(rows)
 
 
-def campaign_objective(history: CampaignData) -> Objective:
-    """Return the objective that the campaign of a file searched by."""
-    return recorded_campaign(history).objective
-
-
 def optimism_of(strings: "pd.DataFrame") -> MeanEstimate:
     """Return the mean of estimates less the search's objectives, with its standard error.
 
     Parameters
     ----------
     strings
-        Rows of `measure`, one for each string; their samples are independent of each other.
+        Rows of `measured_history`, one for each string; their samples are independent of each
+        other.
     """
     errors = strings[["standard error", "standard error of that"]]
     error = float(np.linalg.norm(errors)) / len(strings)
@@ -155,7 +138,7 @@ def optimism_of(strings: "pd.DataFrame") -> MeanEstimate:
     return MeanEstimate(float(difference.mean()), error, len(strings))
 
 
-COLUMNS: Final = (
+HISTORY_COLUMNS: Final = (
     TableColumn("generation", lambda row: f"{row['generation'] + 1:.0f}"),
     TableColumn("wall-clock s", lambda row: format_digits(row["seconds (s)"])),
     TableColumn.number("string", ".0f"),
@@ -169,14 +152,14 @@ COLUMNS: Final = (
 
 def _draw(figure: "matplotlib.figure.Figure", frame: "pd.DataFrame", least: float) -> None:
     """Draw both objectives against time, with bands that end at `least`, the lowest objective."""
-    seconds = frame["seconds (s)"]
-    own = t_95(1000) * frame["standard error"]
-    again = t_95(1000) * frame["standard error of that"]
-    value, truth = frame["objective"], frame["estimated again"]
-    curves = [
-        Curve("as the search had it", seconds, value, np.maximum(least, value - own), value + own),
-        Curve("estimated again", seconds, truth, np.maximum(least, truth - again), truth + again),
-    ]
+    curves = []
+    for label, column, error in (
+        ("as the search had it", "objective", "standard error"),
+        ("estimated again", "estimated again", "standard error of that"),
+    ):
+        value, half = frame[column], t_95(1000) * frame[error]
+        low = np.maximum(least, value - half)
+        curves.append(Curve(label, frame["seconds (s)"], value, low, value + half))
     draw_curves(
         figure, curves, "wall-clock time (s)", "objective of the best", scales=("linear", "linear")
     )

@@ -36,7 +36,7 @@ class Grain(NamedTuple):
     rest: float
 
 
-class Run(NamedTuple):
+class EulerRun(NamedTuple):
     """Temperature in K after Euler steps; whether any overshot the rest or went below 0 K."""
 
     temperature: float
@@ -77,12 +77,12 @@ def cool_on(law, surface, capacity, temperature, step, steps):
 
 
 @kernel
-def loop_of_steps(law, radius, mass, specific, temperature, step, repeats):
+def euler_loop(law, radius, mass, temperature, step, repeats):
     """Take `repeats` Euler steps of every grain, in place, as a stepper does; heat lost in J."""
     lost = 0.0
     for _ in range(repeats):
         for i in range(temperature.size):
-            surface, capacity = 4.0 * math.pi * radius[i] ** 2, mass[i] * specific
+            surface, capacity = 4.0 * math.pi * radius[i] ** 2, mass[i]
             after = max(0.0, euler_step(law, temperature[i], surface, capacity, step))
             lost += capacity * (temperature[i] - after)
             temperature[i] = after
@@ -90,21 +90,21 @@ def loop_of_steps(law, radius, mass, specific, temperature, step, repeats):
 
 
 @kernel
-def loop_of_exact(law, radius, mass, specific, temperature, duration, repeats):
+def exact_loop(law, radius, mass, temperature, duration, repeats):
     """Cool every grain exactly for `duration` s, `repeats` times over; heat lost in J."""
     lost = 0.0
     for _ in range(repeats):
         for i in range(temperature.size):
-            surface, capacity = 4.0 * math.pi * radius[i] ** 2, mass[i] * specific
+            surface, capacity = 4.0 * math.pi * radius[i] ** 2, mass[i]
             after = exact_temperature(law, temperature[i], surface, capacity, duration)
             lost += capacity * (temperature[i] - after)
     return lost
 
 
-def euler(grain: Grain, temperature: float, step: float, steps: int) -> Run:
+def euler(grain: Grain, temperature: float, step: float, steps: int) -> EulerRun:
     """Take `steps` Euler steps of `step` in s from a temperature in K."""
     law, surface, capacity, rest = grain
-    return Run(*step_on(law, rest, surface, capacity, temperature, step, steps))
+    return EulerRun(*step_on(law, rest, surface, capacity, temperature, step, steps))
 
 
 def exact(grain: Grain, temperature: float, duration: float, intervals: int = 1) -> float:
@@ -121,27 +121,14 @@ def linear_limit(grain: Grain, temperature: float) -> float:
     return 1.0 / rate_slope(grain.law, temperature, grain.surface, grain.capacity)
 
 
-def times_per_step(grain: Grain, temperature: float, step: float) -> list[TimeSpent]:
-    """Return the times in s of one Euler step of one grain, of several loops."""
-    return _times(loop_of_steps, grain, temperature, step, 10)
-
-
-def times_of_exact(grain: Grain, temperature: float, duration: float) -> list[TimeSpent]:
-    """Return the times in s of cooling one grain exactly for `duration` in s, of several loops."""
-    return _times(loop_of_exact, grain, temperature, duration, 1)
-
-
-def _times(
-    loop: Any, grain: Grain, temperature: float, span: float, repeats: int
-) -> list[TimeSpent]:
-    """Return the times in s that a loop takes for one grain and one time span."""
+def times_of(loop: Any, grain: Grain, temperature: float, span: float) -> list[TimeSpent]:
+    """Return the times in s that `euler_loop` or `exact_loop` takes for one grain and time span."""
     radius = np.full(TIMED, math.sqrt(grain.surface / (4.0 * math.pi)))
-    mass = np.full(TIMED, grain.capacity)
-    times = []
+    mass, repeats, times = np.full(TIMED, grain.capacity), 10, []
     for _ in range(REPEATS + 1):  # the first one compiles
         temperatures = np.full(TIMED, temperature)
         stopwatch = Stopwatch()
-        loop(grain.law, radius, mass, 1.0, temperatures, span, repeats)
+        loop(grain.law, radius, mass, temperatures, span, repeats)
         wall, cpu = stopwatch.read()
         times.append(TimeSpent(wall / (TIMED * repeats), cpu / (TIMED * repeats)))
     return times[1:]

@@ -8,22 +8,26 @@ in a plane but where `excuse` says so.
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
-from typing import Any, ClassVar, Final, NamedTuple
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.accuracy.cooling_methods import grain_of
-from agglom_mpi.accuracy.map_scene import MapScene
-from agglom_mpi.accuracy.published_method import as_published
+from agglom_mpi.accuracy.maps.cooling import grain_of
+from agglom_mpi.accuracy.maps.figure import Axis
+from agglom_mpi.accuracy.maps.scene import MapScene, Values
 from agglom_mpi.accuracy.study import with_scene
+from agglom_mpi.accuracy.time_integration.published_method import as_published
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.declaration.given_values import JAMMING_FRACTION
 from agglom_mpi.physics import scales
 from agglom_mpi.physics.constants import GAS_CONSTANT, STEFAN_BOLTZMANN
-from agglom_mpi.physics.cooling import rate_slope
-from agglom_mpi.physics.impact_solvers import FixedPointIteration
+from agglom_mpi.physics.cooling import RadiativeCooling, rate_slope
+from agglom_mpi.physics.hardness import ArrheniusHardness, ConstantHardness
+from agglom_mpi.physics.impact_solvers import BracketedRoot, FixedPointIteration
+from agglom_mpi.physics.reaction import ContactAreaReaction
+from agglom_mpi.physics.restitution import ConstantRestitution
 from agglom_mpi.physics.size_distributions import third_moment
 from agglom_mpi.physics.sizes import UniformSizes
 from agglom_mpi.simulation.engines import AdaptiveSteps, FixedSteps
@@ -46,20 +50,6 @@ LASTING: Final = "event engine, contact time"
 
 CEILING: Final = 1000.0
 """Longest over shortest adaptive step, as published [B 6.14]."""
-
-Values = Mapping[str, float]
-
-
-class Axis(NamedTuple):
-    """An axis of a plane: its label, and the decimal logarithms of its ends."""
-
-    label: str
-    low: float
-    high: float
-
-    def value(self, share: float) -> float:
-        """Return the number at a share of the axis, 0 to 1."""
-        return float(10.0 ** (self.low + share * (self.high - self.low)))
 
 
 class Plane(ABC):
@@ -144,13 +134,9 @@ class Softening(Plane):
     def campaign(self, scene: MapScene, x: float, y: float) -> Campaign:
         """Set activation energy and hardness."""
         pressure = _pressure(scene.section, scene.values)
-        return scene.campaign(
-            {"hardness": {"law": "arrhenius"}},
-            {
-                "activation_energy": x * GAS_CONSTANT * scene.values["temperature"],
-                "hardness": pressure / (2.0 * y),
-            },
-        )
+        energy = x * GAS_CONSTANT * scene.values["temperature"]
+        values = {"activation_energy": energy, "hardness": pressure / (2.0 * y)}
+        return scene.campaign(values, hardness=ArrheniusHardness())
 
     def point(self, section: SceneSection, values: Values) -> tuple[float, float]:
         """Return both numbers at the starting temperature and the relative speed."""
@@ -174,21 +160,20 @@ class Heat(Plane):
 
     def campaign(self, scene: MapScene, x: float, y: float) -> Campaign:
         """Cool to the starting temperature by radiation, and by convection where that is slow."""
-        values, area = scene.values, 4.0 * math.pi * scene.radius**2
-        content = scene.mass * values["heat_capacity"]
-        needed = content * scene.collision_rate / (area * x)  # W/m²/K
-        radiated = 4.0 * STEFAN_BOLTZMANN * values["temperature"] ** 3
+        area, temperature = 4.0 * math.pi * scene.radius**2, scene.values["temperature"]
+        rate = scales.collision_rate(scene.section, scene.values)
+        needed = scene.content * rate / (area * x)  # W/m²/K
+        radiated = 4.0 * STEFAN_BOLTZMANN * temperature**3
         emissivity = min(1.0, needed / radiated)
-        cooling = {
-            "law": "radiation",
-            "emissivity": emissivity,
-            "surroundings": values["temperature"],
-            "convection": max(0.0, needed - emissivity * radiated),
-            "ambient": values["temperature"],
-        }
-        heat = y * content * values["temperature"] / (math.pi * scene.radius**2)
+        cooling = RadiativeCooling(
+            emissivity=emissivity,
+            surroundings=temperature,
+            convection=max(0.0, needed - emissivity * radiated),
+            ambient=temperature,
+        )
+        heat = y * scene.content * temperature / (math.pi * scene.radius**2)
         return scene.campaign(
-            {"reaction": {"law": "contact_area"}, "cooling": cooling}, {"reaction_heat": heat}
+            {"reaction_heat": heat}, reaction=ContactAreaReaction(), cooling=cooling
         )
 
     def point(self, section: SceneSection, values: Values) -> tuple[float, float]:
@@ -222,10 +207,11 @@ class Collapse(Plane):
         By Haff's law [J. Fluid Mech. 134, 1983, 401] an impact takes the share q = (1 − e²)/6 of
         the speed, and a grain has had n collisions at ωt = (exp(qn) − 1)/q.
         """
-        restitution = {"law": "constant", "value": y}
         changed = scene.campaign(
-            {"restitution": restitution, "hardness": None, "solver": None},
             {"size_ratio": size_ratio(x, scene.section.third_moment)},
+            restitution=ConstantRestitution(value=y),
+            hardness=ConstantHardness(),
+            solver=BracketedRoot(),
         )
         rate, share = _rate(changed), (1.0 - y * y) / 6.0
         if rate == 0.0:
@@ -266,9 +252,9 @@ class Masses(Plane):
     def campaign(self, scene: MapScene, x: float, y: float) -> Campaign:
         """Set uniform sizes, and the size ratio so that the volume fraction stays."""
         ratio = x ** (1.0 / 3.0)
-        size = size_ratio(scene.fraction, third_moment(UniformSizes(ratio=ratio).size_law))
-        sizes = {"law": "uniform", "ratio": ratio}
-        return scene.campaign({"sizes": sizes}, {"size_ratio": size})
+        sizes = UniformSizes(ratio=ratio)
+        size = size_ratio(scene.fraction, third_moment(sizes.size_law))
+        return scene.campaign({"size_ratio": size}, sizes=sizes)
 
     def methods(self, campaign: Campaign, y: float, quick: bool) -> Iterator[tuple[str, Campaign]]:
         """Yield the event engine, which has no steps, and the steppers with these."""
@@ -302,13 +288,10 @@ class Scale(Plane):
     def campaign(self, scene: MapScene, x: float, y: float) -> Campaign:
         """Set box, speed, and the end time in proportion."""
         larger, faster = x / scene.radius, y / scene.values["relative_speed"]
-        return scene.campaign(
-            {
-                "half_width": scene.document["half_width"] * larger,
-                "end_time": scene.end_time * larger / faster,
-            },
-            {"relative_speed": y},
-        )
+        width = scene.centre.scene.half_width
+        assert width is not None
+        end_time = scene.end_time * larger / faster
+        return scene.campaign({"relative_speed": y}, half_width=width * larger, end_time=end_time)
 
     def refusal(self, scene: MapScene) -> str:
         """Refuse grains at rest."""

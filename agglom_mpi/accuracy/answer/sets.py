@@ -5,28 +5,23 @@ is simulated until it is clearly in or out; points at the very edge keep an erro
 """
 
 import zipfile
+from contextlib import suppress
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.accuracy.answer_runs import AnswerRun
-from agglom_mpi.accuracy.fresh_estimates import FreshEstimates
-from agglom_mpi.accuracy.study import FixedProposals, Rows, Setup, completed
+from agglom_mpi.accuracy.answer.runs import AnswerRun
+from agglom_mpi.accuracy.study import Rows, Setup, Study, completed
 from agglom_mpi.config.answer_study import AnswerStudy
-from agglom_mpi.config.inversion import Restore
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.inference.feasible_set import MIN_STRINGS
 from agglom_mpi.inference.membership import EmulatedBox
 from agglom_mpi.inference.searched_box import SearchedBox
 from agglom_mpi.inference.stored_samples import stored_samples
-from agglom_mpi.runtime.experiment import StageProgress
-from agglom_mpi.search.ending import Generations
-from agglom_mpi.search.ensemble import Ensemble
-from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.stopping import EnsembleState, StoppingRule
 from agglom_mpi.storage.files import atomic_file
-from agglom_mpi.storage.reader import CampaignData, read_inversion
+from agglom_mpi.storage.reader import CampaignData
 
 Floats = NDArray[np.float64]
 
@@ -112,39 +107,19 @@ def evolving_set(file: CampaignData, study: AnswerStudy, points: Floats) -> Evol
     return EvolvingSet(generations, members)
 
 
-def keep_set(run: AnswerRun, study: AnswerStudy, points: Floats) -> None:
-    """Compute the sets of a finished run and write them beside it, unless they are there."""
-    file = read_inversion(run.path, allow_code=True)
-    origin = _origin(study, file)
-    if _kept(run, origin) is not None:
-        return
+def sets_of(run: AnswerRun, study: AnswerStudy, points: Floats, file: CampaignData) -> EvolvingSet:
+    """Return the sets of a finished run at points, (n, k), from the file beside it, which it keeps.
+
+    Where there is none, or one of something else, the sets are computed.
+    """
+    origin = f"{file.attributes['campaign_sha256']} {study.tolerance!r} {study.points}"
+    with suppress(OSError, ValueError, KeyError, zipfile.BadZipFile), np.load(run.set_path) as kept:
+        if str(kept["origin"]) == origin:
+            return EvolvingSet(kept["generation"], kept["members"])
     found = evolving_set(file, study, points)
     with atomic_file(run.set_path, replace=True) as path, open(path, "wb") as target:
         np.savez_compressed(target, origin=origin, **found._asdict())
-
-
-def kept_set(run: AnswerRun, study: AnswerStudy, file: CampaignData) -> EvolvingSet:
-    """Return the sets that `keep_set` has written."""
-    found = _kept(run, _origin(study, file))
-    if found is None:
-        raise FileNotFoundError(f"{run.set_path}: holds no sets of {run.path}")
     return found
-
-
-def _origin(study: AnswerStudy, file: CampaignData) -> str:
-    """Return what the sets of a run follow from."""
-    return f"{file.attributes['campaign_sha256']} {study.tolerance!r} {study.points}"
-
-
-def _kept(run: AnswerRun, origin: str) -> EvolvingSet | None:
-    """Return the sets in the file of a run; None if they are absent or of something else."""
-    try:
-        with np.load(run.set_path) as kept:
-            if str(kept["origin"]) != origin:
-                return None
-            return EvolvingSet(kept["generation"], kept["members"])
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile):
-        return None
 
 
 class ClearMembership(StoppingRule):
@@ -168,36 +143,22 @@ class ClearMembership(StoppingRule):
         return (after.samples >= self.min_samples) & (away > CLEAR_ERRORS * after.standard_error)
 
 
-class MembershipStudy(FreshEstimates):
+class MembershipStudy(Study):
     """Points of the box, each simulated until it is clearly in the set or out of it."""
 
     def __init__(self, study: AnswerStudy, setups: dict[str, Setup]) -> None:
-        super().__init__(study.question, setups)
-        self._rule = ClearMembership(
+        rule = ClearMembership(
             tolerance=study.tolerance,
             max_samples=study.samples,
             min_samples=min(MIN_SAMPLES, study.samples),
         )
+        super().__init__(study.question, setups, None, rule)
+        self._ends = {"rule.tolerance": rule.tolerance, "rule.errors": CLEAR_ERRORS}
+        self._ends["rule.min_samples"] = rule.min_samples
 
     def identity(self) -> dict[str, object]:
         """Return that of the estimates, and what ends them."""
-        rule = {"rule.tolerance": self._rule.tolerance, "rule.errors": CLEAR_ERRORS}
-        return super().identity() | rule | {"rule.min_samples": self._rule.min_samples}
-
-    def inversion(self, restore: Restore | None, background: bool = False) -> Inversion:
-        """Return an inversion of one generation whose strings are the points."""
-        objective, particles = self.campaign.objective, self.campaign.scene.particles
-        return Inversion(
-            FixedProposals(np.array([setup.parameters for setup in self.setups.values()])),
-            lambda string: Ensemble(self._rule, objective, particles),
-            Generations(generations=1),
-            restore=restore,
-            summarise=objective.summaries,
-        )
-
-    def stage(self, inversion: Inversion) -> StageProgress:
-        """Return the number of points that are known to be in or out."""
-        return StageProgress(len(inversion.results), self.table_sizes.strings, "points")
+        return super().identity() | self._ends
 
 
 class TrueSet(NamedTuple):
