@@ -4,15 +4,15 @@ from types import SimpleNamespace
 
 import pytest
 
-from agglom_mpi.runtime import active_clock, coordinator_watch
-from agglom_mpi.runtime.coordinator_watch import (
+from agglom_mpi.runtime import abort_flag, watches
+from agglom_mpi.runtime.silence import BEAT_EVERY
+from agglom_mpi.runtime.watches import (
     CUT_OFF_AFTER,
     ENDS_AFTER,
     NAMED_AFTER,
     CoordinatorWatch,
     Patience,
 )
-from agglom_mpi.runtime.heart import BEAT_EVERY
 
 ELSEWHERE = Patience.of(same_host=False, beats=True)
 
@@ -23,12 +23,12 @@ class Rank:
     def __init__(self, monkeypatch, patience=ELSEWHERE, speaks=True):
         self.time, self.shown, self.left = 100.0, [], []
         clock = SimpleNamespace(monotonic=lambda: self.time)
-        monkeypatch.setattr(active_clock, "time", clock)
-        monkeypatch.setattr(coordinator_watch, "LOOKED_EVERY", 1e6)
-        monkeypatch.setattr(coordinator_watch, "leave", self.left.append)
-        monkeypatch.setattr(coordinator_watch, "own_host", lambda: b"b")
+        monkeypatch.setattr(abort_flag, "time", clock)
+        monkeypatch.setattr(watches, "LOOKED_EVERY", 1e6)
+        monkeypatch.setattr(watches, "leave", self.left.append)
+        monkeypatch.setattr(watches, "own_host", lambda: b"b")
         write = SimpleNamespace(write=lambda _, text: self.shown.append(text.decode()))
-        monkeypatch.setattr(coordinator_watch, "os", write)
+        monkeypatch.setattr(watches, "os", write)
         self.watch = CoordinatorWatch(3, patience, speaks=speaks)
         self.watch.hear()
 
