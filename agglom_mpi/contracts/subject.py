@@ -218,10 +218,10 @@ class Case:
 
     def __getitem__(self, name: str) -> float:
         if name not in self.numbers:
-            value = (
-                self.subject.value(name, self.number) if self.origin is None else self.origin[name]
-            )
-            self.numbers[name] = value
+            if self.origin is None:
+                self.numbers[name] = self.subject.value(name, self.number)
+            else:
+                self.numbers[name] = self.origin[name]
         return self.numbers[name]
 
     def but(self, **numbers: float) -> "Case":

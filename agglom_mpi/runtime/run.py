@@ -221,10 +221,10 @@ def run_rank_zero(
             broadcast_start(world, FAILURE)
             return FAILURE
         try:
-            for ended in ended_samples(experiment, file, notes, stop):
-                record_as_failed(writer, experiment, ended)
-                number = volume_string(ended.string).text
-                display.error(f"string {number} sample {ended.sample} failed: {ended.text}")
+            for string, sample, text in ended_samples(experiment, file, notes, stop):
+                record_as_failed(writer, experiment, string, sample, text)
+                number = volume_string(string).text
+                display.error(f"string {number} sample {sample} failed: {text}")
                 file.refresh()
             for line in kept_as_it_was(request.path, file, experiment):
                 display.message(line)

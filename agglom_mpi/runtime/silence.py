@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from agglom_mpi.runtime.abort_flag import ActiveClock
 from agglom_mpi.runtime.messages import ALIVE, RankMessage, heartbeat
 from agglom_mpi.runtime.programs import name_ranks
-from agglom_mpi.runtime.watches import NAMED_AFTER, Patience
+from agglom_mpi.runtime.watches import NAMED_AFTER, patience
 from agglom_mpi.scheduling.scheduler import Scheduler
 from agglom_mpi.scheduling.static_scheduler import StaticScheduler
 
@@ -42,8 +42,8 @@ class GoneRanks:
     def __init__(
         self, remote: Collection[int] = (), *, beats: bool = True, beat_every: float = 0.0
     ) -> None:
-        patience = Patience.of(same_host=False, beats=beats)
-        self.after = patience.ends - 2.0 * beat_every if remote else math.inf
+        _, ends = patience(same_host=False, beats=beats)
+        self.after = ends - 2.0 * beat_every if remote else math.inf
         self.suspended = False
         self._remote, self._gone = frozenset(remote), set[int]()
         self._looked = time.monotonic()

@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 from agglom_mpi.errors import FAILURE
 from agglom_mpi.formatting import format_duration
@@ -113,34 +113,19 @@ ENDS_AFTER: Final = 600.0
 while it decides or writes: it may be held up."""
 
 
-class Patience(NamedTuple):
-    """How long a rank does without a message of rank 0, s.
+def patience(*, same_host: bool, beats: bool) -> tuple[float, float]:
+    """Return the times, s, without a message of rank 0 after which a rank reports it, and ends.
 
-    Attributes
+    Parameters
     ----------
-    named
-        After which it is reported.
-    ends
-        After which this rank ends.
+    same_host
+        Whether the rank is on the host of rank 0.
+    beats
+        Whether rank 0 sends heartbeats also while it decides or writes.
     """
-
-    named: float
-    ends: float
-
-    @classmethod
-    def of(cls, *, same_host: bool, beats: bool) -> "Patience":
-        """Return that of a rank.
-
-        Parameters
-        ----------
-        same_host
-            Whether it is on the host of rank 0.
-        beats
-            Whether rank 0 sends heartbeats also while it decides or writes.
-        """
-        if not beats:
-            return cls(ENDS_AFTER / 2.0, ENDS_AFTER)
-        return cls(NAMED_AFTER, ENDS_AFTER if same_host else CUT_OFF_AFTER)
+    if not beats:
+        return ENDS_AFTER / 2.0, ENDS_AFTER
+    return NAMED_AFTER, ENDS_AFTER if same_host else CUT_OFF_AFTER
 
 
 class CoordinatorWatch:
@@ -154,14 +139,14 @@ class CoordinatorWatch:
     rank
         This rank.
     patience
-        What it has with rank 0.
+        Times without a message of rank 0 after which it is reported, and this rank ends, s.
     speaks
         Whether this rank reports that rank 0 is silent: one of each host does.
     """
 
-    def __init__(self, rank: int, patience: Patience, *, speaks: bool) -> None:
+    def __init__(self, rank: int, patience: tuple[float, float], *, speaks: bool) -> None:
         self._name = f"rank {rank} on {own_host().decode()}"
-        self._patience, self._first = patience, Patience(ENDS_AFTER, ENDS_AFTER)
+        self._patience, self._first = patience, (ENDS_AFTER, ENDS_AFTER)
         self._speaks = speaks
         self._delay = 0.0 if speaks else 1.0  # the launcher ends all when one has gone
         self._clock = ActiveClock()

@@ -31,7 +31,7 @@ from agglom_mpi.runtime.silence import Intervals, may_call_in_turn
 from agglom_mpi.runtime.simulation_thread import SimulationThread
 from agglom_mpi.runtime.stop_request import StopRequest
 from agglom_mpi.runtime.wakeup import PollBackoff, Wakeup, message_waits
-from agglom_mpi.runtime.watches import CoordinatorWatch, Patience
+from agglom_mpi.runtime.watches import CoordinatorWatch, patience
 from agglom_mpi.scheduling.interface import MOST_SAMPLES, task_type
 from agglom_mpi.storage.sample_writer import RankWriter
 
@@ -67,8 +67,8 @@ def serve_coordinator(
         If the file cannot be written; rank 0 has had a report.
     """
     beats = file is None and may_call_in_turn()
-    patience = Patience.of(same_host=nodes.has_rank_zero, beats=beats)
-    watch = CoordinatorWatch(world.rank, patience, speaks=nodes.speaks)
+    times = patience(same_host=nodes.has_rank_zero, beats=beats)
+    watch = CoordinatorWatch(world.rank, times, speaks=nodes.speaks)
     worker = Worker(world, runner, file, watch, stop or StopRequest())
     try:
         worker.send_heartbeat()  # before anything else, so that rank 0 can name this host

@@ -11,10 +11,10 @@ from agglom_mpi.runtime.watches import (
     ENDS_AFTER,
     NAMED_AFTER,
     CoordinatorWatch,
-    Patience,
+    patience,
 )
 
-ELSEWHERE = Patience.of(same_host=False, beats=True)
+ELSEWHERE = patience(same_host=False, beats=True)
 
 
 class Rank:
@@ -105,9 +105,9 @@ def test_before_its_first_message_rank_0_may_take_long(monkeypatch):
 
 def test_ranks_on_the_host_of_rank_0_and_where_it_sends_no_heartbeats_have_longer():
     assert ELSEWHERE == (NAMED_AFTER, CUT_OFF_AFTER)
-    assert Patience.of(same_host=True, beats=True) == (NAMED_AFTER, ENDS_AFTER)
+    assert patience(same_host=True, beats=True) == (NAMED_AFTER, ENDS_AFTER)
     for same_host in (True, False):
-        assert Patience.of(same_host=same_host, beats=False) == (ENDS_AFTER / 2, ENDS_AFTER)
+        assert patience(same_host=same_host, beats=False) == (ENDS_AFTER / 2, ENDS_AFTER)
 
 
 def test_all_have_left_within_a_minute_after_a_connection_was_lost():
