@@ -22,6 +22,8 @@ _NO_LOCKS: Final = {errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK}
 _LOCKED_BYTE: Final = 1 << 62
 """Offset of the locked byte of a campaign file, far beyond its end: no lock of MPI-IO on data
 includes it."""
+NOTES_OFFSET: Final = 4096
+"""Place in the lock file from which ranks note their samples; the text on the holder is before."""
 _DATA_LOCK: Final = struct.pack("@hhqqi4x", fcntl.F_WRLCK, os.SEEK_SET, _LOCKED_BYTE, 1, 0)
 """A `struct flock` for writing."""
 
@@ -97,7 +99,7 @@ class CampaignLock:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            holder = os.read(descriptor, 400).partition(b"\n")[0].decode(errors="replace")
+            holder = os.read(descriptor, NOTES_OFFSET).partition(b"\n")[0].decode(errors="replace")
             os.close(descriptor)
             raise CampaignInUse(
                 f"{self.path}: in use by {holder or 'another process'} (lock {self.lock_path}); "
