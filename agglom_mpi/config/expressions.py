@@ -133,7 +133,7 @@ def evaluate(node: Node, values: Mapping[str, Any]) -> Any:
         case Operation(operator=symbol, operands=operands):
             *left, right = (evaluate(each, values) for each in operands)
             with np.errstate(all="ignore"):
-                return OPERATORS[symbol](*left, right) if left else -right
+                return OPERATORS[symbol](left[0], right) if left else -right
 
 
 def satisfied(comparison: Comparison, values: Mapping[str, Any]) -> Any:
