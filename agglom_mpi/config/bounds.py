@@ -1,6 +1,7 @@
 """The `variables` section: values and ranges, and which variables a scene requires."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import cache, partial
 from typing import Annotated, Any, Final
 
@@ -25,23 +26,20 @@ from agglom_mpi.variables import (
     volume_fraction,
 )
 
-LOGARITHMIC_NAMES: Final = ("log", "log10", "logarithmic")
-"""Names of the logarithmic scale in a mapping, which stands where a range should be a list."""
-
 
 def read_range(value: Any, variable: Variable, recorded: bool = False) -> Variable:
     """Return a variable with its entry: one value, or [lower, upper] or [lower, upper, log].
 
     In a `recorded` campaign one end alone may have a unit: the other one was read in SI units.
     """
+    allowed = "one value, or a range [lower, upper] or [lower, upper, log]"
     if isinstance(value, dict):
-        raise ValueError(f"is a mapping; must be one value or a list, like {_as_list(value)}")
+        raise ValueError(f"is a mapping; must be {allowed}")
     if not isinstance(value, list):
         number = read_value(variable, value)
         return variable._replace(lower=number, upper=number)
     logarithmic = len(value) == 3 and value[2] == LOGARITHMIC
     if len(value) != 2 + logarithmic:
-        allowed = "one value, or a range [lower, upper] or [lower, upper, log]"
         if len(value) in (3, 4) and all(isinstance(end, int | float) for end in value):
             allowed += "; numbers have a decimal point, and no comma"
         raise ValueError(f"is {quoted(value)}; must be {allowed}")
@@ -58,33 +56,13 @@ def read_range(value: Any, variable: Variable, recorded: bool = False) -> Variab
 
 def _check_units(ends: list[Any], unit: str) -> None:
     """Raise a ValueError if one end alone has a unit, in which the other would be another value."""
-    first, second = (unit_in(end) for end in ends)
-    if bool(first) == bool(second):
-        return
-    plain, other, given = (ends[1], ends[0], first) if first else (*ends, second)
-    completed = f"{plain} {given}"
-    try:
-        value = to_si(completed, unit)
-        if value == to_si(plain, unit):
-            return
-        if value == to_si(other, unit):  # that would be no range
-            completed = f"{plain} {unit}"
-    except ValueError:  # out of the limits of magnitudes
-        pass
-    both = ", ".join(completed if end is plain else end for end in ends)
-    raise ValueError(
-        f"is {quoted(ends)}, with a unit on one end alone; write it on both, like [{both}]"
-    )
-
-
-def _as_list(entry: dict[str, Any]) -> str:
-    """Return how the range is written that a mapping such as {range: [1, 2], scale: log} means."""
-    ends = next((list(part) for part in entry.values() if isinstance(part, list)), None)
-    if ends is None:
-        ends = [part for part in entry.values() if part not in LOGARITHMIC_NAMES]
-    scale = ["log"] if any(part in LOGARITHMIC_NAMES for part in entry.values()) else []
-    found = ends if len(ends) == 2 else ["lower", "upper"]
-    return f"[{', '.join(map(str, found + scale))}]"
+    first, second = map(unit_in, ends)
+    if bool(first) != bool(second):
+        plain = ends[1] if first else ends[0]
+        with suppress(ValueError):  # out of the limits of magnitudes
+            if to_si(f"{plain} {first or second}", unit) == to_si(plain, unit):
+                return
+        raise ValueError(f"is {quoted(ends)}, with a unit on one end alone; write it on both")
 
 
 def _read_entry(value: Any, info: ValidationInfo, variable: Variable) -> Variable | None:
@@ -122,13 +100,10 @@ VariableEntries: Any = entries_model()
 """Model of the section of a campaign that names only variables of the papers."""
 
 
-def ranges_of(
-    entries: Any, third_moment: float, table: VariableTable = TEN
-) -> dict[str, Variable | None]:
+def ranges_of(entries: Any, table: VariableTable = TEN) -> dict[str, Variable | None]:
     """Return the variables with their ranges by name, in their order.
 
     That of a volume fraction is one of the size ratio unless the fraction is a variable of its own.
-    The size ratio follows by the `third_moment` of the law of sizes, 1 for equal grains.
     """
     given: dict[str, Variable | None] = dict(entries)
     ranges = {name: given[name] for name in table.names}
@@ -136,8 +111,8 @@ def ranges_of(
     if fraction is not None:
         linear = fraction.is_searched and not fraction.logarithmic
         ranges["size_ratio"] = TEN["size_ratio"]._replace(
-            lower=size_ratio(fraction.lower, third_moment),
-            upper=size_ratio(fraction.upper, third_moment),
+            lower=size_ratio(fraction.lower, table.third_moment),
+            upper=size_ratio(fraction.upper, table.third_moment),
             scale=CUBIC if linear else fraction.scale,
         )
     return ranges
@@ -145,14 +120,14 @@ def ranges_of(
 
 def variables_of(entries: Any, scene: SceneSection, table: VariableTable = TEN) -> VariableTable:
     """Return the variables of a campaign with the ranges that its scene depends on."""
-    cubes, needed = scene.third_moment, required_variables(scene, table)
-    given = {n: each for n, each in ranges_of(entries, cubes, table).items() if each is not None}
+    needed = required_variables(scene, table)
+    given = {name: each for name, each in ranges_of(entries, table).items() if each is not None}
     return table.with_ranges(
         {name: each for name, each in given.items() if name in needed},
         ignored=tuple(name for name in given if name not in needed),
         by_volume_fraction=entries.volume_fraction is not None
         and VOLUME_FRACTION.name not in table,
-        third_moment=cubes,
+        third_moment=table.third_moment,
     )
 
 

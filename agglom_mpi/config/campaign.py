@@ -13,7 +13,6 @@ import numpy.typing as npt
 from agglom_mpi.config import describe, identity
 from agglom_mpi.config.arguments import read_count
 from agglom_mpi.config.bounds import variables_of
-from agglom_mpi.config.box_ends import check_ends, refused_corners
 from agglom_mpi.config.census_layout import census_layout
 from agglom_mpi.config.data_section import DatumEntry, built_data
 from agglom_mpi.config.document import read_document
@@ -21,8 +20,7 @@ from agglom_mpi.config.given_strings import Parameters, read_string, read_string
 from agglom_mpi.config.plan import FinalAnswer, Output, Plan, Stopping
 from agglom_mpi.config.relations import NO_RELATIONS, Relations
 from agglom_mpi.config.scene import SceneSection, parse_engine
-from agglom_mpi.config.searchable import check_start
-from agglom_mpi.config.seeded_text import with_seed
+from agglom_mpi.config.searchable import check_ends, check_start, refused_corners
 from agglom_mpi.config.string_scenes import StringScene, StringScenes
 from agglom_mpi.config.user_function import UserFunction, function_of_means
 from agglom_mpi.config.yaml_source import (
@@ -30,6 +28,7 @@ from agglom_mpi.config.yaml_source import (
     CampaignError,
     Problem,
     parse,
+    with_seed,
 )
 from agglom_mpi.declaration.reading import PLAIN, Reading
 from agglom_mpi.measurements.datum import Datum

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.config.groups import Group
+from agglom_mpi.config.coordinates import Group
 from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.inference.membership import EmulatedBox
 from agglom_mpi.inference.set_points import OUTER_PROBABILITY, SetPoints

@@ -111,10 +111,14 @@ def test_a_wide_law_may_fill_no_more_of_the_box_than_has_room():
     assert fits.variables.fraction(fits.parameters()[1]) == pytest.approx(0.38, rel=1e-13)
 
 
-def test_strings_to_start_with_give_the_size_ratio_where_grains_have_sizes():
+def test_strings_to_start_with_may_give_the_volume_fraction_of_grains_with_sizes():
     start = ("search", "search: {population: 12, parents: 4, start: [{volume_fraction: 0.1}]}")
-    found = message(LOGNORMAL, "", FRACTION, start)
-    assert "search.start.0.volume_fraction: is not read of strings where grains have si" in found
+    campaign = with_sizes(LOGNORMAL, "", FRACTION, start)
+    [string] = campaign.given_strings()
+    assert campaign.variables.fraction(string[1]) == pytest.approx(0.1, rel=1e-13)
+    outside = ("search", "search: {population: 12, parents: 4, start: [{volume_fraction: 0.3}]}")
+    found = message(LOGNORMAL, "", FRACTION, outside)
+    assert "search.start.0.volume_fraction: is 0.3; must be within its range, 0.02 to" in found
 
 
 @pytest.fixture

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from agglom_mpi.config.coordinates import coordinates_of
-from agglom_mpi.config.groups import groups_of
+from agglom_mpi.config.coordinates import coordinates_of, groups_of
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.variables import TEN
