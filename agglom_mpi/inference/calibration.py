@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.formatting import format_digits
-from agglom_mpi.inference.membership import EmulatedBox
+from agglom_mpi.inference.emulated_set import EmulatedSet
 from agglom_mpi.inference.set_points import SetPoints
 
 MIN_HELD_OUT: Final = 100
@@ -105,7 +105,7 @@ class Calibration(NamedTuple):
         }
 
 
-def calibrate(emulated: EmulatedBox, points: SetPoints) -> Calibration:
+def calibrate(emulated: EmulatedSet, points: SetPoints) -> Calibration:
     """Return how well the emulator predicts each string from all the others."""
     predicted = emulated.emulator.held_out
     scores = np.array([(means - m) / d for means, m, d in predicted])
@@ -127,7 +127,7 @@ def calibrate(emulated: EmulatedBox, points: SetPoints) -> Calibration:
     return Calibration(regions, reliability, float(threshold), width)
 
 
-def _bounds(emulated: EmulatedBox, points: SetPoints) -> tuple[float, float]:
+def _bounds(emulated: EmulatedSet, points: SetPoints) -> tuple[float, float]:
     """Return the bounds of the first emulated number in the set, or its range there."""
     if emulated.criterion.is_band:
         return emulated.criterion.bounds()

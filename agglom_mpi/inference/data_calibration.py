@@ -31,8 +31,7 @@ from agglom_mpi.inference.data_emulator import (
     chi_squares,
     log_densities,
 )
-from agglom_mpi.inference.posterior import CENTRAL
-from agglom_mpi.inference.posterior_sampling import WeightedStrings, effective_size
+from agglom_mpi.inference.posterior_sampling import CENTRAL, WeightedStrings, effective_size
 
 DATA_SETS: Final = 200
 """Number of data sets that are made up."""
@@ -224,7 +223,7 @@ def _truths_and_others(
     weights = drawn.weights ** (1.0 / TEMPERATURE)
     chance = np.minimum(0.5, CALIBRATION_POINTS / weights.sum() * weights)
     other = random.random(len(weights)) < chance
-    failing = emulated.failing.at(emulated.coordinates.of_strings(drawn.strings))
+    failing = emulated.failing(emulated.coordinates.of_strings(drawn.strings))
     alive = np.where(other, 0.0, weights * (1.0 - failing) / (1.0 - chance))
     truths = random.choice(len(alive), count, p=alive / alive.sum())
     return drawn.strings[truths], drawn.strings[other], weights[other] / chance[other]
