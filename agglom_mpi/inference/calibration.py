@@ -114,10 +114,10 @@ def calibrate(emulated: EmulatedSet, points: SetPoints) -> Calibration:
     outside = np.maximum(np.maximum(lower - expected, expected - upper), 0.0) / deviation
     nearest = np.sort(outside)[min(MIN_HELD_OUT, len(outside)) - 1]
     near = outside <= max(1.0, float(nearest))
-    regions = [_region("near the set", scores[:, near])]
+    regions = [region_of("near the set", scores[:, near])]
     for name, which in (("below it", expected < lower), ("above it", expected > upper)):
         if np.any(which & ~near):
-            regions.append(_region(name, scores[:, which & ~near]))
+            regions.append(region_of(name, scores[:, which & ~near]))
     threshold = _threshold(lower, upper)
     # The noise of samples is skewed, so its distribution is that of the scores near the set.
     known = np.sort(scores[0, near])
@@ -144,7 +144,8 @@ def _threshold(lower: float, upper: float) -> float:
     return upper if np.isfinite(upper) else lower
 
 
-def _region(name: str, scores: Floats) -> Region:
+def region_of(name: str, scores: Floats) -> Region:
+    """Return what scores of held-out strings, (numbers, n) standard deviations, say of a region."""
     coverage = float(np.mean(np.abs(scores) < HALF_INTERVAL))
     return Region(name, scores.shape[1], coverage, float(np.sqrt(np.mean(scores**2))))
 
