@@ -17,8 +17,8 @@ from agglom_mpi.storage.status import Status
 if TYPE_CHECKING:
     import pandas as pd
 
-    from agglom_mpi.inference.data_posterior import DataPosterior
     from agglom_mpi.inference.feasible_set import FeasibleSet
+    from agglom_mpi.inference.posterior import Posterior
     from agglom_mpi.simulation.frames import Frames
 
 __all__ = ["CampaignFile", "NotACampaign", "open_campaign"]
@@ -223,12 +223,12 @@ class CampaignFile(CampaignPlots):
 
         return feasible_set(self._snapshot(), tolerance)
 
-    def posterior(self) -> "DataPosterior":
+    def posterior(self) -> "Posterior":
         """Return the posterior of the variables, given all measured data; takes some ten seconds.
 
         Returns
         -------
-        DataPosterior
+        Posterior
             Its `quantiles(name)`, `correlations`, `contraction` and `volume` say what is known of
             the variables; `predictions` compares it with each datum. `calibration` says whether it
             can be trusted on this question: see `warning`, which is empty if nothing is wrong.

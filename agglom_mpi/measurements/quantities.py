@@ -40,24 +40,6 @@ class AssumedError(NamedTuple):
         return in_unit(f"{self.value:.3g}", unit)
 
 
-class Grains(NamedTuple):
-    """Equal grains at the start of a sample.
-
-    Attributes
-    ----------
-    number
-        Their number.
-    diameter
-        In m; nan where their sizes differ.
-    temperature
-        In K.
-    """
-
-    number: int
-    diameter: float
-    temperature: float
-
-
 class MeasuredQuantity(Component):
     """A quantity that can be measured.
 
@@ -106,6 +88,11 @@ class MeasuredQuantity(Component):
     panel: ClassVar[str] = ""
     line_style: ClassVar[str] = "-"
 
+    @property
+    def summary(self) -> str:
+        """What is measured."""
+        return str(type(self).__doc__)
+
     @needed
     def predict(self, sums: SampleSums, weight: str, edges: Floats | None) -> Floats:
         """Return the number by all samples, then without one each, shape (1 + n,).
@@ -115,8 +102,8 @@ class MeasuredQuantity(Component):
         raise NotImplementedError
 
     @needed
-    def at_start(self, grains: Grains) -> float:
-        """Return the number of the grains at the start; nan where their sizes decide it."""
+    def at_start(self, grains: int, diameter: float, temperature: float) -> float:
+        """Return the number at the start, of grains of a diameter in m; nan if they differ."""
         raise NotImplementedError
 
     def one_name(self, weight: str) -> tuple[str, str]:
@@ -136,19 +123,18 @@ class MeasuredQuantity(Component):
     @property
     def kind(self) -> str:
         """Name of all quantities whose measurements have similar errors."""
-        return self.name
+        return "length" if self.unit == "m" else self.name
 
     @property
     def axis_unit(self) -> str:
-        """SI unit of the axis on which a figure shows it."""
-        return self.unit
+        """SI unit of the axis on which a figure shows it: of shares that of the diameters."""
+        return "m" if self.is_curve else self.unit
 
 
 class Sizes(MeasuredQuantity):
     """Shares of classes of diameter."""
 
     quantity: Literal["sizes"] = "sizes"
-    summary: ClassVar[str] = "shares of classes of diameter"
     has_weight = True
     usual_weight = "mass"
     is_curve = True
@@ -159,7 +145,7 @@ class Sizes(MeasuredQuantity):
         assert edges is not None
         return sums.shares(edges, weight)
 
-    def at_start(self, grains: Grains) -> float:
+    def at_start(self, grains: int, diameter: float, temperature: float) -> float:
         """Nan: the grains are in one class."""
         return math.nan
 
@@ -169,29 +155,19 @@ class Sizes(MeasuredQuantity):
         found *= values.sum(axis=1, keepdims=True) / found.sum(axis=1, keepdims=True)
         return found
 
-    @property
-    def axis_unit(self) -> str:
-        """Unit of the diameters."""
-        return "m"
-
 
 class LengthOfParticles(MeasuredQuantity):
     """A length in m that lies between those of the smallest and the largest particle."""
 
     unit = "m"
 
-    def at_start(self, grains: Grains) -> float:
+    def at_start(self, grains: int, diameter: float, temperature: float) -> float:
         """Value of the grains."""
-        return self.factor * grains.diameter
+        return self.factor * diameter
 
     def within_limits(self, values: Floats, lengths: tuple[float, float]) -> Floats:
         """Between the lengths of the smallest and the largest particle."""
         return np.clip(values, self.factor * lengths[0], self.factor * lengths[1])
-
-    @property
-    def kind(self) -> str:
-        """Diameters and radii are measured alike."""
-        return "length"
 
 
 class Quantile(LengthOfParticles):
@@ -209,36 +185,32 @@ class Quantile(LengthOfParticles):
 
 
 class D10(Quantile):
-    """Quantile of 10 %."""
+    """Diameter below which 10 % lie."""
 
     quantity: Literal["d10"] = "d10"
-    summary: ClassVar[str] = "diameter below which 10 % lie"
     share = 0.1
     line_style = ":"
 
 
 class D50(Quantile):
-    """Median."""
+    """Median diameter."""
 
     quantity: Literal["d50"] = "d50"
-    summary: ClassVar[str] = "median diameter"
     share = 0.5
 
 
 class D90(Quantile):
-    """Quantile of 90 %."""
+    """Diameter below which 90 % lie."""
 
     quantity: Literal["d90"] = "d90"
-    summary: ClassVar[str] = "diameter below which 90 % lie"
     share = 0.9
     line_style = "--"
 
 
 class D43(LengthOfParticles):
-    """Σd⁴/Σd³: the mean diameter by mass."""
+    """De Brouckere mean diameter D[4,3]."""
 
     quantity: Literal["d43"] = "d43"
-    summary: ClassVar[str] = "De Brouckere mean diameter D[4,3]"
 
     def predict(self, sums: SampleSums, weight: str, edges: Floats | None) -> Floats:
         """D[4,3]."""
@@ -246,10 +218,9 @@ class D43(LengthOfParticles):
 
 
 class D32(LengthOfParticles):
-    """Σd³/Σd²: the mean diameter by area."""
+    """Sauter mean diameter D[3,2]."""
 
     quantity: Literal["d32"] = "d32"
-    summary: ClassVar[str] = "Sauter mean diameter D[3,2]"
 
     def predict(self, sums: SampleSums, weight: str, edges: Floats | None) -> Floats:
         """D[3,2]."""
@@ -276,40 +247,36 @@ class MeanDiameter(MeanLength):
     """Mean diameter."""
 
     quantity: Literal["mean_diameter"] = "mean_diameter"
-    summary: ClassVar[str] = "mean diameter"
 
 
 class MeanRadius(MeanLength):
-    """Mean radius, half of the mean diameter."""
+    """Mean radius."""
 
     quantity: Literal["mean_radius"] = "mean_radius"
-    summary: ClassVar[str] = "mean radius"
     shown_as = MeanDiameter.quantity
     factor = 0.5
     next_weights = ()
 
 
 class Spread(MeasuredQuantity):
-    """√(⟨d²⟩/⟨d⟩² − 1)."""
+    """Standard deviation of the diameters relative to their mean, by number."""
 
     quantity: Literal["spread"] = "spread"
-    summary: ClassVar[str] = "standard deviation of the diameters relative to their mean, by number"
 
     def predict(self, sums: SampleSums, weight: str, edges: Floats | None) -> Floats:
         """√(⟨d²⟩/⟨d⟩² − 1) of the pooled particles."""
         ratio = sums.power_sum(2) * sums.power_sum(0) / sums.power_sum(1) ** 2
         return np.sqrt(np.maximum(ratio - 1.0, 0.0))
 
-    def at_start(self, grains: Grains) -> float:
+    def at_start(self, grains: int, diameter: float, temperature: float) -> float:
         """0 of equal grains."""
-        return 0.0 * grains.diameter
+        return 0.0 * diameter
 
 
 class ParticlesLeft(MeasuredQuantity):
-    """Number of particles relative to the start."""
+    """Number of particles relative to that of the grains at the start."""
 
     quantity: Literal["particles_left"] = "particles_left"
-    summary: ClassVar[str] = "number of particles relative to that of the grains at the start"
     most = 1.0
 
     def predict(self, sums: SampleSums, weight: str, edges: Floats | None) -> Floats:
@@ -318,32 +285,30 @@ class ParticlesLeft(MeasuredQuantity):
         samples = np.concatenate([[n], np.full(n, n - 1)])
         return sums.power_sum(0) / (samples * sums.grains)
 
-    def at_start(self, grains: Grains) -> float:
+    def at_start(self, grains: int, diameter: float, temperature: float) -> float:
         """1."""
         return 1.0
 
 
 class LargestMassFraction(MeasuredQuantity):
-    """Mass of the largest particle relative to that of all."""
+    """Mass of the largest particle relative to the total mass."""
 
     quantity: Literal["largest_mass_fraction"] = "largest_mass_fraction"
-    summary: ClassVar[str] = "mass of the largest particle relative to the total mass"
     most = 1.0
 
     def predict(self, sums: SampleSums, weight: str, edges: Floats | None) -> Floats:
         """Sum of the largest masses over that of all masses."""
         return left_out_sums(sums.largest) / left_out_sums(np.sum(sums.masses, axis=1))
 
-    def at_start(self, grains: Grains) -> float:
+    def at_start(self, grains: int, diameter: float, temperature: float) -> float:
         """One grain of all, if they are equal."""
-        return 1.0 / grains.number if grains.diameter > 0.0 else math.nan
+        return 1.0 / grains if diameter > 0.0 else math.nan
 
 
 class Temperature(MeasuredQuantity):
     """Mean temperature by mass."""
 
     quantity: Literal["temperature"] = "temperature"
-    summary: ClassVar[str] = "mean temperature by mass"
     unit = "K"
     needs_heat = True
     assumed_error = AssumedError(1.0, is_relative=False)
@@ -353,9 +318,9 @@ class Temperature(MeasuredQuantity):
         masses = np.sum(sums.masses, axis=1)
         return left_out_sums(sums.temperatures * masses) / left_out_sums(masses)
 
-    def at_start(self, grains: Grains) -> float:
+    def at_start(self, grains: int, diameter: float, temperature: float) -> float:
         """Value of the grains."""
-        return grains.temperature
+        return temperature
 
 
 MEAN_POWERS: Final = {"number": (1, 0), "area": (3, 2), "mass": (4, 3)}

@@ -9,7 +9,7 @@ from agglom_mpi.public_face import PublicFace
 from agglom_mpi.storage.reader import CampaignData, read_campaign
 
 if TYPE_CHECKING:
-    from agglom_mpi.inference.data_posterior import DataPosterior
+    from agglom_mpi.inference.posterior import Posterior
 
 __all__ = ["CampaignPlots"]
 
@@ -220,7 +220,7 @@ class CampaignPlots(metaclass=PublicFace):
         self,
         truth: "dict[str, float | str] | None" = None,
         figure: Any = None,
-        posterior: "DataPosterior | None" = None,
+        posterior: "Posterior | None" = None,
     ) -> Any:
         """Draw the posterior given all measured data as a corner plot: `posterior()`, drawn.
 
@@ -229,7 +229,7 @@ class CampaignPlots(metaclass=PublicFace):
         truth : dict, optional
             Values of searched variables that are marked, as numbers in SI units or texts.
         figure : matplotlib.figure.Figure or SubFigure, optional
-        posterior : DataPosterior, optional
+        posterior : Posterior, optional
             What `posterior()` returned; by default it is computed, which takes seconds.
 
         Returns
@@ -259,7 +259,7 @@ class CampaignPlots(metaclass=PublicFace):
         found = self._posterior(posterior)
         return posterior_figures.plot_posterior(self._snapshot(), found, truth or {}, figure)
 
-    def plot_predictive(self, figure: Any = None, posterior: "DataPosterior | None" = None) -> Any:
+    def plot_predictive(self, figure: Any = None, posterior: "Posterior | None" = None) -> Any:
         """Draw all measured data beside what the posterior predicts for them.
 
         Parameters and errors are those of `plot_posterior`. Panels are those of `plot_data_fit`;
@@ -346,15 +346,13 @@ class CampaignPlots(metaclass=PublicFace):
         """
         return self._plot("busy", ax)
 
-    def plot_next_measurement(
-        self, ax: Any = None, posterior: "DataPosterior | None" = None
-    ) -> Any:
+    def plot_next_measurement(self, ax: Any = None, posterior: "Posterior | None" = None) -> Any:
         """Draw what each further measurement would leave of the box; takes a minute.
 
         Parameters
         ----------
         ax : matplotlib.axes.Axes, optional
-        posterior : DataPosterior, optional
+        posterior : Posterior, optional
             What `posterior()` returned; by default it is computed. Its `what_to_measure_next` has
             the numbers.
 
@@ -383,7 +381,7 @@ class CampaignPlots(metaclass=PublicFace):
         found = self._posterior(posterior).next_measurements()
         return draw_next(pyplot.subplots()[1] if ax is None else ax, found)
 
-    def _posterior(self, known: "DataPosterior | None") -> "DataPosterior":
+    def _posterior(self, known: "Posterior | None") -> "Posterior":
         """Return the posterior of the data, which is computed unless it is known."""
         from agglom_mpi.inference.data_posterior import data_posterior
 

@@ -13,7 +13,6 @@ from agglom_mpi.formatting import pluralise
 from agglom_mpi.inference.data_posterior import data_posterior
 from agglom_mpi.inference.draw_groups import (
     DEFAULT_DRAWS,
-    EqualDraws,
     Groups,
     in_chains,
     root_attributes,
@@ -202,7 +201,7 @@ def members(found: FeasibleSet) -> Groups:
     strings = in_chains(found.emulated.box.strings(drawn))
     text = "members of the feasible set, uniform in the box; no measured mean is given"
     attributes = {"draws_are": text, "criterion": found.criterion.text}
-    return set_groups(found.emulated.box, EqualDraws(strings, stats), attributes)
+    return set_groups(found.emulated.box, strings, stats, attributes)
 
 
 def write_groups(path: Path, groups: Groups, attributes: Mapping[str, Any]) -> None:

@@ -7,8 +7,8 @@ from rich.console import Group, RenderableType
 
 from agglom_mpi.display.fitted_table import FittedTable
 from agglom_mpi.formatting import format_digits, in_unit, pluralise, value_with_prefix, without_nan
-from agglom_mpi.inference.data_posterior import DataPosterior
 from agglom_mpi.inference.next_measurement import NextMeasurement, NextMeasurements
+from agglom_mpi.inference.posterior import Posterior
 from agglom_mpi.report.set_files import write_table
 from agglom_mpi.storage.files import require_absent, require_writable_folder
 
@@ -46,7 +46,7 @@ class PosteriorRequest(NamedTuple):
         if made is None or self.table.parent.resolve() != made.resolve():
             require_writable_folder(self.table)
 
-    def found(self, posterior: DataPosterior) -> NextMeasurements | None:
+    def found(self, posterior: Posterior) -> NextMeasurements | None:
         """Return what to measure next, if that is asked for, and write the table."""
         if not self.what_next:
             return None

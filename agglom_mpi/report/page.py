@@ -21,9 +21,10 @@ from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.errors import require_library
 from agglom_mpi.formatting import pluralise, printable
-from agglom_mpi.inference.data_posterior import DataPosterior, data_posterior
+from agglom_mpi.inference.data_posterior import data_posterior
 from agglom_mpi.inference.feasible_set import FeasibleSet
 from agglom_mpi.inference.next_measurement import NextMeasurements
+from agglom_mpi.inference.posterior import Posterior
 from agglom_mpi.outcome import COMPLETED, FAILED
 from agglom_mpi.report import page_tables
 from agglom_mpi.report.drawing import Drawing, write_drawing
@@ -189,7 +190,7 @@ class PageBuilder:
             self._write("set", pairs_drawing(self._data, posterior, "set_posterior"))
 
     @single_threaded
-    def add_posterior(self, posterior: DataPosterior, further: NextMeasurements | None) -> None:
+    def add_posterior(self, posterior: Posterior, further: NextMeasurements | None) -> None:
         """Write the figures of the posterior of all data and of what to measure next.
 
         Their texts are kept for the page.

@@ -1,16 +1,17 @@
 """Posteriors of a campaign as text: of a measured mean, and of all its data."""
 
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from rich.console import Group, RenderableType
 
 from agglom_mpi.display.fitted_table import FittedTable, LabelledTexts
 from agglom_mpi.formatting import format_digits, in_unit
-from agglom_mpi.inference.data_posterior import DataPosterior, PredictedDatum
-from agglom_mpi.inference.mean_posterior import MeanPosterior
+from agglom_mpi.inference.measured_mean import MeasuredMean
 from agglom_mpi.inference.nearest import quantity_name
-from agglom_mpi.inference.posterior import CENTRAL, Posterior
+from agglom_mpi.inference.posterior import Posterior
+from agglom_mpi.inference.posterior_sampling import CENTRAL
+from agglom_mpi.inference.predictive import PredictedDatum
 from agglom_mpi.inference.searched_box import SearchedBox
 
 SHOWN_PAIRS: Final = 6
@@ -36,13 +37,14 @@ def measure_text(box: SearchedBox) -> str:
     return f"uniform in {', '.join(parts)}{rest}"
 
 
-def posterior_text(posterior: MeanPosterior) -> RenderableType:
+def posterior_text(posterior: Posterior) -> RenderableType:
     """Return the posterior of a measured mean as text and tables."""
-    quantity = quantity_name(posterior.of.criterion.quantities[0])
-    measured = f"{posterior.measured:g} ± {posterior.error:g}"
+    of = posterior.of
+    assert isinstance(of, MeasuredMean)
+    quantity, measured = quantity_name(of.quantity), f"{of.measured:g} ± {of.error:g}"
     lines: list[RenderableType] = [
         f"posterior, given a measured {quantity} of {measured}",
-        f"prior {measure_text(posterior.of.box)}; {_size(posterior)}",
+        f"prior {measure_text(of.box)}; {_size(posterior)}",
         *_tables(posterior),
     ]
     if posterior.warning:
@@ -50,32 +52,33 @@ def posterior_text(posterior: MeanPosterior) -> RenderableType:
     return Group(*lines)
 
 
-def data_posterior_text(posterior: DataPosterior) -> RenderableType:
+def data_posterior_text(posterior: Posterior) -> RenderableType:
     """Return the posterior of all data as text and tables; its verdict stands above the numbers."""
     facts = LabelledTexts()
     facts.add_row("prior", measure_text(posterior.of.box))
     facts.add_row("strings", _size(posterior))
     share = percent(posterior.volume)
     facts.add_row("share of the box", f"{share} has 90 % of the posterior")
-    facts.add_row("check", posterior.calibration.text)
+    if posterior.calibration is not None:
+        facts.add_row("check", posterior.calibration.text)
     lines: list[RenderableType] = [f"posterior, given {posterior.given}", facts]
     if posterior.warning:
         lines.append(f"warning: {posterior.warning}")
     lines += _tables(posterior)
     lines.append(_data_table(posterior))
-    if len(posterior.of.data) > 1:
+    if len(posterior.predictions) > 1:
         lines.append(f"all data together: p = {posterior.p_value:.2g}")
     return Group(*lines)
 
 
-def _size(posterior: Posterior[Any]) -> str:
+def _size(posterior: Posterior) -> str:
     return (
         f"effective size {posterior.effective_size:,.0f} of {len(posterior.weights):,} "
         f"({posterior.method})"
     )
 
 
-def _tables(posterior: Posterior[Any]) -> list[RenderableType]:
+def _tables(posterior: Posterior) -> list[RenderableType]:
     """Return the table of the variables, and that of their correlations."""
     headings = ("2.5 %", "25 %", "50 %", "75 %", "97.5 %", "width of prior's")
     table = FittedTable("variable", *headings)
@@ -87,7 +90,7 @@ def _tables(posterior: Posterior[Any]) -> list[RenderableType]:
     return [table, _correlation_table(posterior)] if several else [table]
 
 
-def _correlation_table(posterior: Posterior[Any]) -> FittedTable:
+def _correlation_table(posterior: Posterior) -> FittedTable:
     """Return a table of the pairs with the largest partial correlations."""
     names = posterior.of.box.names
     plain, partial = posterior.correlations, posterior.partial_correlations
@@ -99,7 +102,7 @@ def _correlation_table(posterior: Posterior[Any]) -> FittedTable:
     return table
 
 
-def _data_table(posterior: DataPosterior) -> FittedTable:
+def _data_table(posterior: Posterior) -> FittedTable:
     """Return a table of the data, what the posterior predicts for them, and which disagree."""
     table = FittedTable("datum", "measured", "predicted, 90 %", "p", "", left=(0, 4))
     for each in posterior.predictions:

@@ -60,6 +60,7 @@ def measured_anew(emulated, values, random):
         else:
             made.append(random.normal(values[rows], np.sqrt(np.diag(datum.covariance))))
     other = copy.copy(emulated)
+    other.__dict__.pop("_nearest", None)  # of other data
     all_values = np.concatenate(made)
     other.measured = emulated.numbers_of(all_values)
     framed = all_values @ emulated.frame.basis - emulated.centre

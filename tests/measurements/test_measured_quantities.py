@@ -1,6 +1,6 @@
 """What each quantity states of itself, and what follows from one more class."""
 
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -8,9 +8,7 @@ from measured_samples import drawn_census
 
 from agglom_mpi.inference.candidate_data import quantities_to_measure, read_errors
 from agglom_mpi.measurements.datum import Datum, predictions
-from agglom_mpi.measurements.quantities import PARTICLE_WEIGHTS, QUANTITIES, Grains, Quantile
-
-GRAINS = Grains(50, 1e-4, 290.0)
+from agglom_mpi.measurements.quantities import PARTICLE_WEIGHTS, QUANTITIES, Quantile
 
 
 def test_quantities_under_another_name_are_proposed_under_that_one_alone():
@@ -26,7 +24,7 @@ def test_quantities_under_another_name_are_proposed_under_that_one_alone():
 def test_equal_grains_are_within_the_limits_of_every_number_at_the_start():
     for each in QUANTITIES.values():
         if not each.is_curve:
-            value = np.array([[each.at_start(GRAINS)]])
+            value = np.array([[each.at_start(50, 1e-4, 290.0)]])
             assert each.within_limits(value, (1e-4, 1e-4)) == pytest.approx(value)
 
 
@@ -38,8 +36,9 @@ def test_shares_that_are_moved_into_their_limits_keep_their_sum():
 
 def test_one_more_class_is_predicted_and_proposed(monkeypatch):
     class D95(Quantile):
+        """Diameter below which 95 % lie."""
+
         quantity: Literal["d95"] = "d95"
-        summary: ClassVar[str] = "diameter below which 95 % lie"
         share = 0.95
 
     monkeypatch.setitem(QUANTITIES, "d95", D95())

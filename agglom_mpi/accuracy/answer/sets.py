@@ -15,8 +15,8 @@ from agglom_mpi.accuracy.answer.runs import AnswerRun
 from agglom_mpi.accuracy.study import Rows, Setup, Study, completed
 from agglom_mpi.config.answer_study import AnswerStudy
 from agglom_mpi.emulation.blas_threads import single_threaded
+from agglom_mpi.inference.emulated_set import EmulatedSet
 from agglom_mpi.inference.feasible_set import MIN_STRINGS
-from agglom_mpi.inference.membership import EmulatedBox
 from agglom_mpi.inference.searched_box import SearchedBox
 from agglom_mpi.inference.stored_samples import stored_samples
 from agglom_mpi.search.stopping import EnsembleState, StoppingRule
@@ -102,7 +102,7 @@ def evolving_set(file: CampaignData, study: AnswerStudy, points: Floats) -> Evol
         if len(np.unique(stored.strings, axis=0)) < MIN_STRINGS:
             continue
         criterion = study.question.objective.criterion(study.tolerance)
-        emulated = EmulatedBox(SearchedBox(study.question), criterion, stored)
+        emulated = EmulatedSet(SearchedBox(study.question), criterion, stored)
         members[place] = emulated.probability(points) >= MEMBER
     return EvolvingSet(generations, members)
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.analysis.data_fit import has_data, string_predictions
 from agglom_mpi.measurements.datum import Datum
-from agglom_mpi.measurements.quantities import QUANTITIES, Grains, MeanLength, Quantile
+from agglom_mpi.measurements.quantities import QUANTITIES, MeanLength, Quantile
 from agglom_mpi.report.drawing import COLOURS, axis_label, style_axes
 from agglom_mpi.report.figures.data_fit import TWO_SIDED, compared_strings
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
@@ -260,7 +260,7 @@ def _start(data: CampaignData, string: int, quantity: str) -> float:
         temperature = float(data.values([string], "temperature")[0])
     measured = recorded_campaign(data).measured_at(data.parameters[string])
     diameter = math.nan if "scene.sizes.law" in data.identity else measured.diameter
-    return kind.at_start(Grains(measured.grains, diameter, temperature))
+    return kind.at_start(measured.grains, diameter, temperature)
 
 
 def _points(kind: _Kind, measured: Sequence[Datum], end: float) -> list[MeasuredPoint]:

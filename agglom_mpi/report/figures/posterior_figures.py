@@ -37,7 +37,6 @@ from agglom_mpi.storage.reader import CampaignData
 if TYPE_CHECKING:
     import matplotlib.figure
 
-    from agglom_mpi.inference.data_posterior import DataPosterior
     from agglom_mpi.inference.posterior import Posterior
 
 Floats = NDArray[np.float64]
@@ -72,7 +71,7 @@ def posterior_points(data: CampaignData, posterior: "Posterior") -> BoxPoints:
     return BoxPoints(box, names, shown, units, weights, lower, upper)
 
 
-def posterior_drawings(data: CampaignData, posterior: "DataPosterior") -> list[Drawing]:
+def posterior_drawings(data: CampaignData, posterior: "Posterior") -> list[Drawing]:
     """Return the figures of a posterior: its corner plot, and its predictions beside the data."""
     compared = predicted_data(data, posterior)
     caption = (
@@ -135,7 +134,7 @@ def _true_value(box: SearchedBox, name: str, value: float | str) -> float:
         raise box.mistaken(name, error) from None
 
 
-def plot_predictive(data: CampaignData, posterior: "DataPosterior", figure: Any) -> NDArray[Any]:
+def plot_predictive(data: CampaignData, posterior: "Posterior", figure: Any) -> NDArray[Any]:
     """Draw data and what a posterior predicts into a figure, or a new one; return the axes."""
     compared = predicted_data(data, posterior)
     figure = figure_or_new(figure, data_fit_size(compared))
@@ -243,7 +242,7 @@ def _truth_handle() -> Any:
     return handle
 
 
-def predicted_data(data: CampaignData, posterior: "DataPosterior") -> list[ComparedDatum]:
+def predicted_data(data: CampaignData, posterior: "Posterior") -> list[ComparedDatum]:
     """Return all data with what the strings of a posterior predict for them."""
     found = []
     for each in posterior.predictions:

@@ -1,18 +1,17 @@
 """Probability that a string is a member of the set, by an emulator of the campaign's samples."""
 
-from typing import Final, NamedTuple
+from functools import cached_property
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from agglom_mpi.config.coordinates import coordinates_of
-from agglom_mpi.emulation.emulator import Emulator, merge_samples
 from agglom_mpi.emulation.gaussian_process import Floats
-from agglom_mpi.emulation.joint_emulator import JointEmulator
 from agglom_mpi.formatting import ROUNDING
+from agglom_mpi.inference.emulated_box import EmulatedBox, EmulatedStrings
+from agglom_mpi.inference.posterior_sampling import PRIOR_POINTS
 from agglom_mpi.inference.searched_box import SearchedBox
 from agglom_mpi.inference.stored_samples import StoredSamples
-from agglom_mpi.random_streams import FEASIBLE_SET, search_stream
+from agglom_mpi.random_streams import FEASIBLE_SET
 from agglom_mpi.search.criteria import Criterion
 
 BOX_POINTS: Final = 1 << 13
@@ -24,72 +23,12 @@ BEST_CANDIDATES: Final = 256
 MAX_DISTANCE: Final = 1e30
 """Distance in place of one that is infinite or unknown."""
 
-EMULATOR_STREAM, FAILURE_STREAM, MAXIMUM_STREAM, VOLUME_STREAM = range(4)
-"""Random streams of a set."""
+MAXIMUM_STREAM, VOLUME_STREAM = 2, 3
+"""Further random streams of a set."""
 
 
-class KnownStrings(NamedTuple):
-    """Strings with the one quantity that is compared.
-
-    Attributes
-    ----------
-    strings
-        Shape (n, k).
-    mean, deviation
-        Emulated mean and its standard deviation, shape (n,).
-    failing
-        Probability that samples fail, shape (n,).
-    """
-
-    strings: Floats
-    mean: Floats
-    deviation: Floats
-    failing: Floats
-
-
-class FailingShare:
-    """Probability of failure, by a regression of which strings failed.
-
-    Parameters
-    ----------
-    points
-        Coordinates of all strings, shape (n, p).
-    failed
-        Which of them failed, shape (n,).
-    random
-        Stream of the subsets that covariances are fitted to.
-    groups
-        Number of coordinates, the last ones, that are groups of variables.
-
-    Attributes
-    ----------
-    count : int
-        Number of strings that failed.
-    """
-
-    def __init__(
-        self,
-        points: Floats,
-        failed: NDArray[np.bool_],
-        random: np.random.Generator,
-        groups: int = 0,
-    ) -> None:
-        self.count = int(failed.sum())
-        self._process = (
-            Emulator(merge_samples(points, failed.astype(np.float64)), random, groups, rounds=0)
-            if self.count
-            else None
-        )
-
-    def at(self, points: Floats) -> Floats:
-        """Return the probability at points, (m, p), shape (m,)."""
-        if self._process is None:
-            return np.zeros(len(points))
-        return np.clip(self._process.mean(points), 0.0, 1.0)
-
-
-class EmulatedBox:
-    """The search box of a campaign with an emulator of all its samples.
+class EmulatedSet(EmulatedBox):
+    """The search box of a campaign with an emulator of what its objective compares.
 
     Parameters
     ----------
@@ -102,43 +41,19 @@ class EmulatedBox:
 
     Attributes
     ----------
-    box : SearchedBox
-    coordinates : Coordinates
-        Coordinates of the emulator.
-    evaluated : ndarray
-        Parameters of each completed sample, shape (n, k).
-    emulator : JointEmulator
-        Emulator of the numbers of the criterion.
     criterion : Criterion
         The criterion, with what it takes from the emulator.
-    failing : FailingShare
     """
 
     def __init__(self, box: SearchedBox, criterion: Criterion, stored: StoredSamples) -> None:
-        self.box = box
-        self.coordinates = coordinates_of(box.campaign)
-        self.evaluated = stored.strings
-        groups = len(self.coordinates.groups)
-        self.emulator = JointEmulator(
-            criterion.compared,
-            self.coordinates.of_strings(stored.strings),
-            settled_numbers(criterion.numbers(stored.rows, box.campaign.scene.particles)),
-            self.stream(EMULATOR_STREAM),
-            groups,
-        )
-        tried = self.coordinates.of_strings(stored.tried)
-        self.failing = FailingShare(tried, stored.failed, self.stream(FAILURE_STREAM), groups)
+        numbers = settled_numbers(criterion.numbers(stored.rows, box.campaign.scene.particles))
+        super().__init__(box, stored.strings, numbers, stored, FEASIBLE_SET, criterion.compared)
         self.criterion = criterion
         self.criterion = criterion.with_emulator(
             self.emulator,
             lambda: self.coordinates.of_strings(self.near_best()),
             self.stream(MAXIMUM_STREAM),
         )
-        self._known: dict[int, KnownStrings] = {}
-
-    def stream(self, purpose: int) -> np.random.Generator:
-        """Return a random stream of the campaign for one of the purposes above."""
-        return search_stream(self.box.campaign.seed, FEASIBLE_SET, purpose)
 
     @property
     def spans(self) -> Floats:
@@ -161,17 +76,17 @@ class EmulatedBox:
         """Return the standard deviations of the numbers of one sample at strings, shape (n, k)."""
         return self.emulator.noise(self.coordinates.of_strings(strings))
 
-    def known(self, strings: Floats) -> KnownStrings:
-        """Return strings, (n, k), with the one quantity that is compared."""
+    def at(self, strings: Floats) -> EmulatedStrings:
+        """Return what is known of the quantities of strings, (n, k) in SI units."""
         points = self.coordinates.of_strings(strings)
-        mean, deviation = self.emulator.mean(points)[:, 0], self.emulator.deviation(points)[:, 0]
-        return KnownStrings(strings, mean, deviation, self.failing.at(points))
+        means, deviations = self.emulator.mean(points), self.emulator.deviation(points)
+        return EmulatedStrings(means, deviations, self.failing(points))
 
-    def known_box(self, count: int) -> KnownStrings:
-        """Return the allowed ones of `count` even points of the box, with what is known there."""
-        if count not in self._known:
-            self._known[count] = self.known(self.box.even_strings(count))
-        return self._known[count]
+    @cached_property
+    def prior(self) -> tuple[Floats, EmulatedStrings]:
+        """Allowed even points of the box, with what is known there: the prior of any mean."""
+        strings = self.box.even_strings(PRIOR_POINTS)
+        return strings, self.at(strings)
 
     def probability(self, strings: Floats) -> Floats:
         """Return the probability that strings, (n, k), are members, (n,); nan outside the box."""
@@ -185,7 +100,7 @@ class EmulatedBox:
             return np.empty(0)
         points = self.coordinates.of_strings(strings)
         found = self.criterion.probability(self.emulator, points)
-        found = found * (1.0 - self.failing.at(points))
+        found = found * (1.0 - self.failing(points))
         if self.box.campaign.relations.constraints:
             found = np.where(self.box.allowed(strings), found, 0.0)
         return np.asarray(found)
