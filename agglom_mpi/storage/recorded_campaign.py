@@ -63,7 +63,9 @@ def recorded_component(
 def recorded_search(data: CampaignData) -> SearchMethod | None:
     """Return the search method; None if a file has none, or one of a later version."""
     try:
-        return recorded_component(data, "search", SearchMethod.of_entries)
+        # Numbers that are entries of their own suffice for what is asked of the method.
+        entries = {key.removeprefix("search."): value for key, value in data.identity.items()}
+        return SearchMethod.of_entries(entries, recorded_reading(data))
     except UnknownComponentError:
         return None
 

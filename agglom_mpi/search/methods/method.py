@@ -103,8 +103,6 @@ class SearchMethod(Component):
         Optional library that the method needs, of the extra `search`; None: none.
     ranks_by_model
         Whether strings are ranked by a model of all samples, not by their own objectives.
-    has_parents
-        Whether the best strings are kept as parents, for whose places strings can race.
     """
 
     named_by: ClassVar[str] = "method"
@@ -112,7 +110,6 @@ class SearchMethod(Component):
     lag: ClassVar[int] = 1
     library: ClassVar[str | None] = None
     ranks_by_model: ClassVar[bool] = False
-    has_parents: ClassVar[bool] = False
     start: Annotated[GivenStrings | None, LATER] = None
 
     if TYPE_CHECKING:  # a field of most methods, which cannot hide an attribute of its base class
@@ -148,6 +145,11 @@ class SearchMethod(Component):
     def kept(self) -> int:
         """Number of best strings whose mean is shown, unless the target says otherwise."""
         return 1
+
+    @property
+    def has_parents(self) -> bool:
+        """Whether the best strings are kept as parents, for whose places strings can race."""
+        return False
 
     @property
     def ranks_itself(self) -> bool:
