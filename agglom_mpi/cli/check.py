@@ -53,6 +53,7 @@ def check(file: str, allow_code: bool, strict: bool, as_json: bool) -> int:
     from agglom_mpi.config.yaml_source import warn
     from agglom_mpi.contracts.promises import promises_of
     from agglom_mpi.storage.room import check_room, file_bytes, size_text, table_sizes
+    from agglom_mpi.verbs.simulate import try_function
 
     loaded, narrow = check_campaign(file, allow_code), []
     if loaded.plan is None:
@@ -66,7 +67,7 @@ def check(file: str, allow_code: bool, strict: bool, as_json: bool) -> int:
     warnings = [*loaded.warnings(), *narrow, *_of_start(loaded)]
     warn(warnings, strict, lambda line: say(line, error=True))
     promises = promises_of(loaded, allow_code)
-    tried = loaded.try_function() if allow_code else None
+    tried = try_function(loaded) if allow_code else None
     if as_json:
         found = loaded.description() | {"warnings": [str(warning) for warning in warnings]}
         found |= {} if size is None else {"file_bytes": size}

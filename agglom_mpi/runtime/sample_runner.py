@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.config.own_components import permitted_modules
-from agglom_mpi.config.simulate import evaluate_function, random_numbers, stream_key
 from agglom_mpi.measurements.layout import CENSUS_COLUMNS
 from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, FailureReason, final_particles
 from agglom_mpi.random_streams import key_words
@@ -40,6 +39,7 @@ from agglom_mpi.stopwatch import Stopwatch, TimeSpent
 from agglom_mpi.storage.particle_tables import final_row, frame_rows
 from agglom_mpi.storage.schema import TOOK_TOO_LONG, samples_schema
 from agglom_mpi.storage.table import checksums, concatenated
+from agglom_mpi.verbs.simulate import evaluate_function, random_numbers, stream_key
 
 MAX_AT_ONCE: Final = MOST_SAMPLES
 """Maximum number of samples of one call of compiled code, those of a message; with 1 each is

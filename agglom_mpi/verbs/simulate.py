@@ -1,7 +1,8 @@
 """Simulation of one sample of a campaign, bit for bit as a rank simulates it."""
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -9,19 +10,24 @@ import numpy.typing as npt
 import agglom_mpi.simulation.event_driven.engine
 import agglom_mpi.simulation.time_driven.steppers  # noqa: F401  (all register their engines)
 from agglom_mpi import outcome as result
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.own_variables import read_string
 from agglom_mpi.config.user_function import (
     evaluate,
     evaluate_quantities,
     function_of_means,
     objective_alone,
 )
+from agglom_mpi.config.yaml_source import CampaignError, Problem
 from agglom_mpi.errors import CodeNotAllowedError, named_error
 from agglom_mpi.outcome import FinalParticles, final_particles
+from agglom_mpi.physics import scales
 from agglom_mpi.random_streams import sample_key, sample_stream
 from agglom_mpi.simulation.census import census_values, new_census_room
 from agglom_mpi.simulation.compilation import ensure_compiled
+from agglom_mpi.simulation.engines import Engine
 from agglom_mpi.simulation.finished import finished_sample
-from agglom_mpi.simulation.frames import new_frames, without_temperatures
+from agglom_mpi.simulation.frames import frame_times, new_frames, without_temperatures
 from agglom_mpi.simulation.sample import (
     Outcome,
     count_changes,
@@ -32,47 +38,28 @@ from agglom_mpi.simulation.sample import (
 from agglom_mpi.simulation.scene import Scene
 from agglom_mpi.stopwatch import Stopwatch
 
-if TYPE_CHECKING:
-    from agglom_mpi.config.campaign_sections import CampaignSections
-
 
 def simulate(
-    campaign: "CampaignSections",
-    parameters: npt.ArrayLike,
+    campaign: Campaign,
+    parameters: Mapping[str, float | str] | npt.ArrayLike,
     sample: int = 0,
-    engine: Any = None,
-    times: npt.NDArray[np.float64] | None = None,
+    engine: str | Engine | None = None,
+    frames: int | Sequence[float] | npt.NDArray[np.float64] | None = None,
 ) -> Outcome:
-    """Simulate one sample exactly as a rank of the campaign does.
-
-    Parameters
-    ----------
-    campaign
-        The campaign.
-    parameters
-        The variables in SI units, shape (k,).
-    sample
-        Sample number from 0.
-    engine
-        Engine section to use instead of the scene's.
-    times
-        Times of frames in s, shape (F,), ascending from 0 to at most the end time.
-
-    Raises
-    ------
-    RuntimeError
-        If the sample fails, with the reason.
-    """
-    vector = np.asarray(parameters, dtype=np.float64)
-    scene = campaign.at(vector).build(engine)
-    frames = None if times is None else new_frames(times, scene.particles)
+    """Simulate one sample exactly as a rank does; see `RunnableCampaign.simulate`."""
+    vector = read_string(campaign, parameters)
+    sample = campaign.count("sample", sample)
+    campaign.check_scales(vector)
+    times = None if frames is None else _frame_times(campaign, frames, vector)
+    scene = campaign.at(vector).build(campaign.engine(engine))
+    room = None if times is None else new_frames(times, scene.particles)
     random = random_numbers(campaign, vector, sample)
-    layout = campaign.census if frames is None else None
+    layout = campaign.census if room is None else None
     census = None if layout is None else new_census_room(layout, 1)
-    ensure_compiled(scene, frames is not None, census is not None)
+    ensure_compiled(scene, room is not None, census is not None)
     stopwatch = Stopwatch()
     if census is None:
-        record, particles = simulate_scene(scene, random, frames=frames)
+        record, particles = simulate_scene(scene, random, frames=room)
     else:
         record, particles = simulate_counted(scene, random, census)
     spent = stopwatch.read()
@@ -89,7 +76,7 @@ def simulate(
         raise RuntimeError(f"sample {sample} failed: {reason}") from error
     if not scene.has_temperature:
         final = without_temperatures(final)
-        frames = None if frames is None else without_temperatures(frames)
+        room = None if room is None else without_temperatures(room)
     return Outcome(
         mean_radius_ratio=ratio,
         objective=objective,
@@ -107,15 +94,52 @@ def simulate(
         cpu_seconds=spent.cpu,
         record=record,
         final=final,
-        frames=frames,
+        frames=room,
         census=None
         if census is None
         else tuple(each[0] for each in census_values(census).values()),
     )
 
 
+def _frame_times(
+    campaign: Campaign, frames: Any, string: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    try:
+        return frame_times(frames, scales.end_time(*campaign.at(string)))
+    except ValueError as error:
+        raise CampaignError(Problem(campaign.name, None, "frames", str(error))) from None
+
+
+def try_function(campaign: Campaign) -> Outcome | None:
+    """Call the function of a campaign's objective with one sample from the middle of the box.
+
+    Returns
+    -------
+    Outcome or None
+        Of the sample; None if the objective is no function.
+
+    Raises
+    ------
+    CampaignError
+        If it raises, or returns something else than a finite float, or the quantities that are
+        named, or another value when it is called again; or the sample fails.
+    """
+    function = campaign.user_function
+    if function is None:
+        return None
+    try:
+        first, second = (simulate(campaign, campaign.parameters()) for _ in range(2))
+        values = [repr((each.objective, each.quantities)) for each in (first, second)]
+        if values[0] != values[1]:
+            raise RuntimeError(f"returns {first.objective!r} and then {second.objective!r}")
+        return first
+    except RuntimeError as error:
+        message = f"is {function.call!r}, but of the middle of the box {error}"
+        raise campaign.function_error(message) from error
+
+
 def changes_until(
-    campaign: "CampaignSections",
+    campaign: Campaign,
     parameters: npt.ArrayLike,
     sample: int,
     share: float,
@@ -133,7 +157,7 @@ def changes_until(
 
 
 def random_numbers(
-    campaign: "CampaignSections", parameters: npt.NDArray[np.float64], sample: int
+    campaign: Campaign, parameters: npt.NDArray[np.float64], sample: int
 ) -> np.random.Generator:
     """Return the random numbers of a sample of a string, (k,), from their beginning."""
     numbers = campaign.variables.stream_key(parameters)
@@ -141,9 +165,7 @@ def random_numbers(
     return sample_stream(campaign.seed, numbers, sample, common, campaign.volume)
 
 
-def stream_key(
-    campaign: "CampaignSections", parameters: npt.NDArray[np.float64]
-) -> tuple[int, ...]:
+def stream_key(campaign: Campaign, parameters: npt.NDArray[np.float64]) -> tuple[int, ...]:
     """Return the key of the random numbers of a string, (k,), which a sample's number ends."""
     numbers = campaign.variables.stream_key(parameters)
     return sample_key(campaign.seed, numbers, campaign.common_configurations, campaign.volume)
@@ -165,7 +187,7 @@ class FunctionValue(NamedTuple):
 
 
 def evaluate_function(
-    campaign: "CampaignSections",
+    campaign: Campaign,
     parameters: npt.NDArray[np.float64],
     sample: int,
     completed: tuple[Scene, Any, FinalParticles],
@@ -201,7 +223,7 @@ def evaluate_function(
 
 
 def objective_value(
-    campaign: "CampaignSections",
+    campaign: Campaign,
     scene: Scene,
     parameters: npt.NDArray[np.float64],
     record: Any,
