@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -68,7 +68,7 @@ def simulate(
     ratio = float(record["mean_radius_ratio"])
     final = final_particles(scene, particles)
     try:
-        objective, quantities = objective_value(campaign, scene, vector, record, final, sample)
+        values = objective_value(campaign, vector, sample, (scene, record, final))
     except CodeNotAllowedError:
         raise
     except Exception as error:  # a user's function may raise any
@@ -79,8 +79,8 @@ def simulate(
         room = None if room is None else without_temperatures(room)
     return Outcome(
         mean_radius_ratio=ratio,
-        objective=objective,
-        quantities=quantities,
+        objective=values.pop("objective"),
+        quantities=values,
         particles=int(record["particles"]),
         radii=final.radii / scene.radius,
         temperatures=final.temperatures,
@@ -171,28 +171,13 @@ def stream_key(campaign: Campaign, parameters: npt.NDArray[np.float64]) -> tuple
     return sample_key(campaign.seed, numbers, campaign.common_configurations, campaign.volume)
 
 
-class FunctionValue(NamedTuple):
-    """Value of a user's function for one sample.
-
-    Attributes
-    ----------
-    objective
-        The objective of the sample alone; nan if that is not defined.
-    quantities
-        Quantities that the function returned, by name in SI units; empty if it returned one number.
-    """
-
-    objective: float
-    quantities: dict[str, float]
-
-
-def evaluate_function(
+def objective_value(
     campaign: Campaign,
     parameters: npt.NDArray[np.float64],
     sample: int,
     completed: tuple[Scene, Any, FinalParticles],
-) -> FunctionValue:
-    """Call the user's function of a campaign with a completed sample.
+) -> dict[str, float]:
+    """Return the objective of one completed sample alone, and the quantities of its function.
 
     Parameters
     ----------
@@ -204,40 +189,29 @@ def evaluate_function(
     completed
         Its scene, its `OUTCOME` and its particles.
 
+    Returns
+    -------
+    dict
+        `objective`, nan if it is not defined for a sample alone; and the quantities by name in SI
+        units. All are nan if the function cannot be called here.
+
     Raises
     ------
     Exception
         As from `user_function.evaluate` and `user_function.evaluate_quantities`.
     """
     function, objective = campaign.user_function, campaign.objective
-    assert function is not None
     scene, record, final = completed
+    if objective.code is None:
+        samples = np.array([record], result.OUTCOME)
+        return {"objective": float(campaign.objective_at(parameters).of_samples(samples)[0])}
+    if function is None or function.source is None:
+        return dict.fromkeys(("objective", *objective.quantity_units), math.nan)
     initial = initial_radii(scene, lambda: random_numbers(campaign, parameters, sample))
     values = campaign.used_values(parameters)
     seen = finished_sample(scene, values, record, final, initial)
     of_means = function_of_means(function, objective.code_of_means)
     if of_means is None:
-        return FunctionValue(evaluate(function, seen), {})
+        return {"objective": evaluate(function, seen)}
     quantities = evaluate_quantities(function, seen, objective.quantity_units)
-    return FunctionValue(objective_alone(of_means, quantities), quantities)
-
-
-def objective_value(
-    campaign: Campaign,
-    scene: Scene,
-    parameters: npt.NDArray[np.float64],
-    record: Any,
-    final: FinalParticles,
-    sample: int,
-) -> FunctionValue:
-    """Return the objective of one completed sample; nan if its function cannot be called here."""
-    function = campaign.user_function
-    if campaign.objective.code is not None:
-        if function is None or function.source is None:
-            return FunctionValue(
-                math.nan, dict.fromkeys(campaign.objective.quantity_units, math.nan)
-            )
-        return evaluate_function(campaign, parameters, sample, (scene, record, final))
-    objective = campaign.objective_at(parameters)
-    alone = objective.of_samples(np.array([record], result.OUTCOME))
-    return FunctionValue(float(alone[0]), {})
+    return {"objective": objective_alone(of_means, quantities), **quantities}

@@ -238,9 +238,8 @@ def _simulate_with_function(work: _Work, i: int, j: int, scene: Scene) -> None:
         row[name] = record[name]
     if record["state"] == COMPLETED:
         final = final_particles(scene, particles)
-        found = objective_value(work.campaign, scene, string, record, final, number)
-        row["objective"] = found.objective
-        for name, value in found.quantities.items():
+        done = (scene, record, final)
+        for name, value in objective_value(work.campaign, string, number, done).items():
             row[name] = value
 
 
