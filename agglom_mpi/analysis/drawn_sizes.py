@@ -79,7 +79,7 @@ def _drawn(
     campaign: "Campaign", parameters: np.ndarray, string: int, samples: list[int]
 ) -> tuple[float, MeanEstimate]:
     """Return the volume fraction of a string, and the mean one of its first samples."""
-    from agglom_mpi.config.simulate import random_numbers
+    from agglom_mpi.verbs.simulate import random_numbers
 
     section, values = campaign.at(parameters)
     law: SizeLaw = section.size_law

@@ -66,7 +66,7 @@ def check(file: str, allow_code: bool, strict: bool, as_json: bool) -> int:
     warnings = [*loaded.warnings(), *narrow, *_of_start(loaded)]
     warn(warnings, strict, lambda line: say(line, error=True))
     promises = promises_of(loaded, allow_code)
-    tried = loaded.try_function() if allow_code else None
+    tried = _tried(loaded) if allow_code else None
     if as_json:
         found = loaded.description() | {"warnings": [str(warning) for warning in warnings]}
         found |= {} if size is None else {"file_bytes": size}
@@ -85,6 +85,12 @@ def check(file: str, allow_code: bool, strict: bool, as_json: bool) -> int:
         for line in _function_lines(tried, loaded.objective.quantity_units):
             say(line)
     return 0
+
+
+def _tried(campaign: "Campaign") -> "Outcome | None":
+    from agglom_mpi.verbs.simulate import try_function  # loads the kernels
+
+    return try_function(campaign)
 
 
 def _function_lines(tried: "Outcome", units: Mapping[str, str]) -> Iterator[str]:

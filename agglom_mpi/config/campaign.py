@@ -1,11 +1,11 @@
 """A campaign: everything that its file states, typed and in SI units."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -43,12 +43,6 @@ from agglom_mpi.search.stopping import StoppingRule
 from agglom_mpi.simulation.engines import Engine
 from agglom_mpi.variables import VariableTable
 
-if TYPE_CHECKING:
-    from agglom_mpi.config.estimate import StringEstimate
-    from agglom_mpi.config.simulate_many import SimulatedSamples
-    from agglom_mpi.simulation.sample import Outcome
-
-
 CAMPAIGN_INTERNALS: Final = (
     *("scene", "variables", "objective", "plan", "output", "final", "user_function", "relations"),
     *("at", "measured_at", "most_grains", "objective_at", "scenes"),
@@ -56,7 +50,7 @@ CAMPAIGN_INTERNALS: Final = (
     *("first_sample", "given_strings", "space", "allowed_strings", "volume"),
     *("derived_values", "function_error", "check_scales"),
     *("search_error", "required_plan", "engine", "file_name", "from_text"),
-    *("try_function", "with_generations", "with_seed"),
+    *("count", "with_generations", "with_seed"),
     *("data", "data_entries", "census"),
 )
 """Names of a campaign for the package's own modules: sections, and what builds or checks a run."""
@@ -66,7 +60,7 @@ CAMPAIGN_INTERNALS: Final = (
 class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
     """A validated campaign; equal campaigns have equal `identity`.
 
-    `agglom_mpi.load_campaign(path)` returns it.
+    `agglom_mpi.load_campaign(path)` returns one that can be simulated and run, too.
 
     Attributes
     ----------
@@ -76,14 +70,6 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
         Seed of all random streams.
     text, name : str
         Text of the file, and its name in errors.
-
-    Examples
-    --------
-    >>> from agglom_mpi import load_campaign
-    >>> campaign = load_campaign("jobs/quickstart.yaml")
-    >>> outcome = campaign.simulate({"relative_speed": 4.3, "hardness": "67 MPa"}, sample=0)
-    >>> outcome.particles < 100, outcome.mean_radius_ratio > 1.0
-    (True, True)
     """
 
     title: str
@@ -196,7 +182,7 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
 
     def with_generations(self, generations: int) -> "Campaign":
         """Return the campaign with another number of generations; its `text` is unchanged."""
-        generations = self._count("stopping.generations", generations, least=1)
+        generations = self.count("stopping.generations", generations, least=1)
         stopping = self.stopping.model_copy(update={"generations": generations})
         return replace(self, plan=self.required_plan._replace(stopping=stopping))
 
@@ -207,7 +193,7 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
         that of the campaign's own number of grains. `simulate` of the result gives the samples of
         larger volumes that `final: {volumes: …}` asks for. `text` and `identity` are unchanged.
         """
-        return replace(self, volume=self._count("volume", volume, least=1))
+        return replace(self, volume=self.count("volume", volume, least=1))
 
     def parameters(
         self,
@@ -254,174 +240,12 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
         except ValueError as error:
             raise CampaignError(Problem(self.name, None, "engine", str(error))) from None
 
-    def simulate(
-        self,
-        parameters: Mapping[str, float | str] | npt.ArrayLike,
-        sample: int = 0,
-        engine: str | Engine | None = None,
-        frames: int | Sequence[float] | npt.NDArray[np.float64] | None = None,
-    ) -> "Outcome":
-        """Simulate one sample exactly as a rank of the campaign does.
-
-        Parameters
-        ----------
-        parameters
-            Values by name, as for `parameters`, or all of them in SI units, shape (k,).
-        sample
-            Sample number from 0.
-        engine
-            Another engine than the campaign's: `event`, `fixed`, `fixed:STEPS` or `adaptive`.
-            `event` cools exactly, whatever the campaign's `integration` is.
-        frames
-            Number of frames of the particles to record, evenly spaced from 0 to the end time, or
-            their times in s, ascending; recording does not change the outcome. The first use in a
-            kind of scene compiles a small kernel more.
-
-        Returns
-        -------
-        Outcome
-
-        Raises
-        ------
-        CampaignError
-            If parameters, engine or frames are not possible.
-        RuntimeError
-            If the sample fails, with the reason.
-        """
-        from agglom_mpi.config.simulate import simulate
-
-        string, sample = read_string(self, parameters), self._count("sample", sample)
-        self.check_scales(string)
-        times = None if frames is None else self._frame_times(frames, string)
-        return simulate(self, string, sample, self.engine(engine), times)
-
-    def estimate(
-        self,
-        parameters: Mapping[str, float | str] | npt.ArrayLike,
-        samples: int = 100,
-        engine: str | Engine | None = None,
-    ) -> "StringEstimate":
-        """Simulate samples 0, 1, … of a string; return the mean ± standard error of what they give.
-
-        Parameters
-        ----------
-        parameters, engine
-            As for `simulate`.
-        samples
-            Number of samples, at least 1. Of a single one there is no standard error.
-
-        Returns
-        -------
-        StringEstimate
-            `print` shows it as `agglom simulate` does. Samples that fail are left out and counted.
-
-        Raises
-        ------
-        CampaignError
-            If parameters, samples or engine are not possible.
-        RuntimeError
-            If all samples fail, with the reason of the first.
-
-        Examples
-        --------
-        >>> from agglom_mpi import load_campaign
-        >>> campaign = load_campaign("jobs/quickstart.yaml")
-        >>> estimate = campaign.estimate({"hardness": "67 MPa"}, samples=30)
-        >>> estimate.samples, 1.0 < estimate.mean_radius_ratio.value < 100 ** (1 / 3)
-        (30, True)
-        """
-        from agglom_mpi.config.estimate import estimate_of
-
-        samples = self._count("samples", samples, least=1)
-        string, outcomes, failures = read_string(self, parameters), [], []
-        for sample in range(samples):
-            try:
-                outcomes.append(self.simulate(string, sample, engine))
-            except RuntimeError as error:
-                failures.append(error)
-        if not outcomes:
-            raise failures[0]
-        return estimate_of(self, string, outcomes, len(failures))
-
-    def simulate_many(
-        self,
-        parameters: Parameters,
-        samples: int = 1,
-        workers: int | None = None,
-        engine: str | Engine | None = None,
-        first_sample: int = 0,
-    ) -> "SimulatedSamples":
-        """Simulate samples of many strings on all cores, each bit for bit as `simulate` does.
-
-        For a sampler or an optimiser of your own. The shapes are those of a simulator of sbi or of
-        BoTorch: m strings in, m values of each sample out; `dict(zip(names, theta.T))` names the
-        columns of an array or tensor theta of shape (m, d).
-
-        Parameters
-        ----------
-        parameters
-            Values by name, a mapping or a DataFrame: numbers in SI units or texts with units, each
-            (m,) or one for all; what is not given is fixed, or the middle of its range. Or all
-            variables of the campaign in SI units, shape (k,) or (m, k).
-        samples
-            Number of samples of each string, at least 1.
-        workers
-            Number of threads; None: one for each core that this process may use. The results are
-            the same.
-        engine
-            As for `simulate`.
-        first_sample
-            Number of the first sample of each string. A sampler whose calls need independent noise
-            counts it up.
-
-        Returns
-        -------
-        SimulatedSamples
-            Columns of shape (m, samples), such as `mean_radius_ratio` and `objective`. A sample
-            that raises, or whose string a law refuses, is a failed one.
-
-        Raises
-        ------
-        CampaignError
-            If a name is unknown, a value impossible, or another argument wrong.
-
-        Notes
-        -----
-        Each string takes the interpreter, which threads share, some 0.3 ms. Where all samples of a
-        string take less than that times the number of cores, not all cores are busy.
-
-        Examples
-        --------
-        >>> from agglom_mpi import load_campaign
-        >>> campaign = load_campaign("jobs/quickstart.yaml")
-        >>> found = campaign.simulate_many({"hardness": ["30 MPa", "150 MPa"]}, samples=20)
-        >>> found.mean_radius_ratio.shape, int(found.failed.sum())
-        ((2, 20), 0)
-        >>> soft, hard = found.mean_radius_ratio.mean(axis=1)
-        >>> bool(soft > hard)
-        True
-        """
-        from agglom_mpi.config.simulate_many import simulate_many
-
-        first, count = self._count("first_sample", first_sample), self._count("samples", samples, 1)
-        if workers is not None:
-            workers = self._count("workers", workers, least=1)
-        strings, numbers = read_strings(self, parameters), range(first, first + count)
-        return simulate_many(self, strings, numbers, self.engine(engine), workers)
-
-    def _count(self, field: str, value: Any, least: int = 0) -> int:
+    def count(self, field: str, value: Any, least: int = 0) -> int:
+        """Return a whole number of at least `least`, given as an argument `field`."""
         try:
             return read_count(value, least)
         except ValueError as error:
             raise ArgumentError.of(self.name, field, error) from None
-
-    def _frame_times(self, frames: Any, string: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        from agglom_mpi.simulation.frames import frame_times
-
-        try:
-            return frame_times(frames, scales.end_time(*self.at(string)))
-        except ValueError as error:
-            raise CampaignError(Problem(self.name, None, "frames", str(error))) from None
 
     def identity(self) -> dict[str, object]:
         """Return all that decides results, flat: `scene.particles` -> 100, in SI units."""
@@ -430,32 +254,6 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
     def sha256(self) -> str:
         """Return the SHA-256 of `identity` as 64 hexadecimal digits."""
         return identity.digest(self.identity())
-
-    def try_function(self) -> "Outcome | None":
-        """Call the objective's function with one sample from the middle of the box.
-
-        Returns
-        -------
-        Outcome or None
-            Of the sample; None if the objective is no function.
-
-        Raises
-        ------
-        CampaignError
-            If it raises, or returns something else than a finite float, or the quantities that
-            are named, or another value when it is called again; or the sample fails.
-        """
-        if self.user_function is None:
-            return None
-        try:
-            first, second = (self.simulate(self.parameters()) for _ in range(2))
-            values = [repr((each.objective, each.quantities)) for each in (first, second)]
-            if values[0] != values[1]:
-                raise RuntimeError(f"returns {first.objective!r} and then {second.objective!r}")
-            return first
-        except RuntimeError as error:
-            message = f"is {self.user_function.call!r}, but of the middle of the box {error}"
-            raise self.function_error(message) from error
 
     def description(self) -> dict[str, object]:
         """Return what `describe` says, by headings, and the identity, as plain values for JSON."""

@@ -22,7 +22,6 @@ from typing import Final
 import numpy as np
 
 from agglom_mpi.config.own_components import permitted_modules
-from agglom_mpi.config.simulate import simulate
 from agglom_mpi.launcher import python_command, without_rank_variables
 from agglom_mpi.outcome import FAILED, FailureReason
 from agglom_mpi.runtime.experiment import Experiment
@@ -34,6 +33,7 @@ from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.schema import samples_schema
 from agglom_mpi.storage.table import checksums
 from agglom_mpi.storage.writer import CampaignWriter
+from agglom_mpi.verbs.simulate import simulate
 
 NOTE: Final = np.dtype([("string", "i8"), ("first", "i8"), ("count", "i8")])
 """Consecutive samples of a string that were begun on a rank; none with a count of 0."""

@@ -63,6 +63,7 @@ DECIDING: Final = (
     "search/**/*.py",
     # From the campaign's text to scenes, searches and ensembles.
     "config/*.py",
+    "verbs/simulate.py",
     "runtime/experiment.py",
     # What a search begins with, and which strings are estimated again.
     "analysis/estimates.py",
@@ -86,9 +87,6 @@ NOT_DECIDING: Final = (
     "config/answer_study.py",
     # Answers of a campaign in Python, of its tables and its reports.
     "config/derived.py",
-    "config/estimate.py",
-    "config/simulate_many.py",
-    "config/searcher.py",
     # The box for other programs.
     "simulation/stepwise.py",
 )

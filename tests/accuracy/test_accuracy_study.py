@@ -29,6 +29,7 @@ from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.scheduling.interface import task_type
 from agglom_mpi.simulation.engines import FixedSteps
 from agglom_mpi.variables import TEN, volume_fraction
+from agglom_mpi.verbs.simulate import simulate
 
 JOB = "jobs/quickstart.yaml"
 
@@ -134,12 +135,12 @@ def test_a_rank_computes_what_the_campaign_does_with_that_engine():
     tasks["string"], tasks["first"], tasks["count"] = [0, 1], 2, 1
     tasks["parameters"] = parameters
     plain, stepped = (done(simulator, task).results for task in tasks)
-    expected = campaign.simulate(parameters, 2)
+    expected = simulate(campaign, parameters, 2)
     assert plain["mean_radius_ratio"] == expected.mean_radius_ratio
     assert plain["objective"] == expected.objective
     assert (
         stepped["mean_radius_ratio"]
-        == campaign.simulate(parameters, 42, engine).record["mean_radius_ratio"]
+        == simulate(campaign, parameters, 42, engine).record["mean_radius_ratio"]
     )
 
 

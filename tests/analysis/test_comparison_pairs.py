@@ -24,6 +24,7 @@ from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import OUTCOME
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.storage.reader import read_campaign
+from agglom_mpi.verbs.simulate import simulate
 
 COMMON = "\n  common_configurations: true"
 
@@ -112,7 +113,7 @@ def test_fresh_samples_have_common_configurations_too(common):
     campaign = load_campaign(str(common.with_suffix(".yaml")))
     space = SearchSpace.of(campaign.variables)
     near = space.from_unit(np.outer([0.5, 0.5 + 1e-13], np.ones(space.dimensions)))
-    one, other = (campaign.simulate(string, 12).mean_radius_ratio for string in near)
+    one, other = (simulate(campaign, string, 12).mean_radius_ratio for string in near)
     assert near[0].tobytes() != near[1].tobytes()
     assert one == pytest.approx(other, rel=1e-6)
 

@@ -14,6 +14,7 @@ from agglom_mpi.config.loading import campaign_of_record, load_campaign
 from agglom_mpi.config.searchable import check_searchable
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.variables import TEN
+from agglom_mpi.verbs.simulate import simulate
 
 JOBS = Path(__file__).parents[2] / "jobs"
 EVENT = {"law": "event", "budget": 20_000}
@@ -151,7 +152,7 @@ def test_impossible_parameters_are_refused(values: dict[str, float | str], expec
 
 def test_a_parameter_vector_must_have_ten_numbers() -> None:
     with pytest.raises(CampaignError, match=r"parameters: have the shape \(3,\)"):
-        campaign().simulate([1.0, 2.0, 3.0])
+        simulate(campaign(), [1.0, 2.0, 3.0])
 
 
 def test_engines_have_short_names() -> None:

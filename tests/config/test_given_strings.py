@@ -8,6 +8,8 @@ from agglom_mpi.config.given_strings import read_searched, read_strings
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.variables import TEN
+from agglom_mpi.verbs.estimate import estimate
+from agglom_mpi.verbs.simulate import simulate
 
 TEXT = three_variable_text()
 FILLED = TEXT.replace("size_ratio: 0.633", "volume_fraction: [0.1, 0.3]")
@@ -58,7 +60,7 @@ def test_values_are_read_as_simulate_reads_them(campaign):
 def test_a_mistake_is_named_as_simulate_names_it(campaign, parameters):
     """The same words for one value, and for that value among others."""
     with pytest.raises(CampaignError) as wanted:
-        campaign.simulate(parameters)
+        simulate(campaign, parameters)
     for given in (parameters, {name: [value, value] for name, value in parameters.items()}):
         with pytest.raises(CampaignError) as found:
             read_strings(campaign, given)
@@ -82,21 +84,21 @@ def test_no_strings_are_no_mistake(campaign):
 def test_strings_that_simulate_refuses_are_refused(campaign):
     string = campaign.parameters()
     string[2] = np.nan
-    for call in (campaign.simulate, campaign.allowed, campaign.estimate):
+    for call in (simulate, Campaign.allowed, estimate):
         with pytest.raises(CampaignError, match="density: is nan; must be a finite number"):
-            call(string)
+            call(campaign, string)
 
 
 @pytest.mark.parametrize("sample", [-1, 1.5, True, "1", None, np.nan])
 def test_the_number_of_a_sample_is_a_whole_number(campaign, sample):
     with pytest.raises(ValueError, match=r"sample: is .*; must be a whole number of at least 0"):
-        campaign.simulate({}, sample)
+        simulate(campaign, {}, sample)
 
 
 @pytest.mark.parametrize("samples", [0, -1, 1.5, True, "9"])
 def test_the_number_of_samples_is_a_whole_number(campaign, samples):
     with pytest.raises(ValueError, match=r"samples: is .*; must be a whole number of at least 1"):
-        campaign.estimate({}, samples)
+        estimate(campaign, {}, samples)
 
 
 def test_constraints_are_asked_by_the_names_of_the_file():
@@ -116,12 +118,12 @@ def test_constraints_are_asked_by_the_names_of_the_file():
 )
 def test_what_is_no_string_is_refused(campaign, parameters, said):
     with pytest.raises(ValueError, match=f"parameters: {said}"):
-        campaign.simulate(parameters)
+        simulate(campaign, parameters)
 
 
 def test_an_engine_is_named(campaign):
     with pytest.raises(ValueError, match="engine: is 5; must be event, fixed"):
-        campaign.simulate({}, engine=5)
+        simulate(campaign, {}, engine=5)
 
 
 def test_what_is_fixed_may_be_given_but_not_changed():
@@ -163,7 +165,7 @@ def test_a_row_of_the_best_strings_simulates_the_sample_that_is_recorded(shared_
     samples = file.samples.set_index(["string", "sample"])["mean_radius_ratio"]
     recorded = samples[int(best["string"][0]), 0]
     for given in (best.iloc[0], best.iloc[0].to_dict(), file.best(1)):
-        assert own.simulate(given).mean_radius_ratio == recorded
+        assert simulate(own, given).mean_radius_ratio == recorded
     assert np.array_equal(own.allowed(best), [True, True])
     with pytest.raises(CampaignError, match="are 2 strings; must be one"):
-        own.simulate(best)
+        simulate(own, best)

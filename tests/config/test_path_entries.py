@@ -9,6 +9,7 @@ from path_campaigns import COLD, COLD_VARIABLES, HOT, HOT_VARIABLES, campaign_of
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.variables import TEN
+from agglom_mpi.verbs.simulate import simulate
 
 FREE = COLD | {"restitution": "constant"}
 """A scene without its restitution."""
@@ -229,9 +230,9 @@ def test_start_and_values_by_name_take_paths():
     whole = campaign.parameters()
     whole[-1] = 1.5
     with pytest.raises(CampaignError, match=r"restitution\.value"):
-        campaign.simulate(whole)
+        simulate(campaign, whole)
     with pytest.raises(CampaignError, match="12"):
-        campaign.simulate(whole[:-1])
+        simulate(campaign, whole[:-1])
 
 
 def test_expressions_name_paths():

@@ -11,6 +11,8 @@ from agglom_mpi.accuracy.maps.scene import map_scene
 from agglom_mpi.accuracy.soundness import CLOSED, overlaps_part
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import REASONS, FailureReason
+from agglom_mpi.verbs.simulate import simulate
+from agglom_mpi.verbs.simulate_many import simulate_many
 
 EXAMPLES = max(1, int(os.environ.get("AGGLOM_EXTREMES_EXAMPLES", "300")) // 40)
 SHARE = st.integers(0, 1024).map(lambda k: k / 1024.0)
@@ -29,7 +31,7 @@ def assert_sound_at(scene, plane, across, up, sample):
     campaign = methods[DEFAULT]
     if plane.remedy:
         assert_ledger_closes(methods[plane.remedy], sample)
-        found = campaign.simulate_many(campaign.parameters(), first_sample=sample)
+        found = simulate_many(campaign, campaign.parameters(), first_sample=sample)
         if found.failed.any():
             assert found.reasons == {(0, 0): REASONS[FailureReason.BUDGET_EXCEEDED]}
             return
@@ -37,7 +39,7 @@ def assert_sound_at(scene, plane, across, up, sample):
 
 
 def assert_ledger_closes(campaign, sample):
-    record = campaign.simulate(campaign.parameters(), sample).record
+    record = simulate(campaign, campaign.parameters(), sample).record
     assert abs(record["energy_error"]) <= CLOSED
     assert record["capped_iterations"] == 0
     assert record["floored_temperatures"] == 0

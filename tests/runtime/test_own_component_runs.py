@@ -33,6 +33,8 @@ from agglom_mpi.declaration.reading import own_names
 from agglom_mpi.errors import CodeNotAllowedError
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.schema import parameters_of
+from agglom_mpi.verbs.estimate import estimate
+from agglom_mpi.verbs.simulate import simulate
 
 NAMES = tuple(f"mine.py:{ALL[key].__name__}" for key in DECIDING)
 """What has to be compiled is copied in the slow tier alone, and in plain Python: a copy of a law is
@@ -361,9 +363,9 @@ def test_the_public_interface_simulates_and_estimates(own):
     campaign = load_campaign(own / "own.yaml", allow_code=True)
     stored = read_campaign(own / "own.h5")
     first = stored.parameters[0]
-    outcome = campaign.simulate(first, 0)
+    outcome = simulate(campaign, first, 0)
     row = stored.sample_rows(0)[0]
     assert outcome.mean_radius_ratio == row["mean_radius_ratio"]
     assert outcome.objective == abs(outcome.mean_radius_ratio / 2.0 - 1.0)
-    assert np.isfinite(campaign.estimate(first, samples=3).mean_radius_ratio.value)
+    assert np.isfinite(estimate(campaign, first, samples=3).mean_radius_ratio.value)
     assert len(ALL) == len(set(ALL.values())) >= 9

@@ -50,7 +50,7 @@ class RecordedFiles(NamedFiles):
             check_diameters(values, lambda row: f"diameter {row + 1}: {quoted_start(words[row])}")
         except ValueError as error:
             raise ValueError(f"is {quoted(name)}: {error}") from None
-        return Diameters(values, unit == "m")
+        return values, unit == "m"
 
     def curve(self, place: int, name: str, keys: CurveKeys) -> SizeCurve:
         """Return the curve of an entry of `data`; raise a ValueError if it is damaged."""

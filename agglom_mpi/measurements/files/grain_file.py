@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final, TypeAlias
 
 from agglom_mpi.declaration.bounded_reading import read_bounded
 from agglom_mpi.declaration.spelling import MAX_MAGNITUDE
@@ -27,11 +27,8 @@ GRAINS_REMEDY: Final = (
 """What to write instead of a curve or a histogram."""
 
 
-class Diameters(NamedTuple):
-    """Diameters of grains: in m if they are `absolute`, else relative to each other."""
-
-    values: tuple[float, ...]
-    absolute: bool
+Diameters: TypeAlias = tuple[tuple[float, ...], bool]
+"""Diameters of grains, and whether they are in m; otherwise they are relative to each other."""
 
 
 def read_diameters(folder: Path, name: str) -> Diameters:
@@ -56,7 +53,7 @@ def read_diameters(folder: Path, name: str) -> Diameters:
         column = SizeTable(table, CurveKeys()).grains(GRAINS_REMEDY)
         numbers = table.numbers(column.position)
         check_diameters(numbers, lambda row: table.shown(row, column.position))
-        return Diameters(tuple(in_metres(numbers, column.unit)), column.unit not in RELATIVE)
+        return tuple(in_metres(numbers, column.unit)), column.unit not in RELATIVE
     except ValueError as error:
         raise ValueError(f"is {quoted(name)}: {error}") from None
 

@@ -12,6 +12,7 @@ from campaign_runs import HARD, SMALL, write_campaign, write_endless
 from agglom_mpi import load_campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.outcome import OUTCOME
+from agglom_mpi.verbs.simulate import simulate
 
 JOBS = Path(__file__).parents[2] / "jobs"
 STRINGS = {"relative_speed": [2.0, 4.0, 8.0], "hardness": ["30 MPa", "60 MPa", 1e8]}
@@ -34,9 +35,9 @@ def assert_as_one_by_one(campaign, found, strings, first=0):
         assert string.tobytes() == campaign.parameters(strings[i]).tobytes()
         if failed:
             with pytest.raises(RuntimeError, match=f"sample {first + j} failed: "):
-                campaign.simulate(string, first + j)
+                simulate(campaign, string, first + j)
             continue
-        outcome = campaign.simulate(string, first + j)
+        outcome = simulate(campaign, string, first + j)
         for name in set(OUTCOME.names) - {"state", "reason"}:
             assert found[name][i, j].tobytes() == outcome.record[name].tobytes(), name
         assert found.objective[i, j] == outcome.objective
@@ -74,7 +75,7 @@ def test_strings_come_as_an_array_or_as_a_table_of_a_file(campaign):
 @pytest.mark.slow(guard="config/test_simulate_many.py::test_each_sample_is_that_of_simulate")
 def test_another_engine_is_that_of_simulate(campaign):
     found = campaign.simulate_many({"hardness": 6e7}, engine="fixed:500")
-    outcome = campaign.simulate({"hardness": 6e7}, engine="fixed:500")
+    outcome = simulate(campaign, {"hardness": 6e7}, engine="fixed:500")
     assert found.steps.tolist() == [[500]]
     assert found.mean_radius_ratio[0, 0] == outcome.mean_radius_ratio
 
@@ -139,7 +140,7 @@ def test_what_is_wrong_is_named_with_its_field(campaign, arguments, expected):
 def test_an_interrupt_ends_the_samples_under_way(tmp_path):
     write_endless(tmp_path / "endless.yaml")
     campaign = load_campaign(tmp_path / "endless.yaml")
-    campaign.simulate({"hardness": 1e7, "relative_speed": 1e-9})  # compiles
+    simulate(campaign, {"hardness": 1e7, "relative_speed": 1e-9})  # compiles
     before = signal.signal(signal.SIGALRM, signal.default_int_handler)
     signal.setitimer(signal.ITIMER_REAL, 0.3)
     try:

@@ -1,7 +1,8 @@
 """Simulation of one sample of a campaign, bit for bit as a rank simulates it."""
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -9,19 +10,24 @@ import numpy.typing as npt
 import agglom_mpi.simulation.event_driven.engine
 import agglom_mpi.simulation.time_driven.steppers  # noqa: F401  (all register their engines)
 from agglom_mpi import outcome as result
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.given_strings import read_string
 from agglom_mpi.config.user_function import (
     evaluate,
     evaluate_quantities,
     function_of_means,
     objective_alone,
 )
+from agglom_mpi.config.yaml_source import CampaignError, Problem
 from agglom_mpi.errors import named_error
 from agglom_mpi.outcome import FinalParticles, final_particles
+from agglom_mpi.physics import scales
 from agglom_mpi.random_streams import sample_key, sample_stream
 from agglom_mpi.simulation.census import census_values, new_census_room
 from agglom_mpi.simulation.compilation import ensure_compiled
+from agglom_mpi.simulation.engines import Engine
 from agglom_mpi.simulation.finished import finished_sample
-from agglom_mpi.simulation.frames import new_frames, without_temperatures
+from agglom_mpi.simulation.frames import frame_times, new_frames, without_temperatures
 from agglom_mpi.simulation.sample import (
     Outcome,
     count_changes,
@@ -32,47 +38,28 @@ from agglom_mpi.simulation.sample import (
 from agglom_mpi.simulation.scene import Scene
 from agglom_mpi.stopwatch import Stopwatch
 
-if TYPE_CHECKING:
-    from agglom_mpi.config.campaign import Campaign
-
 
 def simulate(
-    campaign: "Campaign",
-    parameters: npt.ArrayLike,
+    campaign: Campaign,
+    parameters: Mapping[str, float | str] | npt.ArrayLike,
     sample: int = 0,
-    engine: Any = None,
-    times: npt.NDArray[np.float64] | None = None,
+    engine: str | Engine | None = None,
+    frames: int | Sequence[float] | npt.NDArray[np.float64] | None = None,
 ) -> Outcome:
-    """Simulate one sample exactly as a rank of the campaign does.
-
-    Parameters
-    ----------
-    campaign
-        The campaign.
-    parameters
-        The variables in SI units, shape (k,).
-    sample
-        Sample number from 0.
-    engine
-        Engine section to use instead of the scene's.
-    times
-        Times of frames in s, shape (F,), ascending from 0 to at most the end time.
-
-    Raises
-    ------
-    RuntimeError
-        If the sample fails, with the reason.
-    """
-    vector = np.asarray(parameters, dtype=np.float64)
-    scene = campaign.at(vector).build(engine)
-    frames = None if times is None else new_frames(times, scene.particles)
+    """Simulate one sample exactly as a rank does; see `RunnableCampaign.simulate`."""
+    vector = read_string(campaign, parameters)
+    sample = campaign.count("sample", sample)
+    campaign.check_scales(vector)
+    times = None if frames is None else _frame_times(campaign, frames, vector)
+    scene = campaign.at(vector).build(campaign.engine(engine))
+    room = None if times is None else new_frames(times, scene.particles)
     random = random_numbers(campaign, vector, sample)
-    layout = campaign.census if frames is None else None
+    layout = campaign.census if room is None else None
     census = None if layout is None else new_census_room(layout, 1)
-    ensure_compiled(scene, frames is not None, census is not None)
+    ensure_compiled(scene, room is not None, census is not None)
     stopwatch = Stopwatch()
     if census is None:
-        record, particles = simulate_scene(scene, random, frames=frames)
+        record, particles = simulate_scene(scene, random, frames=room)
     else:
         record, particles = simulate_counted(scene, random, census)
     spent = stopwatch.read()
@@ -81,17 +68,17 @@ def simulate(
     ratio = float(record["mean_radius_ratio"])
     final = final_particles(scene, particles)
     try:
-        objective, quantities = objective_value(campaign, scene, vector, record, final, sample)
+        values = objective_value(campaign, vector, sample, (scene, record, final))
     except Exception as error:  # a user's function may raise any
         reason = named_error(error)
         raise RuntimeError(f"sample {sample} failed: {reason}") from error
     if not scene.has_temperature:
         final = without_temperatures(final)
-        frames = None if frames is None else without_temperatures(frames)
+        room = None if room is None else without_temperatures(room)
     return Outcome(
         mean_radius_ratio=ratio,
-        objective=objective,
-        quantities=quantities,
+        objective=values.pop("objective"),
+        quantities=values,
         particles=int(record["particles"]),
         radii=final.radii / scene.radius,
         temperatures=final.temperatures,
@@ -105,15 +92,52 @@ def simulate(
         cpu_seconds=spent.cpu,
         record=record,
         final=final,
-        frames=frames,
+        frames=room,
         census=None
         if census is None
         else tuple(each[0] for each in census_values(census).values()),
     )
 
 
+def _frame_times(
+    campaign: Campaign, frames: Any, string: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    try:
+        return frame_times(frames, scales.end_time(*campaign.at(string)))
+    except ValueError as error:
+        raise CampaignError(Problem(campaign.name, None, "frames", str(error))) from None
+
+
+def try_function(campaign: Campaign) -> Outcome | None:
+    """Call the function of a campaign's objective with one sample from the middle of the box.
+
+    Returns
+    -------
+    Outcome or None
+        Of the sample; None if the objective is no function.
+
+    Raises
+    ------
+    CampaignError
+        If it raises, or returns something else than a finite float, or the quantities that are
+        named, or another value when it is called again; or the sample fails.
+    """
+    function = campaign.user_function
+    if function is None:
+        return None
+    try:
+        first, second = (simulate(campaign, campaign.parameters()) for _ in range(2))
+        values = [repr((each.objective, each.quantities)) for each in (first, second)]
+        if values[0] != values[1]:
+            raise RuntimeError(f"returns {first.objective!r} and then {second.objective!r}")
+        return first
+    except RuntimeError as error:
+        message = f"is {function.call!r}, but of the middle of the box {error}"
+        raise campaign.function_error(message) from error
+
+
 def changes_until(
-    campaign: "Campaign",
+    campaign: Campaign,
     parameters: npt.ArrayLike,
     sample: int,
     share: float,
@@ -131,7 +155,7 @@ def changes_until(
 
 
 def random_numbers(
-    campaign: "Campaign", parameters: npt.NDArray[np.float64], sample: int
+    campaign: Campaign, parameters: npt.NDArray[np.float64], sample: int
 ) -> np.random.Generator:
     """Return the random numbers of a sample of a string, (k,), from their beginning."""
     numbers = campaign.variables.stream_key(parameters)
@@ -139,34 +163,19 @@ def random_numbers(
     return sample_stream(campaign.seed, numbers, sample, common, campaign.volume)
 
 
-def stream_key(campaign: "Campaign", parameters: npt.NDArray[np.float64]) -> tuple[int, ...]:
+def stream_key(campaign: Campaign, parameters: npt.NDArray[np.float64]) -> tuple[int, ...]:
     """Return the key of the random numbers of a string, (k,), which a sample's number ends."""
     numbers = campaign.variables.stream_key(parameters)
     return sample_key(campaign.seed, numbers, campaign.common_configurations, campaign.volume)
 
 
-class FunctionValue(NamedTuple):
-    """Value of a user's function for one sample.
-
-    Attributes
-    ----------
-    objective
-        The objective of the sample alone; nan if that is not defined.
-    quantities
-        Quantities that the function returned, by name in SI units; empty if it returned one number.
-    """
-
-    objective: float
-    quantities: dict[str, float]
-
-
-def evaluate_function(
-    campaign: "Campaign",
+def objective_value(
+    campaign: Campaign,
     parameters: npt.NDArray[np.float64],
     sample: int,
     completed: tuple[Scene, Any, FinalParticles],
-) -> FunctionValue:
-    """Call the user's function of a campaign with a completed sample.
+) -> dict[str, float]:
+    """Return the objective of one completed sample alone, and the quantities of its function.
 
     Parameters
     ----------
@@ -178,40 +187,29 @@ def evaluate_function(
     completed
         Its scene, its `OUTCOME` and its particles.
 
+    Returns
+    -------
+    dict
+        `objective`, nan if it is not defined for a sample alone; and the quantities by name in SI
+        units. All are nan if the function cannot be called here.
+
     Raises
     ------
     Exception
         As from `user_function.evaluate` and `user_function.evaluate_quantities`.
     """
     function, objective = campaign.user_function, campaign.objective
-    assert function is not None
     scene, record, final = completed
+    if objective.code is None:
+        samples = np.array([record], result.OUTCOME)
+        return {"objective": float(campaign.objective_at(parameters).of_samples(samples)[0])}
+    if function is None or function.source is None:
+        return dict.fromkeys(("objective", *objective.quantity_units), math.nan)
     initial = initial_radii(scene, lambda: random_numbers(campaign, parameters, sample))
     values = campaign.variables.used_values(parameters)
     seen = finished_sample(scene, values, record, final, initial)
     of_means = function_of_means(function, objective.code_of_means)
     if of_means is None:
-        return FunctionValue(evaluate(function, seen), {})
+        return {"objective": evaluate(function, seen)}
     quantities = evaluate_quantities(function, seen, objective.quantity_units)
-    return FunctionValue(objective_alone(of_means, quantities), quantities)
-
-
-def objective_value(
-    campaign: "Campaign",
-    scene: Scene,
-    parameters: npt.NDArray[np.float64],
-    record: Any,
-    final: FinalParticles,
-    sample: int,
-) -> FunctionValue:
-    """Return the objective of one completed sample; nan if its function cannot be called here."""
-    function = campaign.user_function
-    if campaign.objective.code is not None:
-        if function is None or function.source is None:
-            return FunctionValue(
-                math.nan, dict.fromkeys(campaign.objective.quantity_units, math.nan)
-            )
-        return evaluate_function(campaign, parameters, sample, (scene, record, final))
-    objective = campaign.objective_at(parameters)
-    alone = objective.of_samples(np.array([record], result.OUTCOME))
-    return FunctionValue(float(alone[0]), {})
+    return {"objective": objective_alone(of_means, quantities), **quantities}

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from campaign_text import campaign
 
-from agglom_mpi.config.loading import load_campaign
+from agglom_mpi import load_campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.outcome import LEDGER, OUTCOME
 from agglom_mpi.search.objectives.moment_targets import FOURTH_ORDER_INTERVALS
+from agglom_mpi.verbs.simulate import simulate
 
 QUICKSTART = Path(__file__).parents[2] / "jobs" / "quickstart.yaml"
 VALUES = {"hardness": "67 MPa"}
@@ -30,7 +31,7 @@ def estimate(quickstart):
 
 @pytest.fixture(scope="module")
 def outcomes(quickstart):
-    return [quickstart.simulate(VALUES, sample) for sample in range(12)]
+    return [simulate(quickstart, VALUES, sample) for sample in range(12)]
 
 
 def test_an_estimate_is_the_mean_of_the_samples(estimate, outcomes):
@@ -82,7 +83,7 @@ def cold_campaign():
 
 
 def test_a_scene_without_temperature_has_no_mean_temperature(outcomes):
-    from agglom_mpi.config.estimate import estimate_of
+    from agglom_mpi.verbs.estimate import estimate_of
 
     cold = cold_campaign()
     assert "temperature" not in cold.variables.used
@@ -106,7 +107,7 @@ class Grains(NamedTuple):
 
 @pytest.mark.parametrize(("heat", "known"), [(False, False), (True, True)])
 def test_particles_of_a_scene_without_temperature_have_none(monkeypatch, quickstart, heat, known):
-    from agglom_mpi.config import simulate
+    from agglom_mpi.verbs import simulate as module
 
     scene = quickstart if heat else cold_campaign()
     record = np.zeros(1, OUTCOME)
@@ -118,9 +119,9 @@ def test_particles_of_a_scene_without_temperature_have_none(monkeypatch, quickst
             frames.temperatures[:, :2] = scene.temperature
         return record[0], Grains(np.array([2]), np.ones(2), np.ones(2))
 
-    monkeypatch.setattr(simulate, "simulate_scene", simulated)
-    monkeypatch.setattr(simulate, "ensure_compiled", lambda *arguments: None)
-    outcome = scene.simulate({}, frames=3)
+    monkeypatch.setattr(module, "simulate_scene", simulated)
+    monkeypatch.setattr(module, "ensure_compiled", lambda *arguments: None)
+    outcome = simulate(scene, {}, frames=3)
     assert np.isfinite(outcome.temperatures).all() == known
     assert np.isfinite(outcome.final.temperatures).all() == known
     assert outcome.frames.has_temperature == known
@@ -146,7 +147,7 @@ def test_an_outcome_prints_without_its_arrays(outcomes):
 
 
 def test_targets_of_moments_are_told_one_by_one(outcomes, quickstart):
-    from agglom_mpi.config.estimate import estimate_of
+    from agglom_mpi.verbs.estimate import estimate_of
 
     wanted = "objective: {law: moments, targets: {mean: 2, spread: 0.4}, weights: {spread: 2}}"
     moments = campaign(("objective", wanted))
@@ -166,7 +167,7 @@ def test_targets_of_moments_are_told_one_by_one(outcomes, quickstart):
 def test_a_kurtosis_is_shown_with_how_far_its_error_can_be_trusted(
     outcomes, quickstart, name, noted
 ):
-    from agglom_mpi.config.estimate import estimate_of
+    from agglom_mpi.verbs.estimate import estimate_of
 
     wanted = f"objective: {{law: moments, targets: {{mean: 2, {name}: 3}}}}"
     found = estimate_of(campaign(("objective", wanted)), quickstart.parameters(VALUES), outcomes)

@@ -1,26 +1,27 @@
 """Estimate of one parameter string: mean ± standard error of what is measured of its samples."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
+from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.derived import columns_of
+from agglom_mpi.config.given_strings import read_string
 from agglom_mpi.formatting import format_mean, in_unit, pluralise, value_with_error
 from agglom_mpi.outcome import LEDGER
 from agglom_mpi.physics.scales import half_width
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.search.objectives.moment_targets import interval_notes
 from agglom_mpi.search.objectives.objective import ReachedMoment
+from agglom_mpi.simulation.engines import Engine
+from agglom_mpi.simulation.sample import Outcome
 from agglom_mpi.statistics import MeanEstimate, mean_of, without_rounding
 from agglom_mpi.variables import PAPER_VARIABLES
-
-if TYPE_CHECKING:
-    from agglom_mpi.config.campaign import Campaign
-    from agglom_mpi.simulation.sample import Outcome
+from agglom_mpi.verbs.simulate import simulate
 
 MEASURED: Final = {
     "mean_radius_ratio": "mean_radius_ratio",
@@ -199,10 +200,29 @@ def _plain(mean: MeanEstimate) -> dict[str, float | None]:
     return {"mean": _finite(mean.value), "standard_error": _finite(mean.error)}
 
 
+def estimate(
+    campaign: Campaign,
+    parameters: Mapping[str, float | str] | npt.ArrayLike,
+    samples: int = 100,
+    engine: str | Engine | None = None,
+) -> StringEstimate:
+    """Return the estimate of a string from its samples 0, 1, …; see `RunnableCampaign.estimate`."""
+    samples = campaign.count("samples", samples, least=1)
+    string, outcomes, failures = read_string(campaign, parameters), [], []
+    for sample in range(samples):
+        try:
+            outcomes.append(simulate(campaign, string, sample, engine))
+        except RuntimeError as error:
+            failures.append(error)
+    if not outcomes:
+        raise failures[0]
+    return estimate_of(campaign, string, outcomes, len(failures))
+
+
 def estimate_of(
-    campaign: "Campaign",
+    campaign: Campaign,
     parameters: npt.NDArray[np.float64],
-    outcomes: Sequence["Outcome"],
+    outcomes: Sequence[Outcome],
     failed: int = 0,
 ) -> StringEstimate:
     """Return the estimate of a string from its completed samples, at least one.
@@ -261,7 +281,7 @@ def estimate_of(
 
 
 def _filled(
-    campaign: "Campaign", parameters: npt.NDArray[np.float64], outcomes: Sequence["Outcome"]
+    campaign: Campaign, parameters: npt.NDArray[np.float64], outcomes: Sequence[Outcome]
 ) -> MeanEstimate | None:
     """Return the volume fraction of the grains of completed samples; None if all are equal.
 

@@ -9,12 +9,13 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from agglom_mpi.config.simulate import objective_value, random_numbers, stream_key
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.given_strings import Parameters, read_strings
 from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.errors import UserError, named_error
 from agglom_mpi.formatting import pluralise
@@ -22,13 +23,12 @@ from agglom_mpi.outcome import COLUMNS, COMPLETED, FAILED, OUTCOME, REASONS, fin
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.random_streams import key_words
 from agglom_mpi.simulation.compilation import ensure_compiled
+from agglom_mpi.simulation.engines import Engine
 from agglom_mpi.simulation.sample import simulate_samples, simulate_scene
 from agglom_mpi.simulation.sample_draws import samples_at_once
 from agglom_mpi.simulation.sample_range import new_results, new_watch
 from agglom_mpi.simulation.scene import Scene
-
-if TYPE_CHECKING:
-    from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.verbs.simulate import objective_value, random_numbers, stream_key
 
 Floats = npt.NDArray[np.float64]
 
@@ -106,7 +106,7 @@ class _Work(NamedTuple):
     Anything but 0 in `abort`, (1,), ends all samples.
     """
 
-    campaign: "Campaign"
+    campaign: Campaign
     strings: Floats
     first: int
     engine: Any
@@ -116,29 +116,24 @@ class _Work(NamedTuple):
 
 
 def simulate_many(
-    campaign: "Campaign",
-    strings: Floats,
-    samples: range,
-    engine: Any,
+    campaign: Campaign,
+    parameters: Parameters,
+    samples: int = 1,
     workers: int | None = None,
+    engine: str | Engine | None = None,
+    first_sample: int = 0,
 ) -> SimulatedSamples:
-    """Simulate samples of strings, (m, k) in SI units, by threads; see `Campaign.simulate_many`.
-
-    Parameters
-    ----------
-    campaign, strings
-    samples
-        Numbers of the samples of each string.
-    engine
-        Engine section.
-    workers
-        Number of threads; None: one for each core that this process may use.
-    """
+    """Simulate samples of many strings by threads; see `RunnableCampaign.simulate_many`."""
+    first = campaign.count("first_sample", first_sample)
+    count = campaign.count("samples", samples, least=1)
+    if workers is not None:
+        workers = campaign.count("workers", workers, least=1)
+    strings = read_strings(campaign, parameters)
     quantities = dict(campaign.objective.quantity_units)
     added = [(name, "f8") for name in ("objective", "seconds", "cpu_seconds", *quantities)]
-    rows = np.zeros((len(strings), len(samples)), [*OUTCOME.descr, *added])
+    rows = np.zeros((len(strings), count), [*OUTCOME.descr, *added])
     abort = np.zeros(1, np.uint8)
-    work = _Work(campaign, strings, samples.start, engine, rows, {}, abort)
+    work = _Work(campaign, strings, first, campaign.engine(engine), rows, {}, abort)
     if rows.size:
         cores = len(os.sched_getaffinity(0))
         _run(work, min(workers or cores, THREADS_PER_CORE * cores))
@@ -243,9 +238,8 @@ def _simulate_with_function(work: _Work, i: int, j: int, scene: Scene) -> None:
         row[name] = record[name]
     if record["state"] == COMPLETED:
         final = final_particles(scene, particles)
-        found = objective_value(work.campaign, scene, string, record, final, number)
-        row["objective"] = found.objective
-        for name, value in found.quantities.items():
+        done = (scene, record, final)
+        for name, value in objective_value(work.campaign, string, number, done).items():
             row[name] = value
 
 
