@@ -97,7 +97,10 @@ class Choice(NamedTuple):
     def _as_mapping(self, entry: Any) -> Any:
         if self.default and isinstance(entry, dict) and self.kind.named_by not in entry:
             return {self.kind.named_by: self.default, **entry}
-        return self.kind.as_mapping("none" if self.or_none and entry is None else entry)
+        found = self.kind.as_mapping("none" if self.or_none and entry is None else entry)
+        if not isinstance(found, Mapping | Component):
+            raise ValueError(f"is {quoted(entry)}; must be a mapping")
+        return found
 
 
 def choice_of(field: Any) -> Choice | None:

@@ -7,10 +7,11 @@ from agglom_mpi.declaration.declared import (
     Declared,
     FieldPath,
     Meaning,
+    Reads,
     raise_field_errors,
 )
 from agglom_mpi.declaration.field_types import NotEmpty
-from agglom_mpi.declaration.reading import Reading, ReadsInContext
+from agglom_mpi.declaration.reading import Reading
 from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.declaration.units import quoted, to_si
 from agglom_mpi.formatting import in_unit
@@ -109,7 +110,7 @@ class EarlierCampaign(Declared):
         Number of best strings.
     """
 
-    file: Annotated[str, NotEmpty(), Meaning("a campaign file")]
+    file: Annotated[NotEmpty, Meaning("a campaign file")]
     strings: Annotated[int, Whole(at_least=1, at_most=10**5)] = 1
 
 
@@ -144,5 +145,7 @@ def _read_string(
             problems.append(((*path, str(name)), str(error)))
 
 
-GivenStrings = Annotated[list[dict[str, float]] | EarlierCampaign, ReadsInContext(_read_strings)]
+GivenStrings = Annotated[
+    list[dict[str, float]] | EarlierCampaign, Reads(_read_strings, in_context=True)
+]
 """Strings to start with: values of searched variables, or the best of another campaign."""

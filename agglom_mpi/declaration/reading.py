@@ -5,15 +5,14 @@ class, such as `components.class_named`, asks it for the classes of one's own.
 """
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeGuard
 
 from agglom_mpi.declaration.units import quoted
 from agglom_mpi.variables import TEN, VariableTable
 
 if TYPE_CHECKING:
-    from pydantic import GetCoreSchemaHandler, ValidationInfo
-    from pydantic_core import CoreSchema
+    from pydantic import ValidationInfo
 
 OWN_NAME: Final = re.compile(r"([^\W\d]\w*)\.py:([^\W\d]\w*)")
 """Regular expression of the name of a component of one's own, `FILE.py:Class`."""
@@ -142,20 +141,3 @@ PLAIN: Final = Reading()
 def reading_of(info: "ValidationInfo") -> Reading:
     """Return how the text that is validated is read."""
     return info.context if isinstance(info.context, Reading) else PLAIN
-
-
-class ReadsInContext(NamedTuple):
-    """Metadata of a field: a function of value and reading, called before the type check."""
-
-    read: Callable[[Any, Reading], Any]
-
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: "GetCoreSchemaHandler"
-    ) -> "CoreSchema":
-        """Return the schema of the field with the function before it."""
-        from pydantic_core import core_schema
-
-        def read(value: Any, info: "ValidationInfo") -> Any:
-            return self.read(value, reading_of(info))
-
-        return core_schema.with_info_before_validator_function(read, handler(source))
