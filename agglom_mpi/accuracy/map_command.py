@@ -24,7 +24,7 @@ from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.config.yaml_source import CampaignError, Problem
 from agglom_mpi.errors import BAD_INPUT, FINISHED, UserError, error_text
 from agglom_mpi.formatting import format_duration, pluralise
-from agglom_mpi.report.published_results import read_published
+from agglom_mpi.report.sections.published import read_published
 from agglom_mpi.runtime.file_setup import check_writable
 from agglom_mpi.runtime.leg import RunRequest
 from agglom_mpi.runtime.run import run_on_all_ranks

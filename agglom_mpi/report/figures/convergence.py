@@ -214,23 +214,29 @@ def _cost_data(data: CampaignData, _: FigureOptions) -> ConvergenceHistory | Non
     return history if (np.nan_to_num(history.best_half_width) > 0.0).any() else None
 
 
-CONVERGENCE: Final = Figure(
+Figure(
     "convergence",
     "search",
+    0,
     _convergence_data,
     draw_convergence,
     "Objective of the best string and mean of the best strings after each generation, by the "
     "samples that they were chosen by, with 95 % bands ([A] fig. 4, [B] fig. 4): lucky strings "
     "survive. The re-estimate is on fresh samples that no decision has seen.",
     empty="no generation with a result yet",
+    method="plot_convergence",
+    meaning="Draw best and mean-of-top objective against generation, with 95 % bands.",
 )
 
-COST: Final = Figure(
+Figure(
     "cost",
     "search",
+    3,
     _cost_data,
     draw_cost,
     "Error against run time: half of the 95 % interval (standard error × Student's t) of the "
     "best objective after each generation, and of the mean of the best.",
     empty="no generation with an error yet",
+    method="plot_cost",
+    meaning="Draw the error of the best objective against run time.",
 )
