@@ -228,9 +228,9 @@ def format_digits(value: float, count: int = 2) -> str:
     return f"{round(value, places):.{max(0, places)}f}"
 
 
-def format_percent(share: float) -> str:
-    """Return a share as a percentage to two digits: `4.8 %`."""
-    return f"{format_digits(100.0 * share)} %"
+def format_percent(share: float, digits: int = 2) -> str:
+    """Return a share as a percentage to some digits: `4.8 %`."""
+    return f"{format_digits(100.0 * share, digits)} %"
 
 
 def label_of(name: str) -> str:

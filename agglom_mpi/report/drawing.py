@@ -5,7 +5,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from agglom_mpi.errors import require_library
 from agglom_mpi.formatting import ROUNDING
 from agglom_mpi.storage.files import atomic_file
 
@@ -65,27 +64,6 @@ def write_drawing(directory: Path, drawing: Drawing) -> None:
     figure.set_layout_engine("none")
     with atomic_file(directory / f"{drawing.name}.svg", replace=True) as path:
         FigureCanvasSVG(figure).print_svg(path, metadata={"Date": None})
-
-
-def axes_or_new(ax: Any | None, size: tuple[float, float] = SIZE) -> Any:
-    """Return the given axes, or those of a new pyplot figure of a size in inches."""
-    return figure_or_new(None, size).subplots() if ax is None else ax
-
-
-def figure_or_new(figure: Any | None, size: tuple[float, float]) -> "matplotlib.figure.Figure":
-    """Return the given figure, or a new pyplot figure of a size in inches.
-
-    Raises
-    ------
-    MissingLibraryError
-        If matplotlib is not installed.
-    """
-    if figure is not None:
-        return figure
-    require_library("matplotlib", "report", "figures")
-    from matplotlib import pyplot
-
-    return pyplot.figure(figsize=size, layout="constrained")
 
 
 def style_axes(ax: Any) -> None:

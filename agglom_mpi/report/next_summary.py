@@ -10,8 +10,7 @@ from agglom_mpi.display.table import Column, Table
 from agglom_mpi.formatting import format_digits, in_unit, pluralise, without_nan
 from agglom_mpi.inference.data_posterior import DataPosterior
 from agglom_mpi.inference.next_measurement import NextMeasurement, NextMeasurements
-from agglom_mpi.report.set_files import write_table
-from agglom_mpi.storage.files import require_absent, require_writable_folder
+from agglom_mpi.report.set_files import check_new, write_table
 
 
 class PosteriorRequest(NamedTuple):
@@ -41,11 +40,7 @@ class PosteriorRequest(NamedTuple):
         OSError
             If the file exists already, or its folder cannot be written.
         """
-        if self.table is None:
-            return
-        require_absent(self.table)
-        if made is None or self.table.parent.resolve() != made.resolve():
-            require_writable_folder(self.table)
+        check_new(self.table, made)
 
     def found(self, posterior: DataPosterior) -> NextMeasurements | None:
         """Return what to measure next, if that is asked for, and write the table."""

@@ -7,7 +7,7 @@ from rich.console import Group, RenderableType
 
 from agglom_mpi.analysis.shown_units import shown_unit, unit_of_datum
 from agglom_mpi.display.table import Column, Facts, Table
-from agglom_mpi.formatting import axis_label, format_digits, in_unit, label_of
+from agglom_mpi.formatting import axis_label, format_digits, format_percent, in_unit, label_of
 from agglom_mpi.inference.data_posterior import DataPosterior, PredictedDatum
 from agglom_mpi.inference.mean_posterior import MeanPosterior
 from agglom_mpi.inference.nearest import quantity_name
@@ -16,11 +16,6 @@ from agglom_mpi.inference.searched_box import SearchedBox
 
 SHOWN_PAIRS: Final = 6
 """Number of pairs of variables whose correlations are shown."""
-
-
-def percent(share: float, digits: int = 3) -> str:
-    """Return a share as a text in percent."""
-    return f"{format_digits(100.0 * share, digits)} %"
 
 
 def measure_text(box: SearchedBox) -> str:
@@ -53,11 +48,15 @@ def posterior_text(posterior: MeanPosterior) -> RenderableType:
 
 def data_posterior_text(posterior: DataPosterior) -> RenderableType:
     """Return the posterior of all data as text and tables; its verdict stands above the numbers."""
+    share = format_percent(posterior.volume, 3)
     facts = Facts(
         [
             ("prior", measure_text(posterior.of.box)),
             ("strings", _size(posterior)),
-            ("share of the box", f"{percent(posterior.volume)} has 90 % of the posterior"),
+            (
+                "share of the box",
+                f"{share} has 90 % of the posterior",
+            ),
             ("check", posterior.calibration.text),
         ]
     )

@@ -9,12 +9,12 @@ from rich.console import Group, RenderableType
 from agglom_mpi.analysis.shown_units import shown_unit
 from agglom_mpi.config.allowed_share import allowed_share
 from agglom_mpi.display.table import Column, Facts, Table
-from agglom_mpi.formatting import axis_label, value_with_error
+from agglom_mpi.formatting import axis_label, format_percent, value_with_error
 from agglom_mpi.inference.feasible_set import FeasibleSet
 from agglom_mpi.inference.membership import BOX_POINTS
 from agglom_mpi.inference.set_directions import name_ends, rounded
 from agglom_mpi.inference.set_points import INNER_PROBABILITY, OUTER_PROBABILITY
-from agglom_mpi.report.posterior_summary import measure_text, percent, posterior_text
+from agglom_mpi.report.posterior_summary import measure_text, posterior_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -74,14 +74,14 @@ def _shares(of: FeasibleSet) -> Facts:
         allowed = allowed_share(of.emulated.box.campaign)
         rows.append(("constraints", f"allow {allowed} of the box{shares}"))
     if not of.empty:
-        rows.append((f"  surely (P ≥ {INNER_PROBABILITY:g})", percent(of.inner)))
-        rows.append((f"  possibly (P ≥ {OUTER_PROBABILITY:g})", percent(of.outer)))
+        rows.append((f"  surely (P ≥ {INNER_PROBABILITY:g})", format_percent(of.inner, 3)))
+        rows.append((f"  possibly (P ≥ {OUTER_PROBABILITY:g})", format_percent(of.outer, 3)))
     if of.volume > 0.0 and not of.empty:
         rows.append(
             (
                 "expected error",
-                f"{percent(of.expected_error)} of the set's volume is wrongly in or out of P ≥ 0.5"
-                f"; {samples_to_halve(of):,} more samples{_taken_by(of)} would halve it",
+                f"{format_percent(of.expected_error, 3)} of the set's volume is wrongly in or out "
+                f"of P ≥ 0.5; {samples_to_halve(of):,} more samples{_taken_by(of)} would halve it",
             )
         )
     if of.criterion.maximum is not None:

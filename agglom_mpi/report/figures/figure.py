@@ -19,7 +19,7 @@ from agglom_mpi.config.arguments import read_count
 from agglom_mpi.config.yaml_source import ArgumentError
 from agglom_mpi.errors import require_library
 from agglom_mpi.inference.data_posterior import DataPosterior, data_posterior
-from agglom_mpi.report.drawing import SIZE, Drawing, axes_or_new, figure_or_new, note, style_axes
+from agglom_mpi.report.drawing import SIZE, Drawing, note, style_axes
 from agglom_mpi.report.sample_particles import RESIMULATION_SECONDS
 from agglom_mpi.storage.reader import CampaignData
 
@@ -169,20 +169,18 @@ class Figure:
             An array, shape (number of panels,), if `panels`.
         """
         data = self.data(data, options)
-        size = SIZE if data is None and callable(self.size) else self._size(data)
-        if self.panels:
-            figure = figure_or_new(target, size)
-            if data is not None:
-                return self.draw(figure, data)
-            ax = figure.subplots()
-            note(ax, self.empty)
-            return np.array([ax])
-        ax = axes_or_new(target, size)
+        if target is None:
+            from matplotlib import pyplot
+
+            size = SIZE if data is None and callable(self.size) else self._size(data)
+            figure = pyplot.figure(figsize=size, layout="constrained")
+            target = figure if self.panels else figure.subplots()
         if data is not None:
-            return self.draw(ax, data)
+            return self.draw(target, data)
+        ax = target.subplots() if self.panels else target
         style_axes(ax)
         note(ax, self.empty)
-        return ax
+        return np.array([ax]) if self.panels else ax
 
     def _size(self, data: Any) -> tuple[float, float]:
         return self.size(data) if callable(self.size) else self.size

@@ -281,11 +281,8 @@ def _label_variables(ax: Any, best: BestStrings) -> None:
     ax.spines[["top", "right", "left", "bottom"]].set_visible(False)
 
 
-class NamedSensitivity(NamedTuple):
-    """Sobol indices with the names of their variables."""
-
-    names: Sequence[str]
-    indices: "Sensitivity"
+NamedSensitivity = tuple[Sequence[str], "Sensitivity"]
+"""Names of variables, and their Sobol indices."""
 
 
 def draw_sensitivity(ax: Any, found: NamedSensitivity) -> Any:
@@ -355,11 +352,11 @@ def _sensitivity_data(data: CampaignData, options: FigureOptions) -> NamedSensit
     from agglom_mpi.analysis.sensitivity import sensitivity_of
 
     names, indices = sensitivity_of(data)
-    return None if indices is None or not indices.predicts else NamedSensitivity(names, indices)
+    return None if indices is None or not indices.predicts else (names, indices)
 
 
 def _sensitivity_caption(found: NamedSensitivity) -> str:
-    indices = found.indices
+    _, indices = found
     return (
         "Share of the variance of the objective over the search box that each variable explains "
         f"(Sobol indices), by a regression of {indices.strings} strings; it predicts "
@@ -405,6 +402,6 @@ Figure(
     _sensitivity_data,
     draw_sensitivity,
     _sensitivity_caption,
-    lambda found: (6.0, 1.8 + 0.3 * len(found.names)),
+    lambda found: (6.0, 1.8 + 0.3 * len(found[0])),
     empty="too few strings, all worth the same, or a regression that predicts nothing",
 )

@@ -1,5 +1,7 @@
 """Figures are drawn into the axes that are given, to scale, and say so when they are empty."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from campaign_runs import SMALL, write_campaign
@@ -116,7 +118,7 @@ def band_ends(ax):
 
 @pytest.mark.parametrize("best", [[0.2, 0.1], [0.2, 0.002], [0.2]])
 def test_bands_of_an_objective_that_cannot_be_negative_end_at_zero(best):
-    ax, fresh = Figure().subplots(), convergence.FreshEstimate(0.003, 0.0, 0.01)
+    ax, fresh = Figure().subplots(), SimpleNamespace(objective=0.003, lower=0.0, upper=0.01)
     convergence.draw_convergence(ax, history(best, [0.5] * len(best), fresh=fresh))
     low, high = band_ends(ax)
     assert (low, high) == (0.0, pytest.approx(0.7))
