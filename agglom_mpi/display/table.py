@@ -15,7 +15,7 @@ from rich.console import Console, ConsoleOptions, RenderResult
 from rich.measure import Measurement
 from rich.text import Text
 
-from agglom_mpi.formatting import axis_label, csv_cell, number_or_none, value_with_error
+from agglom_mpi.formatting import csv_cell, label_of, number_or_none, value_with_error
 
 INDENT: Final = 2
 """Number of blanks before what belongs to a heading, and minimum between two columns."""
@@ -52,7 +52,8 @@ class Column(NamedTuple):
     @property
     def heading(self) -> str:
         """The label with the unit behind it: `hardness (MPa)`."""
-        return axis_label(self.key if self.label is None else self.label, self.unit or "1")
+        label = label_of(self.key) if self.label is None else self.label
+        return f"{label} ({self.unit})" if self.unit not in ("", "1") else label
 
     def cell(self, row: Mapping[str, Any]) -> str:
         """Return the text of a value; empty without one, `none` of nan.

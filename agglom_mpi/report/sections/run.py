@@ -147,13 +147,13 @@ def scene(page: Page) -> Iterator[Block | Table]:
 
 
 @section(11, "Worst samples of the ledger")
-def worst(page: Page) -> Iterator[Block | Table]:
+def ledger(page: Page) -> Iterator[Block | Table]:
     """Yield the worst sample of each column of the ledger."""
     completed = int((page.data.counted_samples["state"] == COMPLETED).sum())
     if not completed:
         yield note("No sample is completed yet.")
         return
-    yield ledger(page.data)
+    yield ledger_table(page.data)
     yield note(
         f"Over {pluralise(completed, 'completed sample')}. Nothing is clipped in silence: what a "
         "submodel capped or refused is counted here."
@@ -170,7 +170,7 @@ LEDGER_COLUMNS: Final = (
 )
 
 
-def ledger(data: CampaignData) -> Table:
+def ledger_table(data: CampaignData) -> Table:
     """Return the worst completed sample of each column of the ledger, and how to simulate it."""
     rows = data.counted_samples[data.counted_samples["state"] == COMPLETED]
     meanings = {column.name: column.meaning for column in COLUMNS}
