@@ -10,7 +10,6 @@ from functools import lru_cache
 from itertools import chain
 from typing import Any, Final
 
-from agglom_mpi.config.yaml_source import CampaignError, parse
 from agglom_mpi.declaration.units import has_offset, to_si, unit_in
 from agglom_mpi.display.table import Column
 from agglom_mpi.formatting import scaled_unit, typeset_unit
@@ -78,6 +77,9 @@ def _factor(written: str, unit: str) -> float | None:
 @lru_cache(maxsize=16)
 def written_units(text: str) -> dict[str, str]:
     """Return the units that the text of a campaign writes, by the names of `shown_unit`."""
+    # Imported here: JSON and exports need nothing that reads a campaign's text.
+    from agglom_mpi.config.yaml_source import CampaignError, parse
+
     try:
         content = parse(text, "").data
     except CampaignError:
