@@ -5,11 +5,12 @@ from typing import Any, Final, NamedTuple
 
 from rich.console import Group, RenderableType
 
-from agglom_mpi.analysis.shown_units import unit_of_datum
+from agglom_mpi.analysis.shown_units import shown_unit
 from agglom_mpi.display.table import Column, Table
 from agglom_mpi.formatting import format_digits, in_unit, pluralise, without_nan
 from agglom_mpi.inference.data_posterior import DataPosterior
 from agglom_mpi.inference.next_measurement import NextMeasurement, NextMeasurements
+from agglom_mpi.measurements.datum import QUANTITIES
 from agglom_mpi.report.set_files import check_new, write_table
 
 
@@ -89,7 +90,8 @@ def _value(each: NextMeasurement, text: str) -> str:
     """Return the value that is expected; nothing for shares of sizes."""
     if len(each.datum.values) > 1:
         return ""
-    factor, unit = unit_of_datum(text, each.datum)
+    quantity = each.datum.quantity
+    factor, unit = shown_unit(text, quantity, QUANTITIES[quantity].unit, each.predicted)
     return in_unit(f"{each.predicted / factor:.4g}", unit)
 
 
