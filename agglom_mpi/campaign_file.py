@@ -12,13 +12,15 @@ from agglom_mpi.formatting import pluralise
 from agglom_mpi.outcome import FinalParticles
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.storage.access import NotACampaign
-from agglom_mpi.storage.reader import CampaignData, Status, read_campaign
+from agglom_mpi.storage.lock import live_status
+from agglom_mpi.storage.reader import CampaignData, read_campaign
+from agglom_mpi.storage.status import Status
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from agglom_mpi.inference.data_posterior import DataPosterior
     from agglom_mpi.inference.feasible_set import FeasibleSet
+    from agglom_mpi.inference.posterior import Posterior
     from agglom_mpi.report.figures.figure import Figure
     from agglom_mpi.simulation.frames import Frames
 
@@ -105,7 +107,7 @@ class CampaignFile(metaclass=PublicFace):
                 (len(data.string_rows()), "string"),
             )
             return ", ".join(
-                [f"; {data.live_status().state}", *(pluralise(*each) for each in counts)]
+                [f"; {live_status(data).state}", *(pluralise(*each) for each in counts)]
             )
         except (OSError, UserError):
             return ""
@@ -118,7 +120,7 @@ class CampaignFile(metaclass=PublicFace):
     @property
     def seed(self) -> int:
         """Seed of all random streams."""
-        return self._opened.seed
+        return int(self._opened.attributes["seed"])
 
     @property
     def campaign_text(self) -> str:
@@ -127,7 +129,7 @@ class CampaignFile(metaclass=PublicFace):
 
     def status(self) -> Status:
         """Return the state of the campaign, the time of the last change (Unix, s), and a reason."""
-        return self._snapshot().live_status()
+        return live_status(self._snapshot())
 
     @property
     def damaged(self) -> int:
@@ -271,12 +273,12 @@ class CampaignFile(metaclass=PublicFace):
 
         return feasible_set(self._snapshot(), tolerance)
 
-    def posterior(self) -> "DataPosterior":
+    def posterior(self) -> "Posterior":
         """Return the posterior of the variables, given all measured data; takes some ten seconds.
 
         Returns
         -------
-        DataPosterior
+        Posterior
             Its `quantiles(name)`, `correlations`, `contraction` and `volume` say what is known of
             the variables; `predictions` compares it with each datum. `calibration` says whether it
             can be trusted on this question: see `warning`, which is empty if nothing is wrong.
@@ -361,7 +363,7 @@ def open_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> Cam
         The HDF5 file.
     allow_code
         Whether components of one's own, whose code the file has, may be executed. Without them
-        the file has no estimates by an objective of one's own, and simulates nothing by a law.
+        the file is its tables; all else raises a `CodeNotAllowedError`.
 
     Returns
     -------

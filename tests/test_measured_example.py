@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from agglom_mpi.config.loading import load_campaign
+from agglom_mpi import load_campaign
 
 FOLDER = Path(__file__).parents[1] / "jobs" / "measured"
 SAMPLES = 60

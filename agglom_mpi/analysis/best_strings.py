@@ -71,7 +71,7 @@ def best_table(file: CampaignData, best: Sequence[dict[str, Any]]) -> Table:
         *LIMIT_COLUMNS,
         *(
             Column(f"{name}, {measured}", f"{in_unit(name, unit)}, {measured}")
-            for name, unit in file.quantities.items()
+            for name, unit in file.sizes.quantities.items()
             for measured in MEASURED_ON
         ),
         *GROWTH_COLUMNS,
@@ -137,7 +137,7 @@ def collect_best(file: CampaignData, count: int) -> list[dict[str, Any]]:
         _entry(file, rows[string], parameters[string], again.get(string))
         | {"seconds": float(wall[string]), "processor_seconds": float(cpu[string])}
         | _filled(file, string)
-        | ({"quantities": as_entries(file, string)} if file.quantities else {})
+        | ({"quantities": as_entries(file, string)} if file.sizes.quantities else {})
         | _finite_size(file, string)
         | {
             column.name: float(values_of(file, [string], column.name)[0])

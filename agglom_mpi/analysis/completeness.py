@@ -9,6 +9,7 @@ from agglom_mpi.scheduling.interface import number_in_volume
 from agglom_mpi.storage.consistency import check_absent
 from agglom_mpi.storage.finished_counts import FinishedCounts
 from agglom_mpi.storage.reader import CampaignData, read_campaign
+from agglom_mpi.storage.recorded_campaign import code_note, recorded_campaign
 from agglom_mpi.storage.schema import INVERSION, volume_table
 from agglom_mpi.storage.verify import VerificationReport
 
@@ -32,7 +33,7 @@ def lacks_rows(data: CampaignData) -> bool:
 def check_finished(report: VerificationReport, frames: int) -> None:
     """Add to a report the rows that a finished campaign lacks, which has this number of frames."""
     data = report.data
-    finished = report.settled and data.status().state == "finished"
+    finished = report.settled and data.status().state == "finished" and not code_note(data)
     if not finished or data.attributes.get("purpose", INVERSION) != INVERSION:
         return
     counts = FinishedCounts.of_reason(data.status().reason)
@@ -112,7 +113,6 @@ def _asked(data: CampaignData) -> tuple[int | None, int | None]:
     """Return how many strings a campaign's text asks to be estimated again, on how many samples."""
     # Imported here: most files are read without what reads a campaign's text.
     from agglom_mpi.config.yaml_source import CampaignError
-    from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
     try:
         final = recorded_campaign(data).final

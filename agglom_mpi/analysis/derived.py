@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.config.derived import DerivedColumn, columns_of
+from agglom_mpi.storage.recorded_campaign import code_note, recorded_campaign
 from agglom_mpi.storage.schema import INVERSION, parameters_of
 
 if TYPE_CHECKING:
@@ -34,7 +35,6 @@ def recorded_inversion(data: "CampaignData") -> "Campaign | None":
         return None
     # Imported here: most files are reported without what reads a campaign's text.
     from agglom_mpi.config.yaml_source import CampaignError
-    from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
     try:
         return recorded_campaign(data)
@@ -46,19 +46,18 @@ def recorded_inversion(data: "CampaignData") -> "Campaign | None":
 def derived_columns(data: "CampaignData") -> list[DerivedColumn]:
     """Return the derived columns of all strings of a campaign file, in the order of its rows.
 
-    There are none where its text is damaged.
+    There are none where its text is damaged, or has code of one's own that may not run.
     """
     return data.derived(_columns)
 
 
 def _columns(data: "CampaignData") -> list[DerivedColumn]:
-    if not any(may_have_key(data, key) for key in DERIVING_KEYS):
+    if code_note(data) or not any(may_have_key(data, key) for key in DERIVING_KEYS):
         return []
     campaign = recorded_inversion(data)
     if campaign is None:
         return []
-    strings = parameters_of(data.string_rows())
-    return data.unless_code("derived quantities", lambda: columns_of(campaign, strings), [])
+    return columns_of(campaign, parameters_of(data.string_rows()))
 
 
 def values_of(data: "CampaignData", strings: Sequence[int] | Floats, name: str) -> Floats:

@@ -70,13 +70,7 @@ def drawn_fraction(file: "CampaignData", string: int) -> DrawnFraction | None:
     done = rows["sample"][rows["state"] == COMPLETED]
     if campaign.scene.size_law is None or not len(done):
         return None
-    parameters = file.parameters[string]
-    found: tuple[float, MeanEstimate] | None = file.unless_code(
-        "drawn volume fractions", lambda: _drawn(campaign, parameters, string, done.tolist()), None
-    )
-    if found is None:
-        return None
-    wanted, completed = found
+    wanted, completed = _drawn(campaign, file.parameters[string], string, done.tolist())
     jammed = int((rows["reason"] == FailureReason.PLACEMENT_JAMMED).sum())
     return DrawnFraction(completed, wanted, jammed, len(rows))
 
@@ -85,7 +79,7 @@ def _drawn(
     campaign: "Campaign", parameters: np.ndarray, string: int, samples: list[int]
 ) -> tuple[float, MeanEstimate]:
     """Return the volume fraction of a string, and the mean one of its first samples."""
-    from agglom_mpi.config.simulate import random_numbers
+    from agglom_mpi.verbs.simulate import random_numbers
 
     section, values = campaign.at(parameters)
     law: SizeLaw = section.size_law

@@ -84,10 +84,7 @@ def half_width(errors: np.ndarray, samples: np.ndarray) -> np.ndarray:
 
 
 def estimates_of(data: "CampaignData") -> list[Estimate]:
-    """Estimate all strings that have fresh samples; in order of the estimated objective.
-
-    There are none where the objective needs code that is not run.
-    """
+    """Estimate all strings that have fresh samples; in order of the estimated objective."""
     if data.fresh_from == data.max_samples:
         return []
     rows = data.fresh_samples
@@ -97,21 +94,14 @@ def estimates_of(data: "CampaignData") -> list[Estimate]:
     if not strings:
         return []
     rounding = rounding_of(data)
-
-    def estimated() -> list[Estimate]:
-        own = {string: rows[rows["string"] == string] for string in strings}
-        return [
-            estimate(
-                results[string],
-                own[string],
-                timed_out.count(string),
-                objective_at(data, string),
-                rounding,
-            )
-            for string in strings
-        ]
-
-    found: list[Estimate] = data.unless_code("estimates on fresh samples", estimated, [])
+    own = {string: rows[rows["string"] == string] for string in strings}
+    found = [
+        estimate(
+            *(results[string], own[string], timed_out.count(string)),
+            *(objective_at(data, string), rounding),
+        )
+        for string in strings
+    ]
     return sorted(found, key=lambda estimate: (estimate.objective, estimate.string))
 
 
@@ -176,8 +166,7 @@ def rounding_of(data: "CampaignData") -> float:
 def _rounding(data: "CampaignData") -> float:
     if "objective.law" not in data.identity:
         return 0.0
-    values = data.result_rows()["objective"]
-    return data.unless_code("rounding", lambda: objective_of(data).rounding(values), 0.0)
+    return objective_of(data).rounding(data.result_rows()["objective"])
 
 
 def unconverged(data: "CampaignData") -> int:

@@ -9,6 +9,7 @@ import numpy as np
 from agglom_mpi.analysis.estimates import objective_of
 from agglom_mpi.formatting import pluralise, shortened
 from agglom_mpi.outcome import FAILED, REASONS, FailureReason
+from agglom_mpi.storage.lock import live_status
 from agglom_mpi.storage.schema import TOOK_TOO_LONG
 
 if TYPE_CHECKING:
@@ -118,7 +119,7 @@ def failure_lines(data: "CampaignData") -> list[str]:
 
 def state_lines(data: "CampaignData") -> list[str]:
     """Return lines on the state of a campaign: that no string has a result, and why it ended."""
-    state, _, reason = data.live_status()
+    state, _, reason = live_status(data)
     missing = no_result(data)
     if reason.startswith(NO_RESULT):  # cut to fit into the file
         return [f"{state}: {missing or reason}"]

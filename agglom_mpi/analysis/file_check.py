@@ -12,6 +12,7 @@ from agglom_mpi.errors import FAILURE, FINISHED
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.storage.access import DamagedCampaign
 from agglom_mpi.storage.consistency import check_counts, check_digests, check_numbers
+from agglom_mpi.storage.recorded_campaign import code_note
 from agglom_mpi.storage.schema import STUDY
 from agglom_mpi.storage.verify import VerificationReport, row_list, verify_rows
 
@@ -25,14 +26,11 @@ REMEDIES: Final = {
 }
 """Remedy of a resume for lost rows, by table; rows of other tables stay lost."""
 
-OWN_DECISIONS: Final = "decisions are made by code of one's own: --allow-code runs it"
-"""Why a search or a rule of one's own is not replayed."""
-
 
 def check_file(path: str, allow_code: bool = False) -> tuple[str, int]:
     """Verify a campaign file, without writing to it; return the text to print and the exit code.
 
-    `allow_code` as for `CampaignHeader`.
+    `allow_code` as for `CampaignData`.
 
     Raises
     ------
@@ -48,24 +46,15 @@ def check_file(path: str, allow_code: bool = False) -> tuple[str, int]:
     check_finished(report, report.counts.get("frames", 0))
     check_counts(report)
     digests = check_digests(report)
-    left_out = _why_not_replayed(report)
-    replayed = left_out or replay(report) or OWN_DECISIONS
+    study = report.data.attributes.get("purpose") == STUDY
+    left_out = f"the strings of an {STUDY} are not searched" if study else code_note(report.data)
+    replayed = left_out or replay(report)
     lines = [*_verified(report, digests, replayed)]
     damage = [*report.losses, *report.faults]
     if damage:
         lines = [*damage, *_remedies(report), *lines]
     text = "\n  ".join([f"{path}: {'damaged' if damage else 'sound'}", *lines])
     return text, FAILURE if damage else FINISHED
-
-
-def _why_not_replayed(report: VerificationReport) -> str:
-    """Return why the decisions of a file are not repeated; empty if they are."""
-    if report.data.attributes.get("purpose") == STUDY:
-        return f"the strings of an {STUDY} are not searched"
-    of_means = report.data.identity.get("objective.of_means")
-    if of_means is not None and report.data.allowed is None:
-        return f"decisions rest on {of_means}, which is run with --allow-code only"
-    return ""
 
 
 def _verified(report: VerificationReport, digests: int, replayed: Replayed | str) -> Iterator[str]:

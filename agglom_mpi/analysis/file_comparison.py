@@ -15,7 +15,6 @@ from agglom_mpi.display.table import Column, Table
 from agglom_mpi.formatting import format_duration
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
-from agglom_mpi.variables import volume_fraction
 
 CONSTRAINTS: Final = "constraints"
 SHOWN: Final = 12
@@ -131,7 +130,7 @@ def _by_volume_fraction(
             found[name] = values
         elif all(isinstance(value, float) for value in values):
             fractions = (
-                float(f"{volume_fraction(value, box.third_moment):.12g}")  # as it is written
+                float(f"{box.fraction(value):.12g}")  # as it is written
                 for value, box in zip(values, boxes, strict=True)
             )
             found[name.replace("size_ratio", "volume_fraction")] = list(fractions)

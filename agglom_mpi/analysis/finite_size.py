@@ -220,12 +220,7 @@ def _means(data: "CampaignData", string: int, volume: int, rows: np.ndarray) -> 
     if means is None:
         return None
     good = rows[rows["state"] == COMPLETED]
-
-    def signed() -> MeanEstimate:
-        return mean_of(law.influence_values(law.summaries(good)))
-
-    found = data.unless_code("objectives in larger volumes", signed, None)
-    return means._replace(objective=found)
+    return means._replace(objective=mean_of(law.influence_values(law.summaries(good))))
 
 
 def means_of_rows(rows: np.ndarray, volume: int, grains: int) -> VolumeMeans | None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.analysis.estimates import completed_rows, objective_of
+from agglom_mpi.analysis.estimates import completed_rows
 from agglom_mpi.outcome import quantity_columns
 from agglom_mpi.statistics import MeanEstimate, mean_of
 
@@ -22,7 +22,7 @@ def quantity_means(data: "CampaignData", string: int) -> dict[str, tuple[MeanEst
 
     Failed samples are left out. The dictionary is empty where there are no quantities.
     """
-    names = list(data.quantities)
+    names = list(data.sizes.quantities)
     if not names:
         return {}
     used, fresh = (completed_rows(data, string, fresh) for fresh in (False, True))
@@ -37,7 +37,7 @@ def as_entries(data: "CampaignData", string: int) -> dict[str, Any]:
             "standard_error": used.error,
             "estimate": fresh.value,
             "estimate_standard_error": fresh.error,
-            "unit": data.quantities[name],
+            "unit": data.sizes.quantities[name],
         }
         for name, (used, fresh) in quantity_means(data, string).items()
     }
@@ -55,22 +55,11 @@ def quantity_table(
     fresh
         Whether the means are over fresh samples, and not over those that results rest on.
     """
-    found = [quantity_means(data, string) for string in strings] if data.quantities else []
+    found = [quantity_means(data, string) for string in strings] if data.sizes.quantities else []
     table: dict[str, tuple[NDArray[np.float64], str]] = {}
-    for name, unit in data.quantities.items():
+    for name, unit in data.sizes.quantities.items():
         means = [each[name][int(fresh)] for each in found]
         own = quantity_columns(name)[2 * fresh :]
         table[own[0]] = np.array([mean.value for mean in means], np.float64), unit
         table[own[1]] = np.array([mean.error for mean in means], np.float64), unit
     return table
-
-
-def left_out(data: "CampaignData") -> list[str]:
-    """Return a line on what a report leaves out because it does not run a user's code."""
-    objective = objective_of(data)
-    if not objective.needs_code:
-        return []
-    return [
-        "objectives are as searched, by the samples that strings were chosen by; what needs "
-        f"{objective.code_of_means} is left out, as re-estimates: it runs with --allow-code only"
-    ]

@@ -7,7 +7,7 @@ import numpy as np
 
 from agglom_mpi.analysis.derived import may_have_key, recorded_inversion
 from agglom_mpi.analysis.estimates import Estimate, estimates_of, rounding_of
-from agglom_mpi.search.methods.method import SearchMethod
+from agglom_mpi.storage.recorded_campaign import recorded_search
 
 if TYPE_CHECKING:
     from agglom_mpi.storage.reader import CampaignData
@@ -73,7 +73,7 @@ def ranks_itself(data: "CampaignData") -> bool:
 
     It does by a model of all samples, or where parents got more samples under other numbers.
     """
-    search = SearchMethod.recorded_in(data.identity, data.reading)
+    search = recorded_search(data)
     return search is not None and search.ranks_itself
 
 

@@ -14,13 +14,14 @@ from agglom_mpi.config.own_components import own_of
 from agglom_mpi.config.searchable import check_search_library
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.declaration.reading import SOURCE_VALUES
-from agglom_mpi.errors import CodeNotAllowedError, MissingLibraryError
+from agglom_mpi.errors import MissingLibraryError
 from agglom_mpi.outcome import FAILED
 from agglom_mpi.search.decisions import Decision, GenerationSummary, StringEvaluated
 from agglom_mpi.search.ensemble import EnsembleResult
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.proposals import MODEL, Proposals
 from agglom_mpi.storage.reader import given_strings
+from agglom_mpi.storage.recorded_campaign import allowed_function, recorded_reading
 from agglom_mpi.storage.schema import parameters_of
 from agglom_mpi.storage.table import consecutive_samples
 from agglom_mpi.storage.verify import VerificationReport, row_list
@@ -53,10 +54,8 @@ class ReplayLog:
                     self.summaries[decision.generation] = decision
 
 
-def replay(report: VerificationReport) -> Replayed | None:
+def replay(report: VerificationReport) -> Replayed:
     """Repeat all decisions from the stored samples, as a resume does, and compare.
-
-    None if they were made by code of one's own that may not run.
 
     Faults, and absent rows that decisions rest on, are added to the report. Nothing is simulated.
 
@@ -66,9 +65,9 @@ def replay(report: VerificationReport) -> Replayed | None:
         If the search needs a library that is not installed.
     """
     try:
-        text, identity = str(report.data.attributes["campaign"]), report.data.identity
         data = report.data
-        own, allowed = data.reading.own, data.allowed
+        text, identity = data.campaign_text, data.identity
+        own, allowed = recorded_reading(data).own, allowed_function(data)
         campaign = campaign_of_record(text, str(data.path), identity, own, allowed)
         _check_campaign(campaign, report)
         campaign = campaign.with_generations(_generations(report))
@@ -78,8 +77,6 @@ def replay(report: VerificationReport) -> Replayed | None:
             report.faults.extend(samples_that_differ(data, campaign))
     except MissingLibraryError:
         raise
-    except CodeNotAllowedError:
-        return None
     except (
         CampaignError,
         ArithmeticError,
@@ -120,10 +117,10 @@ def _check_campaign(campaign: Campaign, report: VerificationReport) -> None:
         report.data.attributes[n] for n in ("seed", "title")
     ):
         report.faults.append("attributes: another seed or title than in the campaign's text")
-    if report.data.quantities != dict(campaign.objective.quantity_units):
+    if report.data.sizes.quantities != dict(campaign.objective.quantity_units):
         report.faults.append("attributes: other quantities than in the campaign's text")
     rows, box = data.variable_rows(), campaign.variables
-    if _described(data.variables) != _described(box.table):
+    if _described(data.variables) != _described(box):
         report.faults.append("attributes: other further variables than in the campaign's text")
     bounds = (rows["lower"], box.lower), (rows["upper"], box.upper)
     same = all(np.array_equal(*pair, equal_nan=True) for pair in bounds)

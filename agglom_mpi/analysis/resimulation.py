@@ -64,13 +64,15 @@ def is_same_sample(stored: np.void, outcome: "Outcome", version: int, with_funct
 
 def samples_that_differ(data: "CampaignData", campaign: "Campaign") -> Iterator[str]:
     """Simulate the fastest stored samples again; yield a line on each that gives another row."""
+    from agglom_mpi.verbs.simulate import simulate
+
     rows = data.searched_samples
     rows = rows[rows["state"] == COMPLETED]
     for row in rows[np.argsort(rows["seconds"], kind="stable")[:COMPARED]]:
         string, sample = int(row["string"]), int(row["sample"])
         number = campaign.first_sample(string) + sample
-        again = campaign.simulate(data.parameters[string], number)
-        if not is_same_sample(row, again, data.format_version, bool(campaign.user_function)):
+        again = simulate(campaign, data.parameters[string], number)
+        if not is_same_sample(row, again, data.sizes.version, bool(campaign.user_function)):
             yield f"samples: sample {sample} of string {string} {AGREEMENT[False]}"
 
 

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from rich.console import Group, RenderableType
 
 from agglom_mpi.analysis.estimates import rounding_of
-from agglom_mpi.config.own_variables import own_variables
 from agglom_mpi.display.table import Column, Table
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.emulation.gaussian_process import GaussianProcess
@@ -20,6 +19,7 @@ from agglom_mpi.emulation.likelihood_fit import fit_covariance
 from agglom_mpi.formatting import label_of
 from agglom_mpi.random_streams import SENSITIVITY, search_stream
 from agglom_mpi.search.methods.surrogate import best_and_spread
+from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
 from agglom_mpi.storage.schema import parameters_of
@@ -125,11 +125,11 @@ def sensitivity_of(data: CampaignData) -> tuple[tuple[str, ...], Sensitivity | N
     )
     strings, results = strings[of_string], results[of_result]
     finite = np.isfinite(results["objective"])
-    points = variables.space().to_unit(parameters_of(strings))
+    points = SearchSpace.of(variables).to_unit(parameters_of(strings))
     samples = results["samples_used"] - results["failed"]
     objectives = results["objective"][finite]
     found = sensitivity(points[finite], objectives, samples[finite], rounding_of(data))
-    return tuple(each.name for each in own_variables(variables)), found
+    return tuple(each.name for each in variables.own), found
 
 
 def as_dict(names: tuple[str, ...], found: Sensitivity | None) -> dict[str, Any] | None:

@@ -13,7 +13,8 @@ from typing import Any, Final
 from agglom_mpi.declaration.units import has_offset, to_si, unit_in
 from agglom_mpi.display.table import Column
 from agglom_mpi.formatting import scaled_unit, typeset_unit
-from agglom_mpi.measurements.datum import QUANTITIES, Datum
+from agglom_mpi.measurements.datum import Datum
+from agglom_mpi.measurements.quantities import QUANTITIES
 
 PREFIXES: Final = {"k": 1e3, "M": 1e6, "G": 1e9, "c": 1e-2, "m": 1e-3, "u": 1e-6, "µ": 1e-6}
 """Factors of decimal prefixes."""
@@ -48,10 +49,8 @@ def shown_unit(text: str, name: str, unit: str, largest: float) -> tuple[float, 
 
 def unit_of_datum(text: str, datum: Datum) -> tuple[float, str]:
     """Return factor and label of the unit in which a datum, or the sizes of a curve, are shown."""
-    if datum.edges is not None:
-        return shown_unit(text, datum.quantity, "m", float(datum.edges[-2]))
-    unit = QUANTITIES[datum.quantity].unit
-    return shown_unit(text, datum.quantity, unit, float(datum.values[0]))
+    largest = datum.values[0] if datum.edges is None else datum.edges[-2]
+    return shown_unit(text, datum.quantity, datum.kind.axis_unit, float(largest))
 
 
 def column_of(text: str, name: str, unit: str, largest: float, note: str = "") -> Column:
@@ -100,9 +99,8 @@ def written_units(text: str) -> dict[str, str]:
 
 def _si_unit(quantity: Any) -> str:
     """Return the SI unit in which a measured quantity is given: m of a file of sizes."""
-    if quantity == "sizes":
-        return "m"
-    return QUANTITIES[quantity].unit if isinstance(quantity, str) and quantity in QUANTITIES else ""
+    kind = QUANTITIES.get(quantity) if isinstance(quantity, str) else None
+    return "" if kind is None else kind.axis_unit
 
 
 def _datum_unit(entry: dict[str, Any]) -> str:

@@ -14,11 +14,11 @@ from agglom_mpi.analysis.derived import derived_columns
 from agglom_mpi.analysis.estimates import objective_of, rounding_of, unconverged
 from agglom_mpi.analysis.failed_samples import failure_lines, no_result, state_lines
 from agglom_mpi.analysis.finite_size import describe_finite_size
-from agglom_mpi.analysis.quantity_means import left_out
 from agglom_mpi.analysis.ranking import listed_strings, rank_strings, ranks_itself
 from agglom_mpi.analysis.selection_bias import SelectionBias, describe_bias, selection_bias
 from agglom_mpi.formatting import format_duration, pluralise, without_nan
 from agglom_mpi.outcome import FAILED
+from agglom_mpi.storage.lock import live_status
 from agglom_mpi.storage.reader import CampaignData
 
 
@@ -63,7 +63,7 @@ def collect_summary(file: CampaignData, best: int = 6) -> Summary:
         Number of the best strings to include. Each has a `reestimate` on its fresh samples, None if
         it has none.
     """
-    results, legs, status = file.result_rows(), file.legs(), file.live_status()
+    results, legs, status = file.result_rows(), file.legs(), live_status(file)
     samples = file.all_sample_rows()
     fresh = int((samples["sample"] >= file.fresh_from).sum())
     generations = file.generation_rows()
@@ -121,7 +121,7 @@ def describe_best(file: CampaignData, shown: Sequence[int]) -> list[str]:
     """Return lines on the order of the best strings, their fit to data and their finite size."""
     known = rank_strings(file).estimates
     estimated = {estimate.string for estimate in known}.intersection(shown)
-    lines = left_out(file) or [*describe_bias(_verdict(file), shown, len(estimated))]
+    lines = describe_bias(_verdict(file), shown, len(estimated))
     fit = describe_fit(file, shown[0]) if shown else []
     return [*lines, *objective_of(file).notes, *fit, *describe_finite_size(file, shown)]
 

@@ -23,7 +23,7 @@ from agglom_mpi.storage.schema import (
     samples_schema,
     strings_schema,
 )
-from agglom_mpi.variables import VOLUME_FRACTION, Variable, volume_fraction
+from agglom_mpi.variables import VOLUME_FRACTION, Variable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -117,7 +117,7 @@ def samples(data: "CampaignData") -> "pd.DataFrame":
     frame.insert(5, "fresh", rows["sample"] >= data.fresh_from)
     if not data.has_temperature:
         frame["mean_temperature"] = frame["mean_temperature"].where(frame["mean_temperature"] > 0.0)
-    return _with_units(frame, samples_schema(data.quantities).fields)
+    return _with_units(frame, samples_schema(data.sizes.quantities).fields)
 
 
 def estimates(data: "CampaignData") -> "pd.DataFrame":
@@ -187,32 +187,21 @@ def searched_variables(data: "CampaignData") -> list[tuple[Variable, float, floa
 
     The volume fraction is in place of the size ratio where the campaign gives it.
     """
-    searched = [
-        (
-            variable,
-            float(row["lower"]),
-            float(row["upper"]),
-            data.identity.get(f"variables.{variable.name}.2") == "log",
-        )
-        for variable, row in zip(data.variables.variables, data.variable_rows(), strict=True)
-        if row["searched"] == 1
-    ]
-    if all(column.name != VOLUME_FRACTION.name for column in derived_columns(data)):
-        return searched
-    # Imported here: reading a file does not need what reads a campaign's text.
-    from agglom_mpi.storage.recorded_campaign import recorded_campaign
+    rows, identity = data.variable_rows(), data.identity
+    box = data.variables.with_ranges(
+        {
+            name: Variable(name, "", "", "", None, float(row["lower"]), float(row["upper"]), scale)
+            for name, row in zip(data.variables.names, rows, strict=True)
+            if row["searched"] == 1
+            for scale in ["log" if identity.get(f"variables.{name}.2") == "log" else ""]
+        }
+    )
+    if any(column.name == VOLUME_FRACTION.name for column in derived_columns(data)):
+        # Imported here: reading a file does not need what reads a campaign's text.
+        from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
-    cubes = recorded_campaign(data).scene.third_moment
-    return [_by_volume_fraction(*entry, cubes) for entry in searched]
-
-
-def _by_volume_fraction(
-    variable: Variable, lower: float, upper: float, logarithmic: bool, third_moment: float
-) -> tuple[Variable, float, float, bool]:
-    if variable.name != "size_ratio":
-        return variable, lower, upper, logarithmic
-    low, high = (volume_fraction(end, third_moment) for end in (lower, upper))
-    return VOLUME_FRACTION, low, high, logarithmic
+        box = recorded_campaign(data).variables
+    return [(each, each.lower, each.upper, each.logarithmic) for each in box.own]
 
 
 def with_units(table: "pd.DataFrame") -> "pd.DataFrame":

@@ -124,7 +124,7 @@ def _known_units(file: "CampaignData") -> dict[str, str]:
     used = {row["name"].decode() for row in file.variable_rows() if not math.isnan(row["lower"])}
     units = {each.name: each.unit for each in file.variables.variables if each.name in used}
     units |= {column.name: column.unit for column in derived_columns(file)}
-    return units | {OBJECTIVE: "1", GROWTH: "1"} | file.quantities
+    return units | {OBJECTIVE: "1", GROWTH: "1"} | dict(file.sizes.quantities)
 
 
 def _point(file: "CampaignData", axes: tuple[TradeOffAxis, TradeOffAxis]) -> BestPoint:
@@ -146,7 +146,7 @@ def _measured(file: "CampaignData", string: int, name: str, fresh: bool) -> tupl
             return own.objective, own.standard_error
         row = ranked.results[string]
         return float(row["objective"]), float(row["standard_error"])
-    if name in file.quantities:
+    if name in file.sizes.quantities:
         mean = quantity_means(file, string)[name][int(fresh)]
         return mean.value, mean.error
     if name == GROWTH:

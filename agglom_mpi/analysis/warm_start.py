@@ -18,6 +18,7 @@ from agglom_mpi.storage.reader import (
     read_campaign,
     read_inversion,
 )
+from agglom_mpi.storage.recorded_campaign import code_note
 from agglom_mpi.storage.schema import parameters_of
 from agglom_mpi.storage.verify import row_list
 
@@ -93,12 +94,12 @@ def _ranked_strings(campaign: Campaign, path: Path) -> tuple[NDArray[np.int64], 
     They are numbers, (n,), and this campaign's variables, (n, k), nan where the other lacks one.
     """
     data = read_inversion(str(path), permitted_modules(campaign))
+    if code_note(data):
+        what = "needs code of one's own, which runs only if this campaign names the same module"
+        raise ValueError(what)
     strings, order = data.string_rows(), np.asarray(rank_strings(data).order, np.int64)
-    if data.left_out:
-        what = f"needs code of one's own for its {data.left_out[0]}"
-        raise ValueError(f"{what}, which runs only if this campaign names the same module")
     parameters = parameters_of(strings[np.searchsorted(strings["string"], order)])
-    return order, campaign.variables.table.of_other(parameters, data.variables)
+    return order, campaign.variables.of_other(parameters, data.variables)
 
 
 def _chosen(
@@ -109,7 +110,7 @@ def _chosen(
     The text names better ones that are left out. A ValueError is raised if there are too few.
     """
     strings, outside = _in_the_box(campaign, best)
-    names = campaign.variables.table.names
+    names = campaign.variables.names
     faults = {f"{name} out of range": outside[:, i] for i, name in enumerate(names)}
     faults["against the constraints"] = ~campaign.allowed_strings(strings)
     usable = ~np.any(list(faults.values()), axis=0)

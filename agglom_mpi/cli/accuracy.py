@@ -52,7 +52,7 @@ from agglom_mpi.cli.common import (
 @DATABASE
 @accept_code_change("a study")
 @ALLOW_CODE
-def accuracy(answer: bool, **options: Any) -> None:
+def accuracy(**options: Any) -> None:
     """Measure error against run time, and write a report with figures and tables.
 
     SOURCE is a scene or a campaign, or a directory of extreme scenes. For a scene or campaign,
@@ -66,20 +66,16 @@ def accuracy(answer: bool, **options: Any) -> None:
     Started by mpirun, the command uses all ranks. A study that was stopped is continued by the
     same command.
     """
-    if answer:
+    if options["answer"]:
         _check_answer(options)
     elif options["map"] is not None and options["history"] is not None:
         raise click.UsageError("--history is for a study without --map")
 
     def run(world: Any) -> int:
-        from agglom_mpi.accuracy.answer_command import answer_accuracy
-        from agglom_mpi.accuracy.command import AccuracyOptions, accuracy
-        from agglom_mpi.accuracy.map_command import map_accuracy
+        from agglom_mpi.accuracy.command import accuracy
+        from agglom_mpi.accuracy.study import StudyOptions
 
-        asked = AccuracyOptions(**options)
-        if answer:
-            return answer_accuracy(asked, world)
-        return accuracy(asked, world) if asked.map is None else map_accuracy(asked, world)
+        return accuracy(StudyOptions(**options), world)
 
     sys.exit(run_connected(run))
 

@@ -52,7 +52,7 @@ def check(file: str, allow_code: bool, strict: bool, as_json: bool) -> int:
     from agglom_mpi.config.searchable import check_searchable
     from agglom_mpi.config.yaml_source import warn
     from agglom_mpi.contracts.promises import promises_of
-    from agglom_mpi.storage.room import check_room, file_bytes, size_text, table_sizes
+    from agglom_mpi.storage.room import check_room, size_text, table_sizes
 
     loaded, narrow = check_campaign(file, allow_code), []
     if loaded.plan is None:
@@ -62,11 +62,11 @@ def check(file: str, allow_code: bool, strict: bool, as_json: bool) -> int:
         narrow = check_searchable(loaded)
         sizes = table_sizes(loaded)
         check_room(loaded, sizes)
-        size = file_bytes(sizes)
+        size = sizes.file_bytes()
     warnings = [*loaded.warnings(), *narrow, *_of_start(loaded)]
     warn(warnings, strict, lambda line: say(line, error=True))
     promises = promises_of(loaded, allow_code)
-    tried = loaded.try_function() if allow_code else None
+    tried = _tried(loaded) if allow_code else None
     if as_json:
         found = loaded.description() | {"warnings": [str(warning) for warning in warnings]}
         found |= {} if size is None else {"file_bytes": size}
@@ -85,6 +85,12 @@ def check(file: str, allow_code: bool, strict: bool, as_json: bool) -> int:
         for line in _function_lines(tried, loaded.objective.quantity_units):
             say(line)
     return 0
+
+
+def _tried(campaign: "Campaign") -> "Outcome | None":
+    from agglom_mpi.verbs.simulate import try_function  # loads the kernels
+
+    return try_function(campaign)
 
 
 def _function_lines(tried: "Outcome", units: Mapping[str, str]) -> Iterator[str]:

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import click
 
@@ -28,9 +28,6 @@ from agglom_mpi.formatting import printable
 from agglom_mpi.launcher import is_first_rank
 from agglom_mpi.runtime.stop_request import ignore_signals
 
-if TYPE_CHECKING:
-    from agglom_mpi.storage.reader import CampaignData
-
 LEAST_ADDRESS_SPACE: Final = 1 << 29
 """Minimum address space of a simulation, bytes: with less, libraries abort or hang."""
 
@@ -38,12 +35,6 @@ LEAST_ADDRESS_SPACE: Final = 1 << 29
 def say(text: str, error: bool = False) -> None:
     """Print a text without control sequences, on standard error if asked for."""
     click.echo(printable(text), err=error)
-
-
-def mention_left_out(file: "CampaignData") -> None:
-    """Print what was left out of a file, as that needs code which may not run, or added."""
-    for line in [*file.left_out_lines(), *file.unused_notes]:
-        say(line, error=True)
 
 
 class _SaidOnStandardError(logging.Handler):

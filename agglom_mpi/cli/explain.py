@@ -39,8 +39,7 @@ def explain(keys: tuple[str, ...], markdown: bool) -> int:
     """
     if sys.flags.optimize > 1:
         raise UserError("agglom explain: python -OO removes the texts; run python without -OO")
-    from agglom_mpi.config.explanation import below, find
-    from agglom_mpi.config.reference import component_tables, section_tables
+    from agglom_mpi.config.explanation import below, component_tables, find, section_tables
 
     pages = [page for key in keys for page in _pages(find(key))]
     if markdown:

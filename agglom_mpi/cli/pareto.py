@@ -2,7 +2,7 @@
 
 import click
 
-from agglom_mpi.cli.common import ALLOW_CODE, examples, exit_with, mention_left_out, say
+from agglom_mpi.cli.common import ALLOW_CODE, examples, exit_with, say
 
 
 @click.command(
@@ -63,6 +63,4 @@ def pareto(
         print_wide(trade_off(opened, axes))
     if OBJECTIVE in (x, y) and not is_one_question(opened):
         say("warning: the objectives are not of the same question", error=True)
-    for file in opened:
-        mention_left_out(file)
     return 0

@@ -12,12 +12,12 @@ from agglom_mpi.cli.common import (
     UNUSED,
     examples,
     exit_with,
-    mention_left_out,
     say,
 )
 from agglom_mpi.cli.set_options import read_set_request, set_options
 from agglom_mpi.errors import FAILURE, FINISHED, INTERRUPTED
 from agglom_mpi.formatting import pluralise
+from agglom_mpi.storage.recorded_campaign import code_note
 
 if TYPE_CHECKING:
     from agglom_mpi.report.next_summary import PosteriorRequest
@@ -170,6 +170,10 @@ def report(
                 say(line)
         elif request is not None:
             _show(_set(opened[0], request, sensitivity, as_json), as_json)
+        elif code_note(opened[0]) and len(files) == 1 and asked is None and not sensitivity:
+            from agglom_mpi.analysis.stored_summary import stored_text
+
+            say(stored_text(opened[0], as_json))
         else:
             several = len(files) > 1
             if several:
@@ -180,7 +184,8 @@ def report(
             if not several:
                 _warn(opened[0])
     for file in opened:
-        mention_left_out(file)
+        for line in file.unused_notes:
+            say(line, error=True)
     return max(code, *map(_mention_damage, opened))
 
 

@@ -7,9 +7,10 @@ import numpy as np
 
 from agglom_mpi.formatting import format_digits
 from agglom_mpi.random_streams import ALLOWED_SHARE, search_stream
+from agglom_mpi.search.space import SearchSpace
 
 if TYPE_CHECKING:
-    from agglom_mpi.config.campaign_sections import CampaignSections
+    from agglom_mpi.config.campaign import Campaign
 
 LEAST_SHARE: Final = 1e-4
 """Share below which a campaign is refused: to propose a string takes too long."""
@@ -49,9 +50,9 @@ class AllowedShare(NamedTuple):
         return f"{percent} % (± {format_digits(100.0 * self.error, 1)} %)"
 
 
-def allowed_share(campaign: "CampaignSections") -> AllowedShare:
+def allowed_share(campaign: "Campaign") -> AllowedShare:
     """Return the share of the box that a campaign's constraints allow."""
-    space = campaign.variables.space()
+    space = SearchSpace.of(campaign.variables)
     if not space.dimensions:
         return AllowedShare(
             int(campaign.allowed_strings(campaign.variables.at(0.5)[None]).sum()), 1

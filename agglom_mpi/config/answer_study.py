@@ -9,12 +9,10 @@ from typing import Annotated, Any, Final, Literal, NamedTuple
 from pydantic import Field, ValidationError, model_validator
 
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.config.data_files import DataBesideCampaign
 from agglom_mpi.config.field_errors import to_campaign_error
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.own_components import BesideCampaign
 from agglom_mpi.config.searchable import check_search_library, check_searchable, log_narrow
-from agglom_mpi.config.size_file import read_beside
 from agglom_mpi.config.yaml_source import CampaignError, Problem, Source, parse, read_text
 from agglom_mpi.declaration.declared import FieldError, FieldPath
 from agglom_mpi.declaration.field_types import Line, WholeNumber
@@ -22,6 +20,7 @@ from agglom_mpi.declaration.reading import Reading
 from agglom_mpi.declaration.sections import Section
 from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.declaration.units import quoted
+from agglom_mpi.measurements.files.campaign_files import FilesBeside
 
 DEFAULT: Final = "default"
 """Name of the setting that the others are compared with."""
@@ -180,8 +179,7 @@ class _Variants:
         self._data = parse(question.text, question.name).data | {"final": "none"}
         self._data.pop("output", None)
         folder = Path(question.name).parent
-        self._read_sizes = read_beside(folder)
-        own, files = BesideCampaign(folder, allow_code), DataBesideCampaign(folder)
+        own, files = BesideCampaign(folder, allow_code), FilesBeside(folder)
         self._reading = Reading(own=own, files=files)
 
     def of(self, path: FieldPath) -> Campaign:
@@ -202,7 +200,6 @@ class _Variants:
                 text,
                 self._question.name,
                 self._question.user_function,
-                self._read_sizes,
                 self._reading,
             )
             check_searchable(campaign)

@@ -32,10 +32,7 @@ def read_count(value: Any, least: int = 0) -> int:
 
 def read_number(value: Any) -> float:
     """Return a finite number, or that of a text; raise a ValueError for anything else."""
-    number = _number(value)
-    if not math.isfinite(number):
-        raise ValueError(f"is {shown(value)}; must be a finite number{_remedy(value)}")
-    return _of_usual_size(number, value)
+    return _checked(_number(value), value, "a finite number")
 
 
 def read_amount(value: Any) -> Amount:
@@ -49,10 +46,7 @@ def read_amount(value: Any) -> Amount:
     plain = value.strip() if isinstance(value, str) else value
     percent = isinstance(plain, str) and plain.endswith("%")
     number = _number(plain[:-1] if percent else plain) / (100.0 if percent else 1.0)
-    if not math.isfinite(number):
-        rule = f"must be a number like 0.05 or a percentage like '5%'{_remedy(value)}"
-        raise ValueError(f"is {shown(value)}; {rule}")
-    return Amount(_of_usual_size(number, value), percent)
+    return Amount(_checked(number, value, "a number like 0.05 or a percentage like '5%'"), percent)
 
 
 def read_fraction(value: Any) -> float:
@@ -68,7 +62,7 @@ def read_fraction(value: Any) -> float:
     except ValueError:
         raise ValueError(f"is {shown(value)}; {FRACTION_RULE}") from None
     if not 0.0 < amount.value < 1.0:
-        raise ValueError(f"is {shown(value)}{as_percent(amount)}; {FRACTION_RULE}{meant(amount)}")
+        raise ValueError(f"is {shown(value)}; {FRACTION_RULE}{_meant(amount)}")
     return amount.value
 
 
@@ -97,17 +91,12 @@ def read_error(value: Any, measured: float, positive: bool) -> float:
     if positive and error >= measured > 0.0:
         raise ValueError(
             f"is {shown(value)}; must be less than the measured {measured:g}, like '2%' of it"
-            f"{meant(amount)}"
+            f"{_meant(amount)}"
         )
     return error
 
 
-def as_percent(amount: Amount) -> str:
-    """Return what a number that is too large for a fraction means in percent, or nothing."""
-    return f", which is {100.0 * amount.value:g} %" if amount.value >= 1.0 else ""
-
-
-def meant(amount: Amount) -> str:
+def _meant(amount: Amount) -> str:
     """Return `; did you mean '5%'?` of a plain number that may be one in percent, or nothing."""
     likely = not amount.percent and 1.0 <= amount.value < 100.0
     return f"; did you mean '{amount.value:g}%'?" if likely else ""
@@ -123,16 +112,15 @@ def shown(value: Any) -> str:
     return text if len(text) <= MAX_CHARACTERS else f"{text[: MAX_CHARACTERS - 3]}..."
 
 
-def _of_usual_size(number: float, value: Any) -> float:
-    """Return a number; raise a ValueError if its square may not fit into float64."""
+def _checked(number: float, value: Any, kind: str) -> float:
+    """Return a number; raise a ValueError if it, or its square in float64, is not finite."""
+    if not math.isfinite(number):
+        advice = remedy(value) if isinstance(value, str) else ""
+        raise ValueError(f"is {shown(value)}; must be {kind}{advice}")
     if number != 0.0 and not MIN_MAGNITUDE <= abs(number) <= MAX_MAGNITUDE:
         limits = f"{MIN_MAGNITUDE:g} and {MAX_MAGNITUDE:g}"
         raise ValueError(f"is {shown(value)}; must be 0 or in size between {limits}")
     return number
-
-
-def _remedy(value: Any) -> str:
-    return remedy(value) if isinstance(value, str) else ""
 
 
 def _number(value: Any) -> float:

@@ -1,23 +1,22 @@
 """The `variables` section: values and ranges, and which variables a scene requires."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from contextlib import suppress
 from functools import cache, partial
-from typing import Annotated, Any, Final, NamedTuple
+from typing import Annotated, Any, Final
 
-import numpy as np
 from pydantic import BeforeValidator, ValidationInfo, create_model, model_validator
 
 from agglom_mpi.config.alternatives import FRACTIONS, one_of, read_marked
 from agglom_mpi.config.scene import SceneSection
-from agglom_mpi.config.scene_paths import ScenePath
 from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.declaration.given_values import JAMMING_FRACTION, read_value
 from agglom_mpi.declaration.reading import reading_of
 from agglom_mpi.declaration.sections import Section
 from agglom_mpi.declaration.units import quoted, to_si, unit_in
-from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.variables import (
+    CUBIC,
+    LOGARITHMIC,
     PAPER_VARIABLES,
     TEN,
     VOLUME_FRACTION,
@@ -27,41 +26,20 @@ from agglom_mpi.variables import (
     volume_fraction,
 )
 
-LOGARITHMIC: Final = ("log", "log10", "logarithmic")
-"""Names of the logarithmic scale in a mapping, which stands where a range should be a list."""
 
-
-class Range(NamedTuple):
-    """Lower and upper end in SI units, equal for a fixed variable, and how it is searched.
-
-    Attributes
-    ----------
-    lower, upper
-    logarithmic
-        By its logarithm.
-    cubic
-        By its cube, as the size ratio where the file gives a range of the volume fraction.
-    """
-
-    lower: float
-    upper: float
-    logarithmic: bool = False
-    cubic: bool = False
-
-
-def read_range(value: Any, variable: Variable, recorded: bool = False) -> Range:
-    """Return a variable's entry: one value, or [lower, upper] or [lower, upper, log].
+def read_range(value: Any, variable: Variable, recorded: bool = False) -> Variable:
+    """Return a variable with its entry: one value, or [lower, upper] or [lower, upper, log].
 
     In a `recorded` campaign one end alone may have a unit: the other one was read in SI units.
     """
+    allowed = "one value, or a range [lower, upper] or [lower, upper, log]"
     if isinstance(value, dict):
-        raise ValueError(f"is a mapping; must be one value or a list, like {_as_list(value)}")
+        raise ValueError(f"is a mapping; must be {allowed}")
     if not isinstance(value, list):
         number = read_value(variable, value)
-        return Range(number, number)
-    logarithmic = len(value) == 3 and value[2] == "log"
+        return variable._replace(lower=number, upper=number)
+    logarithmic = len(value) == 3 and value[2] == LOGARITHMIC
     if len(value) != 2 + logarithmic:
-        allowed = "one value, or a range [lower, upper] or [lower, upper, log]"
         if len(value) in (3, 4) and all(isinstance(end, int | float) for end in value):
             allowed += "; numbers have a decimal point, and no comma"
         raise ValueError(f"is {quoted(value)}; must be {allowed}")
@@ -72,49 +50,30 @@ def read_range(value: Any, variable: Variable, recorded: bool = False) -> Range:
         raise ValueError(f"is {quoted(value)}; the lower end must be less than the upper")
     if logarithmic and lower <= 0.0:
         raise ValueError(f"is {quoted(value)}; without 0, to be searched by its logarithm")
-    return Range(lower, upper, logarithmic)
+    scale = LOGARITHMIC if logarithmic else ""
+    return variable._replace(lower=lower, upper=upper, scale=scale)
 
 
 def _check_units(ends: list[Any], unit: str) -> None:
     """Raise a ValueError if one end alone has a unit, in which the other would be another value."""
-    first, second = (unit_in(end) for end in ends)
-    if bool(first) == bool(second):
-        return
-    plain, other, given = (ends[1], ends[0], first) if first else (*ends, second)
-    completed = f"{plain} {given}"
-    try:
-        value = to_si(completed, unit)
-        if value == to_si(plain, unit):
-            return
-        if value == to_si(other, unit):  # that would be no range
-            completed = f"{plain} {unit}"
-    except ValueError:  # out of the limits of magnitudes
-        pass
-    both = ", ".join(completed if end is plain else end for end in ends)
-    raise ValueError(
-        f"is {quoted(ends)}, with a unit on one end alone; write it on both, like [{both}]"
-    )
+    first, second = map(unit_in, ends)
+    if bool(first) != bool(second):
+        plain = ends[1] if first else ends[0]
+        with suppress(ValueError):  # out of the limits of magnitudes
+            if to_si(f"{plain} {first or second}", unit) == to_si(plain, unit):
+                return
+        raise ValueError(f"is {quoted(ends)}, with a unit on one end alone; write it on both")
 
 
-def _as_list(entry: dict[str, Any]) -> str:
-    """Return how the range is written that a mapping such as {range: [1, 2], scale: log} means."""
-    ends = next((list(part) for part in entry.values() if isinstance(part, list)), None)
-    if ends is None:
-        ends = [part for part in entry.values() if part not in LOGARITHMIC]
-    scale = ["log"] if any(part in LOGARITHMIC for part in entry.values()) else []
-    found = ends if len(ends) == 2 else ["lower", "upper"]
-    return f"[{', '.join(map(str, found + scale))}]"
-
-
-def _read_entry(value: Any, info: ValidationInfo, variable: Variable) -> Range | None:
+def _read_entry(value: Any, info: ValidationInfo, variable: Variable) -> Variable | None:
     read = partial(read_range, variable=variable, recorded=reading_of(info).recorded)
-    found: Range | None = read_marked(value, FRACTIONS, read)
+    found: Variable | None = read_marked(value, FRACTIONS, read)
     return found
 
 
 def _field(variable: Variable) -> Any:
     reader = BeforeValidator(partial(_read_entry, variable=variable))
-    return Annotated[Range | None, reader], None
+    return Annotated[Any, reader], None
 
 
 class _Entries(Section):
@@ -141,128 +100,34 @@ VariableEntries: Any = entries_model()
 """Model of the section of a campaign that names only variables of the papers."""
 
 
-def ranges_of(
-    entries: Any, third_moment: float, table: VariableTable = TEN
-) -> dict[str, Range | None]:
-    """Return the variables' ranges by name, in their order.
+def ranges_of(entries: Any, table: VariableTable = TEN) -> dict[str, Variable | None]:
+    """Return the variables with their ranges by name, in their order.
 
     That of a volume fraction is one of the size ratio unless the fraction is a variable of its own.
-    The size ratio follows by the `third_moment` of the law of sizes, 1 for equal grains.
     """
-    given: dict[str, Range | None] = dict(entries)
+    given: dict[str, Variable | None] = dict(entries)
     ranges = {name: given[name] for name in table.names}
     fraction = None if VOLUME_FRACTION.name in table else given[VOLUME_FRACTION.name]
     if fraction is not None:
-        lower, upper, logarithmic, _ = fraction
-        searched = lower < upper
-        ranges["size_ratio"] = Range(
-            size_ratio(lower, third_moment),
-            size_ratio(upper, third_moment),
-            logarithmic,
-            searched and not logarithmic,
+        linear = fraction.is_searched and not fraction.logarithmic
+        ranges["size_ratio"] = TEN["size_ratio"]._replace(
+            lower=size_ratio(fraction.lower, table.third_moment),
+            upper=size_ratio(fraction.upper, table.third_moment),
+            scale=CUBIC if linear else fraction.scale,
         )
     return ranges
 
 
-@dataclass(frozen=True, eq=False)
-class Bounds:
-    """Bounds of the variables of a campaign.
-
-    Attributes
-    ----------
-    lower, upper
-        Ends in SI units, shape (k,), in the order of `table`: equal where a variable is fixed, nan
-        where the scene does not depend on it.
-    logarithmic
-        Which variables are searched by their logarithms, shape (k,).
-    cubic
-        Which variables are searched by their cubes, shape (k,).
-    used
-        Names of variables that the scene depends on.
-    ignored
-        Names of variables that the file fixes although the scene does not depend on them.
-    by_volume_fraction
-        Whether the file gives the volume fraction in place of the size ratio.
-    third_moment
-        Mean volume of the grains over that of their mean radius, in the campaign's own section
-        `scene`.
-    table
-        The variables.
-    paths
-        Those of them that are numbers of the scene.
-    """
-
-    lower: np.ndarray
-    upper: np.ndarray
-    logarithmic: np.ndarray
-    cubic: np.ndarray
-    used: tuple[str, ...]
-    ignored: tuple[str, ...]
-    by_volume_fraction: bool = False
-    third_moment: float = 1.0
-    table: VariableTable = TEN
-    paths: tuple[ScenePath, ...] = ()
-
-    @property
-    def searched(self) -> tuple[str, ...]:
-        """Names of the variables that are ranges."""
-        return tuple(self.table.names[i] for i in np.flatnonzero(self.lower < self.upper))
-
-    def stream_key(self, string: np.ndarray) -> np.ndarray:
-        """Return the numbers of a string, (k,), that its random numbers depend on.
-
-        Numbers of the scene that are not searched are left out, so that samples are the same
-        whether they stand in the scene or here.
-        """
-        if not self.paths:
-            return string
-        fixed = {path.name for path in self.paths} - set(self.searched)
-        return string[[name not in fixed for name in self.table.names]]
-
-    def space(self) -> SearchSpace:
-        """Return the search box."""
-        return SearchSpace(self.lower, self.upper, logarithmic=self.logarithmic, cubic=self.cubic)
-
-    def at(self, share: float) -> np.ndarray:
-        """Return the string that is this share of the way from lower to upper ends, (k,)."""
-        string = (1.0 - share) * self.lower + share * self.upper
-        cubes = (1.0 - share) * self.lower**3 + share * self.upper**3
-        string[self.cubic] = np.cbrt(cubes[self.cubic])
-        return np.asarray(string)
-
-    @property
-    def fixed(self) -> dict[str, float]:
-        """Values of the used variables that are not searched, in SI units."""
-        fixed = np.flatnonzero(self.lower == self.upper)
-        return {self.table.names[i]: float(self.lower[i]) for i in fixed}
-
-
-def bounds_of(
-    entries: Any,
-    scene: SceneSection,
-    table: VariableTable = TEN,
-    paths: tuple[ScenePath, ...] = (),
-) -> Bounds:
-    """Return the bounds of the entries that a scene depends on."""
-    cubes = scene.third_moment
-    used = tuple(required_variables(scene, table))
-    lower, upper = np.full(table.count, np.nan), np.full(table.count, np.nan)
-    logarithmic, cubic = np.zeros((2, table.count), np.bool_)
-    ignored = []
-    for i, (name, entry) in enumerate(ranges_of(entries, cubes, table).items()):
-        if entry is not None and name in used:
-            lower[i], upper[i], logarithmic[i], cubic[i] = entry
-        elif entry is not None:
-            ignored.append(name)
-    for array in (lower, upper, logarithmic, cubic):
-        array.flags.writeable = False
-    by_fraction = entries.volume_fraction is not None and VOLUME_FRACTION.name not in table
-    return Bounds(
-        *(lower, upper, logarithmic, cubic, used, tuple(ignored)),
-        by_volume_fraction=by_fraction,
-        third_moment=cubes,
-        table=table,
-        paths=paths,
+def variables_of(entries: Any, scene: SceneSection, table: VariableTable = TEN) -> VariableTable:
+    """Return the variables of a campaign with the ranges that its scene depends on."""
+    needed = required_variables(scene, table)
+    given = {name: each for name, each in ranges_of(entries, table).items() if each is not None}
+    return table.with_ranges(
+        {name: each for name, each in given.items() if name in needed},
+        ignored=tuple(name for name in given if name not in needed),
+        by_volume_fraction=entries.volume_fraction is not None
+        and VOLUME_FRACTION.name not in table,
+        third_moment=table.third_moment,
     )
 
 
@@ -298,7 +163,7 @@ def required_variables(scene: SceneSection, table: VariableTable = TEN) -> dict[
 
 
 def check_required(
-    scene: SceneSection, entries: Mapping[str, Range | None], table: VariableTable = TEN
+    scene: SceneSection, entries: Mapping[str, Variable | None], table: VariableTable = TEN
 ) -> list[tuple[FieldPath, str]]:
     """Return problems: variables that are missing, and ranges that nothing depends on."""
     needed = required_variables(scene, table)
@@ -320,7 +185,7 @@ def check_required(
             if name == "size_ratio":
                 message += f", or {VOLUME_FRACTION.name} in its place"
             problems.append(((name,), message))
-        elif entry is not None and entry.lower < entry.upper and name not in needed:
+        elif entry is not None and entry.is_searched and name not in needed:
             message = (
                 f"is a range, but the scene has no {ABSENT[name]}; nothing depends on it; "
                 "give one value or leave it out"
@@ -329,7 +194,7 @@ def check_required(
     idle = {law.key for law in scene.laws() if not law.is_used}
     for variable in table.further:
         entry, key = entries[variable.name], variable.name.split(".")[0]
-        if key in idle and entry is not None and entry.lower < entry.upper:
+        if key in idle and entry is not None and entry.is_searched:
             message = "is a range, but nothing in the scene depends on it; leave it out"
             problems.append(((variable.name,), message))
     return problems

@@ -1,60 +1,66 @@
 """A campaign: everything that its file states, typed and in SI units."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final, Literal
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from agglom_mpi.config import describe, identity
 from agglom_mpi.config.arguments import read_count
-from agglom_mpi.config.bounds import bounds_of
-from agglom_mpi.config.box_ends import check_ends, refused_corners
-from agglom_mpi.config.campaign_sections import CampaignSections
-from agglom_mpi.config.data_section import built_data
+from agglom_mpi.config.bounds import variables_of
+from agglom_mpi.config.census_layout import census_layout
+from agglom_mpi.config.data_section import DatumEntry, built_data
 from agglom_mpi.config.document import read_document
-from agglom_mpi.config.own_variables import Parameters, read_string, read_strings, string_of
-from agglom_mpi.config.relations import Relations
-from agglom_mpi.config.scene import parse_engine
-from agglom_mpi.config.searchable import check_start
-from agglom_mpi.config.seeded_text import with_seed
-from agglom_mpi.config.size_file import SizeReader, unread
-from agglom_mpi.config.user_function import UserFunction
+from agglom_mpi.config.given_strings import Parameters, read_string, read_strings
+from agglom_mpi.config.plan import FinalAnswer, Output, Plan, Stopping
+from agglom_mpi.config.relations import NO_RELATIONS, Relations
+from agglom_mpi.config.scene import SceneSection, parse_engine
+from agglom_mpi.config.searchable import check_ends, check_start, refused_corners
+from agglom_mpi.config.string_scenes import StringScene, StringScenes
+from agglom_mpi.config.user_function import UserFunction, function_of_means
 from agglom_mpi.config.yaml_source import (
     ArgumentError,
     CampaignError,
     Problem,
+    parse,
+    with_seed,
 )
 from agglom_mpi.declaration.reading import PLAIN, Reading
+from agglom_mpi.measurements.datum import Datum
+from agglom_mpi.measurements.layout import CensusLayout
 from agglom_mpi.physics import scales
 from agglom_mpi.public_face import PublicFace
+from agglom_mpi.search.methods.method import SearchMethod
+from agglom_mpi.search.objectives.misfit import MeasuredString
+from agglom_mpi.search.objectives.objective import Objective
+from agglom_mpi.search.space import SearchSpace
+from agglom_mpi.search.stopping import StoppingRule
 from agglom_mpi.simulation.engines import Engine
-
-if TYPE_CHECKING:
-    from agglom_mpi.config.estimate import StringEstimate
-    from agglom_mpi.config.simulate_many import SimulatedSamples
-    from agglom_mpi.simulation.sample import Outcome
-
+from agglom_mpi.variables import VariableTable
 
 CAMPAIGN_INTERNALS: Final = (
     *("scene", "variables", "objective", "plan", "output", "final", "user_function", "relations"),
-    *("at", "measured_at", "most_grains", "objective_at", "scenes", "used_values", "used_columns"),
+    *("at", "measured_at", "most_grains", "objective_at", "scenes"),
     *("search", "ensemble", "stopping", "common_configurations", "max_framed", "max_strings"),
-    *("first_sample", "given_strings", "space", "allowed_strings", "fraction", "volume"),
+    *("first_sample", "given_strings", "space", "allowed_strings", "volume"),
     *("derived_values", "function_error", "check_scales"),
     *("search_error", "required_plan", "engine", "file_name", "from_text"),
-    *("try_function", "with_generations", "with_seed"),
+    *("count", "with_generations", "with_seed"),
     *("data", "data_entries", "census"),
 )
 """Names of a campaign for the package's own modules: sections, and what builds or checks a run."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
+class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
     """A validated campaign; equal campaigns have equal `identity`.
 
-    `agglom_mpi.load_campaign(path)` returns it.
+    `agglom_mpi.load_campaign(path)` returns one that can be simulated and run, too.
 
     Attributes
     ----------
@@ -64,15 +70,31 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
         Seed of all random streams.
     text, name : str
         Text of the file, and its name in errors.
-
-    Examples
-    --------
-    >>> from agglom_mpi import load_campaign
-    >>> campaign = load_campaign("jobs/quickstart.yaml")
-    >>> outcome = campaign.simulate({"relative_speed": 4.3, "hardness": "67 MPa"}, sample=0)
-    >>> outcome.particles < 100, outcome.mean_radius_ratio > 1.0
-    (True, True)
     """
+
+    title: str
+    seed: int
+    scene: SceneSection
+    variables: VariableTable
+    objective: Objective
+    plan: Plan | None
+    output: Output
+    final: FinalAnswer | None
+    text: str
+    name: str
+    user_function: UserFunction | None = None
+    relations: Relations = NO_RELATIONS
+    volume: int = 1
+    data: tuple[Datum, ...] = ()
+    data_entries: tuple[DatumEntry, ...] = ()
+    scenes: StringScenes = field(init=False)
+
+    def __post_init__(self) -> None:
+        of_scene = self.objective.of_grains(self.scene.equivalent_grains)
+        of_means = function_of_means(self.user_function, of_scene.code_of_means)
+        object.__setattr__(self, "objective", of_scene.with_code(of_means))
+        scenes = StringScenes(self.scene, self.variables, self.volume)
+        object.__setattr__(self, "scenes", scenes)
 
     def __repr__(self) -> str:
         return f"<Campaign {self.name!r}: {describe.in_a_few_words(self)}>"
@@ -83,20 +105,19 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
         text: str,
         name: str = "campaign.yaml",
         user_function: UserFunction | None = None,
-        read_sizes: SizeReader = unread,
         reading: Reading = PLAIN,
     ) -> "Campaign":
         """Return the campaign of a YAML text; `name` stands for the file in errors.
 
-        `read_sizes` returns the content of a file of sizes that its scene may name. `reading` finds
-        components of one's own, and reads a text that a run recorded as it was read then.
+        `reading` finds components of one's own and files of sizes, and reads a text that a run
+        recorded as it was read then.
         """
-        document, entries = read_document(text, name, read_sizes, reading)
+        document, entries = read_document(text, name, reading)
         campaign = cls(
             title=document.title,
             seed=document.seed,
             scene=document.scene,
-            variables=bounds_of(document.variables, document.scene, entries.table, entries.paths),
+            variables=variables_of(document.variables, document.scene, entries.table),
             objective=document.objective,
             plan=document.plan,
             output=document.output,
@@ -117,7 +138,7 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
         """Return the strings that `search.start` lists, in SI units, shape (n, k)."""
         listed = self.search.listed
         return np.array([self.parameters(values) for values in listed]).reshape(
-            -1, self.variables.table.count
+            -1, self.variables.count
         )
 
     def allowed(self, parameters: Parameters) -> npt.NDArray[np.bool_]:
@@ -152,7 +173,7 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
         """
         from agglom_mpi.config.plausibility import implausible
 
-        corners = refused_corners(self) if parameters is None and self.variables.paths else []
+        corners = refused_corners(self) if parameters is None and self.variables.of_scene else []
         return implausible(self, parameters) + corners
 
     def with_seed(self, seed: int) -> "Campaign":
@@ -161,7 +182,7 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
 
     def with_generations(self, generations: int) -> "Campaign":
         """Return the campaign with another number of generations; its `text` is unchanged."""
-        generations = self._count("stopping.generations", generations, least=1)
+        generations = self.count("stopping.generations", generations, least=1)
         stopping = self.stopping.model_copy(update={"generations": generations})
         return replace(self, plan=self.required_plan._replace(stopping=stopping))
 
@@ -172,7 +193,7 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
         that of the campaign's own number of grains. `simulate` of the result gives the samples of
         larger volumes that `final: {volumes: …}` asks for. `text` and `identity` are unchanged.
         """
-        return replace(self, volume=self._count("volume", volume, least=1))
+        return replace(self, volume=self.count("volume", volume, least=1))
 
     def parameters(
         self,
@@ -203,7 +224,7 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
         CampaignError
             If a name is unknown or a value impossible.
         """
-        return string_of(self, values or {}, fill)
+        return read_string(self, values or {}, {"lower": 0.0, "centre": 0.5, "upper": 1.0}[fill])
 
     def engine(self, text: str | Engine | None) -> Engine:
         """Return the engine `event`, `fixed`, `fixed:STEPS` or `adaptive`; for None the scene's."""
@@ -219,174 +240,12 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
         except ValueError as error:
             raise CampaignError(Problem(self.name, None, "engine", str(error))) from None
 
-    def simulate(
-        self,
-        parameters: Mapping[str, float | str] | npt.ArrayLike,
-        sample: int = 0,
-        engine: str | Engine | None = None,
-        frames: int | Sequence[float] | npt.NDArray[np.float64] | None = None,
-    ) -> "Outcome":
-        """Simulate one sample exactly as a rank of the campaign does.
-
-        Parameters
-        ----------
-        parameters
-            Values by name, as for `parameters`, or all of them in SI units, shape (k,).
-        sample
-            Sample number from 0.
-        engine
-            Another engine than the campaign's: `event`, `fixed`, `fixed:STEPS` or `adaptive`.
-            `event` cools exactly, whatever the campaign's `integration` is.
-        frames
-            Number of frames of the particles to record, evenly spaced from 0 to the end time, or
-            their times in s, ascending; recording does not change the outcome. The first use in a
-            kind of scene compiles a small kernel more.
-
-        Returns
-        -------
-        Outcome
-
-        Raises
-        ------
-        CampaignError
-            If parameters, engine or frames are not possible.
-        RuntimeError
-            If the sample fails, with the reason.
-        """
-        from agglom_mpi.config.simulate import simulate
-
-        string, sample = read_string(self, parameters), self._count("sample", sample)
-        self.check_scales(string)
-        times = None if frames is None else self._frame_times(frames, string)
-        return simulate(self, string, sample, self.engine(engine), times)
-
-    def estimate(
-        self,
-        parameters: Mapping[str, float | str] | npt.ArrayLike,
-        samples: int = 100,
-        engine: str | Engine | None = None,
-    ) -> "StringEstimate":
-        """Simulate samples 0, 1, … of a string; return the mean ± standard error of what they give.
-
-        Parameters
-        ----------
-        parameters, engine
-            As for `simulate`.
-        samples
-            Number of samples, at least 1. Of a single one there is no standard error.
-
-        Returns
-        -------
-        StringEstimate
-            `print` shows it as `agglom simulate` does. Samples that fail are left out and counted.
-
-        Raises
-        ------
-        CampaignError
-            If parameters, samples or engine are not possible.
-        RuntimeError
-            If all samples fail, with the reason of the first.
-
-        Examples
-        --------
-        >>> from agglom_mpi import load_campaign
-        >>> campaign = load_campaign("jobs/quickstart.yaml")
-        >>> estimate = campaign.estimate({"hardness": "67 MPa"}, samples=30)
-        >>> estimate.samples, 1.0 < estimate.mean_radius_ratio.value < 100 ** (1 / 3)
-        (30, True)
-        """
-        from agglom_mpi.config.estimate import estimate_of
-
-        samples = self._count("samples", samples, least=1)
-        string, outcomes, failures = read_string(self, parameters), [], []
-        for sample in range(samples):
-            try:
-                outcomes.append(self.simulate(string, sample, engine))
-            except RuntimeError as error:
-                failures.append(error)
-        if not outcomes:
-            raise failures[0]
-        return estimate_of(self, string, outcomes, len(failures))
-
-    def simulate_many(
-        self,
-        parameters: Parameters,
-        samples: int = 1,
-        workers: int | None = None,
-        engine: str | Engine | None = None,
-        first_sample: int = 0,
-    ) -> "SimulatedSamples":
-        """Simulate samples of many strings on all cores, each bit for bit as `simulate` does.
-
-        For a sampler or an optimiser of your own. The shapes are those of a simulator of sbi or of
-        BoTorch: m strings in, m values of each sample out; `dict(zip(names, theta.T))` names the
-        columns of an array or tensor theta of shape (m, d).
-
-        Parameters
-        ----------
-        parameters
-            Values by name, a mapping or a DataFrame: numbers in SI units or texts with units, each
-            (m,) or one for all; what is not given is fixed, or the middle of its range. Or all
-            variables of the campaign in SI units, shape (k,) or (m, k).
-        samples
-            Number of samples of each string, at least 1.
-        workers
-            Number of threads; None: one for each core that this process may use. The results are
-            the same.
-        engine
-            As for `simulate`.
-        first_sample
-            Number of the first sample of each string. A sampler whose calls need independent noise
-            counts it up.
-
-        Returns
-        -------
-        SimulatedSamples
-            Columns of shape (m, samples), such as `mean_radius_ratio` and `objective`. A sample
-            that raises, or whose string a law refuses, is a failed one.
-
-        Raises
-        ------
-        CampaignError
-            If a name is unknown, a value impossible, or another argument wrong.
-
-        Notes
-        -----
-        Each string takes the interpreter, which threads share, some 0.3 ms. Where all samples of a
-        string take less than that times the number of cores, not all cores are busy.
-
-        Examples
-        --------
-        >>> from agglom_mpi import load_campaign
-        >>> campaign = load_campaign("jobs/quickstart.yaml")
-        >>> found = campaign.simulate_many({"hardness": ["30 MPa", "150 MPa"]}, samples=20)
-        >>> found.mean_radius_ratio.shape, int(found.failed.sum())
-        ((2, 20), 0)
-        >>> soft, hard = found.mean_radius_ratio.mean(axis=1)
-        >>> bool(soft > hard)
-        True
-        """
-        from agglom_mpi.config.simulate_many import simulate_many
-
-        first, count = self._count("first_sample", first_sample), self._count("samples", samples, 1)
-        if workers is not None:
-            workers = self._count("workers", workers, least=1)
-        strings, numbers = read_strings(self, parameters), range(first, first + count)
-        return simulate_many(self, strings, numbers, self.engine(engine), workers)
-
-    def _count(self, field: str, value: Any, least: int = 0) -> int:
+    def count(self, field: str, value: Any, least: int = 0) -> int:
+        """Return a whole number of at least `least`, given as an argument `field`."""
         try:
             return read_count(value, least)
         except ValueError as error:
             raise ArgumentError.of(self.name, field, error) from None
-
-    def _frame_times(self, frames: Any, string: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        from agglom_mpi.simulation.frames import frame_times
-
-        try:
-            return frame_times(frames, scales.end_time(*self.at(string)))
-        except ValueError as error:
-            raise CampaignError(Problem(self.name, None, "frames", str(error))) from None
 
     def identity(self) -> dict[str, object]:
         """Return all that decides results, flat: `scene.particles` -> 100, in SI units."""
@@ -396,32 +255,6 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
         """Return the SHA-256 of `identity` as 64 hexadecimal digits."""
         return identity.digest(self.identity())
 
-    def try_function(self) -> "Outcome | None":
-        """Call the objective's function with one sample from the middle of the box.
-
-        Returns
-        -------
-        Outcome or None
-            Of the sample; None if the objective is no function.
-
-        Raises
-        ------
-        CampaignError
-            If it raises, or returns something else than a finite float, or the quantities that
-            are named, or another value when it is called again; or the sample fails.
-        """
-        if self.user_function is None:
-            return None
-        try:
-            first, second = (self.simulate(self.parameters()) for _ in range(2))
-            values = [repr((each.objective, each.quantities)) for each in (first, second)]
-            if values[0] != values[1]:
-                raise RuntimeError(f"returns {first.objective!r} and then {second.objective!r}")
-            return first
-        except RuntimeError as error:
-            message = f"is {self.user_function.call!r}, but of the middle of the box {error}"
-            raise self.function_error(message) from error
-
     def description(self) -> dict[str, object]:
         """Return what `describe` says, by headings, and the identity, as plain values for JSON."""
         return describe.as_dict(self)
@@ -429,3 +262,163 @@ class Campaign(CampaignSections, metaclass=PublicFace, internal=CAMPAIGN_INTERNA
     def describe(self) -> str:
         """Return a plain text on what would run, as `agglom check` prints it."""
         return describe.text(self)
+
+    def at(self, string: npt.ArrayLike) -> StringScene:
+        """Return the scene of a string, shape (k,), with the numbers that the string gives.
+
+        Raises
+        ------
+        ValueError
+            If a law refuses its numbers together.
+        """
+        return self.scenes.at(string)
+
+    def objective_at(self, string: npt.ArrayLike) -> Objective:
+        """Return the objective of the samples of a string, which start with its own grains.
+
+        In a larger control volume it is that of the campaign's own number of grains.
+        """
+        needs_data = self.objective.needs_data
+        if not (self.scenes.sizes_differ or needs_data):
+            return self.objective
+        try:
+            section, _ = self.at(string)
+        except ValueError:  # a law refuses the string, none of whose samples completes
+            return self.objective
+        objective = self.objective.of_grains(section.equivalent_grains / self.volume)
+        if not needs_data or self.census is None:
+            return objective
+        return objective.of_string(self.measured_at(string))
+
+    def measured_at(self, string: npt.ArrayLike) -> MeasuredString:
+        """Return the data for the samples of a string, and the scales of their censuses.
+
+        Raises
+        ------
+        ValueError
+            If the campaign has no data, or a law refuses the string.
+        """
+        if self.census is None:
+            raise ValueError(f"{self.name} has no section data")
+        section, values = self.at(string)
+        diameter = 2.0 * scales.grain_radius(section, values)
+        return MeasuredString(
+            self.data, self.census, diameter, values["density"], section.particles
+        )
+
+    @cached_property
+    def census(self) -> CensusLayout | None:
+        """When samples are counted by size, and in which classes; None without data."""
+        return census_layout(self)
+
+    @property
+    def search(self) -> SearchMethod:
+        """Section `search`; raises a CampaignError for a scene alone."""
+        return self.required_plan.search
+
+    @property
+    def ensemble(self) -> StoppingRule:
+        """Section `ensemble`; raises a CampaignError for a scene alone."""
+        return self.required_plan.ensemble
+
+    @property
+    def stopping(self) -> Stopping:
+        """Section `stopping`; raises a CampaignError for a scene alone."""
+        return self.required_plan.stopping
+
+    @property
+    def required_plan(self) -> Plan:
+        """Sections of the search; raises a CampaignError for a scene alone."""
+        if self.plan is None:
+            raise self.search_error()
+        return self.plan
+
+    def search_error(self) -> CampaignError:
+        """Return a CampaignError about a search without ranges, or without its sections."""
+        message = "has no range; a search needs at least one variable as [lower, upper]"
+        if self.plan is None:
+            message += ", and the sections objective, ensemble and stopping"
+        return CampaignError(parse(self.text, self.name).problem(("variables",), message))
+
+    @property
+    def file_name(self) -> str:
+        """Name of the campaign file that a run writes unless it is given another."""
+        return self.output.file or f"{Path(self.name).stem}.h5"
+
+    @property
+    def common_configurations(self) -> bool:
+        """Whether sample k starts from the same random numbers in all strings."""
+        return self.plan is not None and self.plan.ensemble.common_configurations
+
+    def first_sample(self, string: int) -> int:
+        """Return the number that `simulate` takes for sample 0 of a string of the search."""
+        return self.search.first_sample(string)
+
+    @property
+    def max_strings(self) -> int:
+        """Number of strings evaluated if all generations run."""
+        return self.search.strings(self.stopping.generations)
+
+    @property
+    def max_framed(self) -> tuple[int, int]:
+        """Largest numbers of strings, and of samples of each, whose frames are stored."""
+        frames = self.output.frames
+        if frames is None:
+            return 0, 0
+        samples = min(frames.samples, self.ensemble.max_samples)
+        return min(frames.strings, self.max_strings), samples
+
+    def space(self) -> SearchSpace:
+        """Return the search box, with what the constraints allow of it."""
+        space = SearchSpace.of(self.variables)
+        return space.within(self.allowed_strings) if self.relations.constraints else space
+
+    def allowed_strings(self, strings: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+        """Return which strings, (n, k) in SI units, satisfy the constraints, shape (n,)."""
+        return self.relations.allowed(self.scenes, self.variables.columns_by_name(strings))
+
+    def derived_values(
+        self, strings: npt.NDArray[np.float64]
+    ) -> dict[str, npt.NDArray[np.float64]]:
+        """Return the derived quantities of strings, (n, k), in SI units, each (n,), by name."""
+        return self.relations.values(self.scenes, self.variables.columns_by_name(strings))
+
+    @property
+    def most_grains(self) -> float:
+        """Largest number of grains of the mean radius that have the volume of all in a sample."""
+        if not self.scenes.sizes_differ:
+            return self.scene.equivalent_grains
+        box, found = self.variables, [self.scene.equivalent_grains]
+        for string in (box.lower, box.upper):
+            with suppress(ValueError):  # no search proposes it
+                found.append(self.at(string).section.equivalent_grains)
+        return max(found)
+
+    def function_error(self, message: str, key: str = "call") -> CampaignError:
+        """Return a CampaignError about a function of the objective, with its line."""
+        return CampaignError(parse(self.text, self.name).problem(("objective", key), message))
+
+    def check_scales(self, string: npt.NDArray[np.float64]) -> None:
+        """Raise a CampaignError if a parameter string gives a grain mass or end time out of range.
+
+        Parameters
+        ----------
+        string
+            The variables in SI units, shape (k,).
+        """
+        try:
+            section, values = self.at(string)
+        except ValueError as error:
+            raise CampaignError(Problem(self.name, None, "scene", str(error))) from None
+        problems = []
+        for key, measure in (
+            (section.size_key, scales.grain_mass),
+            ("end_time", scales.end_time),
+        ):
+            try:
+                measure(section, values)
+            except ValueError as error:
+                place = ("variables" if key in self.variables else "scene", key)
+                problems.append(parse(self.text, self.name).problem(place, str(error)))
+        if problems:
+            raise CampaignError(*problems)

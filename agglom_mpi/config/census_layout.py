@@ -23,7 +23,7 @@ def census_layout(campaign: Any) -> CensusLayout | None:
     Parameters
     ----------
     campaign
-        The `CampaignSections`.
+        The `Campaign`.
     """
     if not campaign.data:
         return None

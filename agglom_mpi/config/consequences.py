@@ -13,9 +13,10 @@ from agglom_mpi.declaration.laws import Reported
 from agglom_mpi.formatting import in_unit, value_with_prefix
 from agglom_mpi.physics import scales
 from agglom_mpi.random_streams import CONSEQUENCES, search_stream
+from agglom_mpi.search.space import SearchSpace
 
 if TYPE_CHECKING:
-    from agglom_mpi.config.campaign_sections import CampaignSections
+    from agglom_mpi.config.campaign import Campaign
     from agglom_mpi.config.scene import SceneSection
 
 Floats = NDArray[np.float64]
@@ -117,14 +118,14 @@ NOTES_OF_SIZES: Final = {
 """The same where grains have different sizes."""
 
 
-def consequences(campaign: "CampaignSections") -> list[str]:
+def consequences(campaign: "Campaign") -> list[str]:
     """Return lines on what follows, a range over the box where it depends on what is searched.
 
     Only strings that satisfy the constraints count. A value that is no number in float64 is left
     out, as for a scene that is refused.
     """
     scene, strings = campaign.scene, _strings(campaign)
-    rows = campaign.scenes.rows(campaign.variables.table.columns_by_name(strings))
+    rows = campaign.scenes.rows(campaign.variables.columns_by_name(strings))
     values = {
         label: (quantity.unit, one_by_one(rows, quantity)) for label, quantity in _quantities(scene)
     }
@@ -142,9 +143,9 @@ def consequences(campaign: "CampaignSections") -> list[str]:
     return [line for line in lines if line]
 
 
-def _strings(campaign: "CampaignSections") -> Floats:
+def _strings(campaign: "Campaign") -> Floats:
     """Return allowed strings, (n, k), of the corners of the box and within it."""
-    bounds, space = campaign.variables, campaign.variables.space()
+    bounds, space = campaign.variables, SearchSpace.of(campaign.variables)
     if not space.dimensions:
         return campaign.variables.at(0.5)[None]
     corners = np.tile(bounds.lower, (2**space.dimensions, 1))
@@ -153,7 +154,7 @@ def _strings(campaign: "CampaignSections") -> Floats:
     )
     random = search_stream(campaign.seed, CONSEQUENCES)
     strings = np.vstack((corners, space.from_unit(random.random((STRINGS, space.dimensions)))))
-    return strings[campaign.allowed_strings(strings)].reshape(-1, bounds.table.count)
+    return strings[campaign.allowed_strings(strings)].reshape(-1, bounds.count)
 
 
 def _line(label: str, unit: str, values: Any, note: str) -> str:

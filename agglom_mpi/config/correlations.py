@@ -7,7 +7,7 @@ from typing import Annotated, Any, Final
 import numpy as np
 from pydantic import Field
 
-from agglom_mpi.config.data_section import SIZES_QUANTITY, DatumEntry
+from agglom_mpi.config.data_section import DatumEntry
 from agglom_mpi.declaration.components import In
 from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.declaration.sections import Section
@@ -78,7 +78,7 @@ def _place(given: Any, data: Sequence[DatumEntry], value: float) -> int:
         which = "several data; name it by its place" if places else "no datum"
         known = ", ".join(f"{i} ({entry.label})" for i, entry in enumerate(data))
         raise ValueError(f"is {quoted(given)}, which is {which}; allowed: {known or 'nothing'}")
-    if value and data[places[0]].quantity == SIZES_QUANTITY:
+    if value and data[places[0]].kind.is_curve:
         message = "a curve; must be data of one number, as its file has the errors of its shares"
         raise ValueError(f"is {quoted(given)}, {message}")
     return places[0]

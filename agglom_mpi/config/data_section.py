@@ -1,30 +1,35 @@
 """Section `data`: what was measured, when, and with which error.
 
-An entry gives one number with its error, or the file of a size distribution. `data_files` reads
-the files; the identity of a campaign has their numbers, so that a stored campaign needs none.
+An entry gives one number with its error, or the file of a size distribution, which
+`measurements.files` reads. The identity of a campaign has its numbers, so that a stored campaign
+needs no file.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Annotated, Any, ClassVar, Final, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, Self
 
 import numpy as np
 from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
-from agglom_mpi.config.size_choice import CurveKeys
-from agglom_mpi.config.size_curve import ShareWeight, SizeCurve
 from agglom_mpi.declaration.components import In, Whole
-from agglom_mpi.declaration.declared import FieldPath, raise_field_errors
+from agglom_mpi.declaration.declared import FieldError, FieldPath, raise_field_errors
 from agglom_mpi.declaration.field_types import Line
+from agglom_mpi.declaration.reading import NamedFiles
 from agglom_mpi.declaration.sections import Section
 from agglom_mpi.declaration.units import has_offset, quoted, to_si, unit_in
 from agglom_mpi.formatting import in_unit, value_with_prefix
-from agglom_mpi.measurements.datum import QUANTITIES, Datum, datum_name, one_name
+from agglom_mpi.measurements.datum import Datum, datum_name
+from agglom_mpi.measurements.files.campaign_files import CURVE_NUMBERS
+from agglom_mpi.measurements.files.size_curve import ShareWeight, SizeCurve
+from agglom_mpi.measurements.files.size_table import CurveKeys
+from agglom_mpi.measurements.quantities import QUANTITIES, MeasuredQuantity
 
-SIZES_QUANTITY: Final = "sizes"
-"""The quantity whose numbers are in a file."""
-MASS_QUANTITIES: Final = (SIZES_QUANTITY, "d10", "d50", "d90")
-"""Quantities that are by mass unless something else is stated."""
+if TYPE_CHECKING:
+    QuantityName = str
+else:
+    QuantityName = Literal[tuple(QUANTITIES)]
+
 PERCENT: Final = ("%", "percent")
 """Units of an error relative to its value."""
 _OF_FILES: Final = ("file", "column", "unit", "headings", "counted")
@@ -53,11 +58,11 @@ class DatumEntry(Section):
         Name of the file, beside the campaign file: a cumulative curve, a histogram, or a list of
         diameters, under headings with units such as `sieve size (mm)` and `passing (%)`.
     column
-        Heading of the column to read, where a file has several.
+        Heading of the column to read, where a file has several amounts or sizes.
     unit
         Unit of the sizes, where their heading has none.
     headings
-        What headings of the file mean that are not known: `{finer wt: passing (%)}`.
+        Known headings in place of those of the file: `{finer wt: passing (%)}`.
     counted
         Number of grains that were counted for the shares in the file, in place of `error`. Columns
         of counts and lists of diameters count themselves.
@@ -69,20 +74,7 @@ class DatumEntry(Section):
     }
     """Texts on defaults."""
 
-    quantity: Literal[
-        "sizes",
-        "d10",
-        "d50",
-        "d90",
-        "d43",
-        "d32",
-        "mean_diameter",
-        "mean_radius",
-        "spread",
-        "particles_left",
-        "largest_mass_fraction",
-        "temperature",
-    ] = Field(description=f"allowed: {', '.join(QUANTITIES)}")
+    quantity: QuantityName = Field(description=f"allowed: {', '.join(QUANTITIES)}")
     value: float | None = None
     error: float | None = None
     weight: ShareWeight | None = None
@@ -98,24 +90,24 @@ class DatumEntry(Section):
     @field_validator("value", mode="before")
     @classmethod
     def _in_its_unit(cls, value: Any, info: ValidationInfo) -> Any:
-        quantity = info.data.get("quantity")
-        if quantity is None or quantity == SIZES_QUANTITY:
+        kind = QUANTITIES.get(info.data.get("quantity", ""))
+        if kind is None or kind.is_curve:
             return None
-        number, unit = to_si(value, QUANTITIES[quantity].unit), QUANTITIES[quantity].unit
+        number, unit = to_si(value, kind.unit), kind.unit
         if not number > 0.0:
             raise ValueError(f"is {quoted(value)}; must be greater than {in_unit('0', unit)}")
-        if number > (most := QUANTITIES[quantity].most):
-            raise ValueError(f"is {quoted(value)}; must be at most {most:g}")
+        if number > kind.most:
+            raise ValueError(f"is {quoted(value)}; must be at most {kind.most:g}")
         return number
 
     @field_validator("error", mode="before")
     @classmethod
     def _error_in_its_unit(cls, value: Any, info: ValidationInfo) -> Any:
-        quantity = info.data.get("quantity")
-        if quantity is None:
+        kind = QUANTITIES.get(info.data.get("quantity", ""))
+        if kind is None:
             return None
-        unit, given = QUANTITIES[quantity].unit, unit_in(value)
-        if given in PERCENT and quantity != SIZES_QUANTITY and unit != "1":
+        unit, given = kind.unit, unit_in(value)
+        if given in PERCENT and unit != "1":
             # The quantity has a unit, so that a percentage can be nothing but relative.
             number = to_si(value, "1") * (info.data.get("value") or 1.0)
         else:
@@ -124,7 +116,7 @@ class DatumEntry(Section):
             raise ValueError(f"is {quoted(value)}; a difference of temperatures must be in K")
         if not number > 0.0:
             raise ValueError(f"is {quoted(value)}; must be greater than {in_unit('0', unit)}")
-        if quantity == SIZES_QUANTITY and number >= 1.0:
+        if kind.is_curve and number >= 1.0:
             raise ValueError(f"is {quoted(value)}; the error of a share must be less than 100 %")
         return number
 
@@ -135,8 +127,8 @@ class DatumEntry(Section):
 
     def _problems(self) -> Iterator[tuple[FieldPath, str]]:
         """Yield keys that the quantity lacks, or does not have."""
-        is_file = self.quantity == SIZES_QUANTITY
-        if not QUANTITIES[self.quantity].has_weight and self.weight is not None:
+        is_file = self.kind.is_curve
+        if not self.kind.has_weight and self.weight is not None:
             weighted = ", ".join(name for name, each in QUANTITIES.items() if each.has_weight)
             message = f"is {self.weight!r}; must be left out of {self.quantity}, and belongs to"
             yield ("weight",), f"{message} {weighted}"
@@ -150,9 +142,14 @@ class DatumEntry(Section):
             yield ("file",), "is missing; a curve, a histogram or a list, like 'sieve.csv'"
         for key in () if is_file else ("value", "error"):
             if getattr(self, key) is None:
-                unit = QUANTITIES[self.quantity].unit
+                unit = self.kind.unit
                 like = "a number" if unit == "1" else f"a number in {unit}, or a text with a unit"
                 yield (key,), f"is missing; {like}"
+
+    @property
+    def kind(self) -> MeasuredQuantity:
+        """The quantity with its unit and limits."""
+        return QUANTITIES[self.quantity]
 
     @property
     def curve_keys(self) -> CurveKeys:
@@ -177,7 +174,7 @@ class DatumEntry(Section):
         """Weight of the quantity; by number if it has none."""
         if self._curve is not None:
             return self._curve.weight
-        return self.weight or ("mass" if self.quantity in MASS_QUANTITIES else "number")
+        return self.weight or self.kind.usual_weight
 
     @property
     def label(self) -> str:
@@ -188,8 +185,7 @@ class DatumEntry(Section):
     def summary(self) -> str:
         """One line on the datum and its numbers."""
         if self._curve is None:
-            unit = QUANTITIES[self.quantity].unit
-            value, error = (_shown(number, unit) for number in (self.value, self.error))
+            value, error = (_shown(each, self.kind.unit) for each in (self.value, self.error))
             with_others = [f"{r:g} with data.{place}" for place, r in self._correlations.items()]
             more = f", correlation {', '.join(with_others)}" if with_others else ""
             return f"{self.label}: {value} ± {error}{more}"
@@ -220,7 +216,7 @@ class DatumEntry(Section):
     def entries(self) -> dict[str, Any]:
         """Return the datum as plain values; the numbers of a file as texts, without its name."""
         found: dict[str, Any] = {"quantity": self.quantity}
-        if QUANTITIES[self.quantity].has_weight:
+        if self.kind.has_weight:
             found["weight"] = self.used_weight
         if self.time is not None:
             found["time"] = self.time
@@ -232,16 +228,30 @@ class DatumEntry(Section):
         return {**found, "errors_of": self._curve.errors_of, **numbers}
 
 
+def with_curves(
+    data: Sequence[DatumEntry], files: NamedFiles
+) -> tuple[tuple[DatumEntry, ...], list[tuple[FieldPath, str]]]:
+    """Return the entries with what their files hold, and what is wrong with these."""
+    found, problems = [], []
+    for place, entry in enumerate(data):
+        if entry.file is None:
+            found.append(entry)
+            continue
+        try:
+            found.append(entry.with_curve(files.curve(place, entry.file, entry.curve_keys)))
+        except FieldError as error:
+            problems += [((place, *path), message) for path, message in error.problems]
+        except ValueError as error:
+            problems.append(((place, "file"), str(error)))
+    return tuple(found), problems
+
+
 def built_data(entries: Sequence[DatumEntry]) -> tuple[Datum, ...]:
     """Return the data of a section in SI units."""
     found: list[Datum] = []
     for entry in entries:
         found.append(entry.build(found))
     return tuple(found)
-
-
-CURVE_NUMBERS: Final = ("edges", "shares", "errors")
-"""Entries of an identity with the numbers of a file."""
 
 
 def impossible_data(
@@ -259,8 +269,8 @@ def impossible_data(
             own = value_with_prefix(entry.time, "s")
             message = f"is {own}; needs a fixed end_time of the scene, which every sample reaches"
             yield (i, "time"), message
-        if entry.quantity == "temperature" and not has_heat:
-            message = "is 'temperature', but heating is 'none'; the scene must have heating"
+        if entry.kind.needs_heat and not has_heat:
+            message = f"is {entry.quantity!r}, but heating is 'none'; the scene must have heating"
             yield (i, "quantity"), message
 
 
@@ -287,14 +297,15 @@ def repeated_data(
 
 def _are_one(entry: DatumEntry, other: DatumEntry) -> bool:
     """Return whether two data of one time are the same, or a curve and one of its diameters."""
-    names = [one_name(each.quantity, each.used_weight) for each in (entry, other)]
+    names = [each.kind.one_name(each.used_weight) for each in (entry, other)]
     if names[0] == names[1]:
         return entry.label != other.label or entry.entries() == other.entries()
     for (curve, number), name in zip(((entry, other), (other, entry)), names[::-1], strict=True):
         if curve._curve is not None and number.value is not None:
-            own = {one_name(*key): ends for key, ends in curve._curve.diameters().items()}
+            diameters = curve._curve.diameters().items()
+            own = {QUANTITIES[key].one_name(by): ends for (key, by), ends in diameters}
             low, high = own.get(name, (np.inf, -np.inf))
-            value = number.value * (2.0 if number.quantity == "mean_radius" else 1.0)
+            value = number.value / number.kind.factor
             return low * (1.0 - TOLD_APART) < value < high * (1.0 + TOLD_APART)
     return False
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from agglom_mpi.config.quantities import BY_NAME, quantity_values
 
 if TYPE_CHECKING:
-    from agglom_mpi.config.campaign_sections import CampaignSections
+    from agglom_mpi.config.campaign import Campaign
 
 Floats = NDArray[np.float64]
 
@@ -35,11 +35,11 @@ class DerivedColumn(NamedTuple):
     own: bool
 
 
-def columns_of(campaign: "CampaignSections", strings: Floats) -> list[DerivedColumn]:
+def columns_of(campaign: "Campaign", strings: Floats) -> list[DerivedColumn]:
     """Return the derived columns of strings, (n, k), of a campaign."""
     implied = ["volume_fraction"] if campaign.variables.by_volume_fraction else []
     implied += [] if campaign.scene.diameter is None else ["half_width"]
-    parameters = campaign.variables.table.columns_by_name(strings)
+    parameters = campaign.variables.columns_by_name(strings)
     values = quantity_values(campaign.scenes, implied, parameters)
     columns = [DerivedColumn(n, BY_NAME[n].unit, values[n], False) for n in implied]
     own = campaign.derived_values(strings)

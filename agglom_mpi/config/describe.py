@@ -1,23 +1,20 @@
 """Description of what a campaign would run, as `agglom check CAMPAIGN.yaml` prints it."""
 
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from agglom_mpi.config.allowed_share import allowed_share
-from agglom_mpi.config.bounds import required_variables
 from agglom_mpi.config.consequences import consequences
 from agglom_mpi.config.identity import digest, identity
-from agglom_mpi.config.own_variables import own_variables
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.declaration.laws import Law
-from agglom_mpi.errors import CodeNotAllowedError
 from agglom_mpi.formatting import in_unit, pluralise, shortened, value_with_prefix
-from agglom_mpi.variables import VOLUME_FRACTION, volume_fraction
+from agglom_mpi.variables import volume_fraction
 
 if TYPE_CHECKING:
-    from agglom_mpi.config.campaign_sections import CampaignSections
+    from agglom_mpi.config.campaign import Campaign
 
 
 def submodels(scene: SceneSection, paths: Collection[str] = ()) -> tuple[list[str], list[str]]:
@@ -36,9 +33,9 @@ def submodels(scene: SceneSection, paths: Collection[str] = ()) -> tuple[list[st
     return used, [key for key, _, is_used in laws if not is_used]
 
 
-def in_a_few_words(campaign: "CampaignSections") -> str:
+def in_a_few_words(campaign: "Campaign") -> str:
     """Return title, number of grains, and what is searched how, on one line."""
-    searched = [variable.name for variable in own_variables(campaign.variables)]
+    searched = [variable.name for variable in campaign.variables.own]
     if len(searched) > MAX_NAMED:
         searched = [pluralise(len(searched), "variable")]
     search = "nothing is searched"
@@ -88,7 +85,7 @@ FRAME_BYTES: Final = 88
 """Bytes stored of a grain in a frame."""
 
 
-def text(campaign: "CampaignSections") -> str:
+def text(campaign: "Campaign") -> str:
     """Return all paragraphs, each a heading with indented lines."""
     return "\n".join(
         line
@@ -97,7 +94,7 @@ def text(campaign: "CampaignSections") -> str:
     )
 
 
-def as_dict(campaign: "CampaignSections") -> dict[str, object]:
+def as_dict(campaign: "Campaign") -> dict[str, object]:
     """Return the paragraphs as plain values for JSON, and what decides results."""
     (_, run), *others = sections(campaign)
     found: dict[str, object] = {"file": campaign.name, "title": campaign.title, "run": run}
@@ -106,45 +103,34 @@ def as_dict(campaign: "CampaignSections") -> dict[str, object]:
     return found | {"sha256": digest(entries), "identity": entries}
 
 
-def sections(campaign: "CampaignSections") -> list[Paragraph]:
+def sections(campaign: "Campaign") -> list[Paragraph]:
     """Return headings with their lines."""
-    paths = campaign.variables.table.further_names
+    paths = campaign.variables.further_names
     used, left_out = submodels(campaign.scene, paths)
     return [
         (shortened(campaign.title) or campaign.name, _run(campaign)),
-        ("Scene", _known(lambda: _scene(campaign))),
+        ("Scene", _scene(campaign)),
         ("Variables", _variables(campaign)),
         *_relations(campaign),
         *_data(campaign),
-        ("What follows", _known(lambda: consequences(campaign))),
+        ("What follows", consequences(campaign)),
         ("Submodels", used),
         ("Left out", left_out + _not_stored(campaign) or ["nothing"]),
     ]
 
 
-def _known(lines: Callable[[], list[str]]) -> list[str]:
-    """Return lines; where they need code of one's own that may not run, a line that says so."""
-    try:
-        return lines()
-    except CodeNotAllowedError as error:
-        return [f"not known: {error}"]
-
-
-def _relations(campaign: "CampaignSections") -> list[Paragraph]:
+def _relations(campaign: "Campaign") -> list[Paragraph]:
     """Return the constraints, with the share of the box that they allow."""
     constraints = campaign.relations.constraints
     if not constraints:
         return []
     lines = [each.text for each in constraints]
     if campaign.variables.searched:
-        share = _known(
-            lambda: [f"allowed: {allowed_share(campaign)} of the box, by random strings"]
-        )
-        lines += share
+        lines += [f"allowed: {allowed_share(campaign)} of the box, by random strings"]
     return [("Constraints", lines)]
 
 
-def _data(campaign: "CampaignSections") -> list[Paragraph]:
+def _data(campaign: "Campaign") -> list[Paragraph]:
     """Return a line for each measured datum."""
     lines = [entry.summary for entry in campaign.data_entries]
     if campaign.census is None:
@@ -155,7 +141,7 @@ def _data(campaign: "CampaignSections") -> list[Paragraph]:
     return [("Data", [*lines, counted])]
 
 
-def _not_stored(campaign: "CampaignSections") -> list[str]:
+def _not_stored(campaign: "Campaign") -> list[str]:
     lines = []
     if fields := missing_fields(campaign.scene):
         lines.append(f"particles do not record: {', '.join(fields)}")
@@ -168,14 +154,14 @@ def _not_stored(campaign: "CampaignSections") -> list[str]:
     return lines
 
 
-def _run(campaign: "CampaignSections") -> list[str]:
+def _run(campaign: "Campaign") -> list[str]:
     lines = [f"seed: {campaign.seed}", f"objective: {_objective(campaign)}"]
     if campaign.plan is None:
         return [*lines, "a scene: nothing is searched, `agglom simulate` runs it"]
     return lines + _search(campaign) + _stored(campaign)
 
 
-def _stored(campaign: "CampaignSections") -> list[str]:
+def _stored(campaign: "Campaign") -> list[str]:
     """Return what is stored beside a row for each sample, with its size."""
     output, grains = campaign.output, campaign.scene.particles
     lines = []
@@ -193,7 +179,7 @@ def _stored(campaign: "CampaignSections") -> list[str]:
     return lines
 
 
-def _search(campaign: "CampaignSections") -> list[str]:
+def _search(campaign: "Campaign") -> list[str]:
     search, ensemble, stopping = campaign.search, campaign.ensemble, campaign.stopping
     strings = campaign.max_strings
     sooner = bool(stopping.criteria)
@@ -221,7 +207,7 @@ def _search(campaign: "CampaignSections") -> list[str]:
     return lines
 
 
-def _final(campaign: "CampaignSections") -> str:
+def _final(campaign: "Campaign") -> str:
     final = campaign.final
     if final is None:
         return "none; objectives are as searched, by the samples that strings are chosen by"
@@ -238,7 +224,7 @@ def _between(fewest: int | None, most: int) -> str:
     return f"{most:,}" if fewest in (None, most) else f"{fewest:,} to {most:,}"
 
 
-def _objective(campaign: "CampaignSections") -> str:
+def _objective(campaign: "Campaign") -> str:
     function = campaign.user_function
     if function is None:
         return campaign.objective.summary
@@ -246,10 +232,10 @@ def _objective(campaign: "CampaignSections") -> str:
     return f"{campaign.objective.summary} ({digest}), run with --allow-code only"
 
 
-def _scene(campaign: "CampaignSections") -> list[str]:
+def _scene(campaign: "Campaign") -> list[str]:
     scene = campaign.scene
     mean = "" if scene.sizes is None else "mean "
-    paths = campaign.variables.table.further_names
+    paths = campaign.variables.further_names
     if scene.diameter is not None:
         diameter = value_with_prefix(scene.diameter, "m")
         diameters = {campaign.at(string).section.diameter for string in _ends(campaign)}
@@ -280,7 +266,7 @@ SHARES: Final = (0.1, 0.5, 0.9)
 """Shares of the grains, or of their volume, that are smaller than d10, d50 and d90."""
 
 
-def _sizes(campaign: "CampaignSections") -> list[str]:
+def _sizes(campaign: "Campaign") -> list[str]:
     """Return the law of sizes with its quantiles by number and by volume, if grains differ.
 
     Where strings have numbers of the law these are of the middle of the box.
@@ -303,11 +289,11 @@ def _sizes(campaign: "CampaignSections") -> list[str]:
     return lines
 
 
-def _ends(campaign: "CampaignSections") -> tuple[np.ndarray, np.ndarray]:
+def _ends(campaign: "Campaign") -> tuple[np.ndarray, np.ndarray]:
     return campaign.variables.lower, campaign.variables.upper
 
 
-def _fractions(campaign: "CampaignSections") -> tuple[float, float]:
+def _fractions(campaign: "Campaign") -> tuple[float, float]:
     """Return the smallest and largest volume fraction at the ends of the box."""
     found = []
     for string in _ends(campaign):
@@ -316,26 +302,20 @@ def _fractions(campaign: "CampaignSections") -> tuple[float, float]:
     return min(found), max(found)
 
 
-def _variables(campaign: "CampaignSections") -> list[str]:
-    table = campaign.variables.table
-    reasons = required_variables(campaign.scene, table)
-    logarithmic = {table.names[i] for i in np.flatnonzero(campaign.variables.logarithmic)}
-    width = max([18, *(len(name) + 1 for name in table.further_names)])
-    lines = []
-    for variable, *ends in zip(table.variables, *_ends(campaign), strict=True):
-        name, (lower, upper) = variable.name, ends
-        if name == "size_ratio" and campaign.variables.by_volume_fraction:
-            name, lower, upper = VOLUME_FRACTION.name, *map(campaign.fraction, (lower, upper))
-        if variable.name in campaign.variables.searched:
-            value = f"{lower:g} .. {upper:g}"
-            if variable.name in logarithmic:
-                value += ", logarithmic"
-        elif variable.name in reasons:
-            value = f"{lower:g} (fixed)"
-        elif variable.name in campaign.variables.ignored:
-            value = "ignored: nothing depends on it"
+def _variables(campaign: "Campaign") -> list[str]:
+    box, lines = campaign.variables, []
+    width = max([18, *(len(name) + 1 for name in box.further_names)])
+    for variable in box.variables:
+        if variable.name in box.used:
+            own = box.as_named(variable)
+            value = (
+                f"{own.lower:g} .. {own.upper:g}" if own.is_searched else f"{own.lower:g} (fixed)"
+            )
+            value += ", logarithmic" if own.is_searched and own.logarithmic else ""
+        elif variable.name in box.ignored:
+            own, value = variable, "ignored: nothing depends on it"
         else:
             continue
-        unit = "" if variable.unit == "1" else variable.unit
-        lines.append(f"{name:<{width}}{unit:<8}{value}")
+        unit = "" if own.unit == "1" else own.unit
+        lines.append(f"{own.name:<{width}}{unit:<8}{value}")
     return lines

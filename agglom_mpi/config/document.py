@@ -1,10 +1,10 @@
 """The campaign file as one typed model, with the checks between sections."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from typing import Annotated, Any, Final, Self
 
+import numpy as np
 from pydantic import (
     Field,
     ValidationError,
@@ -15,27 +15,30 @@ from pydantic import (
 )
 
 from agglom_mpi.config.bounds import (
-    Range,
     VariableEntries,
     check_required,
     entries_model,
     ranges_of,
     required_variables,
+    variables_of,
 )
 from agglom_mpi.config.correlations import Correlation, stated_pairs
-from agglom_mpi.config.data_files import with_curves
-from agglom_mpi.config.data_section import DatumEntry, impossible_data, repeated_data
+from agglom_mpi.config.data_section import (
+    DatumEntry,
+    impossible_data,
+    repeated_data,
+    with_curves,
+)
 from agglom_mpi.config.field_errors import to_campaign_error
-from agglom_mpi.config.path_entries import PathEntries, read_paths
 from agglom_mpi.config.plan import (
     FinalAnswer,
     Output,
     Plan,
     Stopping,
 )
-from agglom_mpi.config.relation_reader import quantity_problems, read_constraints, read_derived
+from agglom_mpi.config.relations import quantity_problems, read_constraints, read_derived
 from agglom_mpi.config.scene import MAX_PARTICLES, SceneSection
-from agglom_mpi.config.size_file import SizeReader, unread
+from agglom_mpi.config.scene_paths import PathEntries, read_paths
 from agglom_mpi.config.yaml_source import CampaignError, Problem, Source, parse
 from agglom_mpi.declaration.choices import Choice
 from agglom_mpi.declaration.declared import FieldError, FieldPath, raise_field_errors
@@ -48,7 +51,7 @@ from agglom_mpi.search.methods.method import SearchMethod
 from agglom_mpi.search.objectives.growth import MaximumGrowth
 from agglom_mpi.search.objectives.objective import Objective
 from agglom_mpi.search.stopping import StoppingRule
-from agglom_mpi.variables import VOLUME_FRACTION, VariableTable, volume_fraction
+from agglom_mpi.variables import VariableTable
 
 
 class SceneDocument(Section):
@@ -111,7 +114,7 @@ class SceneDocument(Section):
     def _variables_fit_scene(cls, entries: Any, info: ValidationInfo) -> Any:
         if "scene" in info.data:
             scene, table = info.data["scene"], reading_of(info).variables
-            ranges = ranges_of(entries, scene.third_moment, table)
+            ranges = ranges_of(entries, table)
             raise_field_errors(check_required(scene, ranges, table))
         return entries
 
@@ -247,12 +250,10 @@ class CampaignDocument(SceneDocument):
     def _given_strings_are_in_the_box(
         cls, search: SearchMethod, info: ValidationInfo
     ) -> SearchMethod:
-        if "variables" in info.data and search.listed:
+        if "variables" in info.data and "scene" in info.data and search.listed:
             entries, table = info.data["variables"], reading_of(info).variables
-            by_fraction = entries.volume_fraction is not None
-            scene = info.data.get("scene")
-            ranges = ranges_of(entries, 1.0 if scene is None else scene.third_moment, table)
-            raise_field_errors(check_given_strings(search.listed, ranges, by_fraction))
+            box = variables_of(entries, info.data["scene"], table)
+            raise_field_errors(check_given_strings(search.listed, box))
         return search
 
     @field_validator("search")
@@ -299,7 +300,7 @@ class CampaignDocument(SceneDocument):
 
 
 def read_document(
-    text: str, name: str, read_sizes: SizeReader = unread, reading: Reading = PLAIN
+    text: str, name: str, reading: Reading = PLAIN
 ) -> tuple[SceneDocument, PathEntries]:
     """Parse and validate the text of the campaign file `name`; raise a CampaignError.
 
@@ -314,8 +315,7 @@ def read_document(
         message = "holds none of the sections of a campaign, such as `scene:` and `variables:`"
         raise CampaignError(Problem(name, None, "", message))
     reason = _reason_for_search(source)
-    entries = read_paths(_with_sizes(source, read_sizes, reading), reading)
-    _check_fractions(source, entries.table)
+    entries = read_paths(_with_sizes(source, reading), reading)
     reading = reading._replace(variables=entries.table)
     model = _model_of(CampaignDocument if reason else SceneDocument, entries.table)
     try:
@@ -339,7 +339,7 @@ def _model_of(model: type[SceneDocument], table: VariableTable) -> type[SceneDoc
     return create_model(model.__name__, __base__=model, variables=variables)
 
 
-def _with_sizes(source: Source, read_sizes: SizeReader, reading: Reading) -> Source:
+def _with_sizes(source: Source, reading: Reading) -> Source:
     """Return a file with what is in the file of sizes that its scene may name."""
     data: dict[str, Any] = source.data
     scene: Any = data.get("scene")
@@ -354,7 +354,7 @@ def _with_sizes(source: Source, read_sizes: SizeReader, reading: Reading) -> Sou
                 message = f"unknown key '{str(key)[:40]}'; allowed beside file: law, basis"
                 problems.append(((*path, str(key)), message))
         try:
-            found = read_sizes(sizes["file"])
+            found = reading.files.diameters(sizes["file"])
         except ValueError as error:
             problems.append(((*path, "file"), str(error)))
         else:
@@ -363,22 +363,6 @@ def _with_sizes(source: Source, read_sizes: SizeReader, reading: Reading) -> Sou
     if problems:
         raise CampaignError(*(source.problem(where, message) for where, message in problems))
     return replace(source, data=data)
-
-
-def _check_fractions(source: Source, table: VariableTable) -> None:
-    """Raise a CampaignError if a given string has a volume fraction that cannot be read alone."""
-    scene, search = source.data.get("scene"), source.data.get("search")
-    start = search.get("start") if isinstance(search, dict) else None
-    if not isinstance(scene, dict) or scene.get("sizes") is None or VOLUME_FRACTION.name in table:
-        return
-    message = "is not read of strings where grains have sizes; give size_ratio"
-    places: list[FieldPath] = [
-        ("search", "start", i, VOLUME_FRACTION.name)
-        for i, string in enumerate(start if isinstance(start, list) else ())
-        if isinstance(string, dict) and VOLUME_FRACTION.name in string
-    ]
-    if places:
-        raise CampaignError(*(source.problem(place, message) for place in places))
 
 
 NEEDED_TO_SEARCH: Final = ("objective", "ensemble", "stopping")
@@ -400,9 +384,7 @@ def _reason_for_search(source: Source) -> str:
 
 
 def check_given_strings(
-    strings: list[dict[str, float]],
-    entries: Mapping[str, Range | None],
-    by_fraction: bool = False,
+    strings: list[dict[str, float]], box: VariableTable
 ) -> list[tuple[FieldPath, str]]:
     """Return problems of given strings: values not searched or outside the box, duplicates.
 
@@ -410,25 +392,20 @@ def check_given_strings(
     ----------
     strings
         Values in SI units by name.
-    entries
-        Ranges of the variables by name.
-    by_fraction
-        Whether to say the volume fraction in place of the size ratio.
+    box
+        The variables of the campaign with their ranges.
     """
     problems: list[tuple[FieldPath, str]] = []
     for i, string in enumerate(strings):
         if string in strings[:i]:  # equal strings have equal samples, so that nothing is learnt
             problems.append((("start", i), "is the same string as one before it"))
         for name, value in string.items():
-            entry, path = entries[name], ("start", i, name)
-            if entry is None or entry.lower == entry.upper:
+            entry, own = box[name], box.as_named(box[name])
+            path = ("start", i, own.name)
+            if not entry.is_searched:
                 problems.append((path, "is not searched; give values of variables with a range"))
             elif not entry.lower <= value <= entry.upper:
-                numbers = [value, entry.lower, entry.upper]
-                if by_fraction and name == "size_ratio":
-                    path = ("start", i, VOLUME_FRACTION.name)
-                    numbers = [volume_fraction(number) for number in numbers]
-                own, lower, upper = (f"{number:g}" for number in numbers)
-                message = f"is {own}; must be within its range, {lower} to {upper}"
+                [given] = own.of_components(np.array([value]))
+                message = f"is {given:g}; must be within its range, {own.lower:g} to {own.upper:g}"
                 problems.append((path, message))
     return problems

@@ -15,6 +15,7 @@ from typing import Any, Final, Literal, NamedTuple, TypeAlias, get_args, get_ori
 from pydantic_core import PydanticUndefined
 
 from agglom_mpi.config.document import CampaignDocument
+from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.declaration.choices import choice_of
 from agglom_mpi.declaration.components import Component, In, Whole, number_of
 from agglom_mpi.declaration.declared import MISSING, declared_in
@@ -298,3 +299,64 @@ def texts_of(annotation: Any) -> tuple[str, ...]:
 def needed_by(component: type[Component]) -> tuple[str, ...]:
     """Return the variables that a law needs; none of other components."""
     return (*component.variables, *component.needs) if issubclass(component, Law) else ()
+
+
+def component_kinds() -> dict[Path, type[Component]]:
+    """Return the kinds of components by their paths in a campaign file: `scene`, `restitution`."""
+    sections: tuple[tuple[Path, type[Section]], ...] = (
+        (("scene",), SceneSection),
+        ((), CampaignDocument),
+    )
+    kinds: dict[Path, type[Component]] = {
+        (*path, key): choice.kind
+        for path, section in sections
+        for key, field in section.model_fields.items()
+        if (choice := choice_of(field))
+    }
+    return kinds | {("stopping",): EndingCriterion}
+
+
+def component_tables() -> str:
+    """Return a Markdown table of each kind of component: names, keys, and what each one is."""
+    return "\n".join(map(_component_table, component_kinds()))
+
+
+def _component_table(path: Path) -> str:
+    rows = [f"| `{'.'.join(path)}` | keys | |", "|---|---|---|"]
+    for topic in below(path):
+        if topic.example or (
+            path == ("stopping",) and topic.path[-1] in EndingCriterion.components()
+        ):
+            keys = "; ".join(map(_key_text, below(topic.path))) or topic.allowed
+            needs = f" Needs {', '.join(f'`{name}`' for name in topic.needs)}." * bool(topic.needs)
+            rows.append(f"| `{topic.path[-1]}` | {keys} | {_cell(topic.meaning)}{needs} |")
+    return "\n".join([*rows, ""])
+
+
+def _key_text(topic: Topic) -> str:
+    allowed = topic.allowed.removeprefix("whole ").removeprefix("number").strip()
+    default = f"({topic.default})" if topic.default not in (None, "", "none", "as below") else ""
+    return " ".join(filter(None, (f"`{topic.path[-1]}`", allowed, default)))
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|")
+
+
+def section_tables() -> str:
+    """Return a Markdown table of the keys of each section, and of each mapping of a component."""
+    sections = [(), *(path for path, topic in topics().items() if not topic.example)]
+    # Keys stand below the others, and not components.
+    with_keys = (path for path in sections if any(not topic.example for topic in below(path)))
+    tables = map(_section_table, with_keys)
+    return "\n".join(dict.fromkeys(tables))  # racing is the same of several rules
+
+
+def _section_table(path: Path) -> str:
+    name = f"`{path[-1]}`" if path else "at the top"
+    rows = [f"| {name} | allowed | default | |", "|---|---|---|---|"]
+    for topic in below(path):
+        default = "**must be given**" if topic.default is None else topic.default
+        cells = (f"`{topic.path[-1]}`", topic.allowed, default, _cell(topic.meaning))
+        rows.append(f"| {' | '.join(cells)} |")
+    return "\n".join([*rows, ""])

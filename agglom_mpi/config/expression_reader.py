@@ -12,7 +12,7 @@ from keyword import iskeyword
 from typing import Final
 
 from agglom_mpi.config.dimensions import PURE, dimension_of
-from agglom_mpi.config.expressions import Binary, Comparison, Name, Negative, Node, Number
+from agglom_mpi.config.expressions import Comparison, Name, Node, Number, Operation
 from agglom_mpi.declaration.spelling import remedy, with_plain_minus
 from agglom_mpi.declaration.units import has_offset, in_base_units, quoted
 
@@ -53,13 +53,8 @@ def read_expression(text: str, names: Collection[str], recorded: bool = False) -
 def read_comparison(text: str, names: Collection[str], recorded: bool = False) -> Comparison:
     """Return the operands of a constraint; arguments and errors as for `read_expression`."""
     parsed, reader = _parse(text, names, recorded)
-    if isinstance(parsed, ast.BoolOp):
-        word = "and" if isinstance(parsed.op, ast.And) else "or"
-        raise ValueError(f"has '{word}'; all constraints must hold, each an entry of its own")
-    if not isinstance(parsed, ast.Compare):
+    if not isinstance(parsed, ast.Compare) or not {*map(type, parsed.ops)} <= _COMPARED.keys():
         raise ValueError(f"is {quoted(text)}; must compare two quantities by <, <=, > or >=")
-    if not all(type(each) in _COMPARED for each in parsed.ops):
-        raise ValueError(f"is {quoted(text)}; must compare by <, <=, > or >=")
     operands = tuple(reader.node(each) for each in (parsed.left, *parsed.comparators))
     return Comparison(text, operands, tuple(_COMPARED[type(each)] for each in parsed.ops))
 
@@ -212,12 +207,18 @@ class _Reader:
             case ast.UnaryOp(op=ast.USub(), operand=ast.Name(id=name)) if name in self.negatives:
                 return self.quantity(*self.negatives[name])
             case ast.UnaryOp(op=ast.USub(), operand=operand):
-                return Negative(self.operand(operand))
+                return Operation("-", (self.operand(operand),))
             case ast.UnaryOp(op=ast.UAdd(), operand=operand):
                 return self.node(operand)
             case ast.BinOp(left=left, op=op, right=right) if type(op) in _BINARY:
-                return Binary(_BINARY[type(op)], self.operand(left), self.operand(right))
-        raise ValueError(f"is {quoted(self.text)}, which has {_what(node)}; {ALLOWED}")
+                return Operation(_BINARY[type(op)], (self.operand(left), self.operand(right)))
+        what = ast.unparse(node)
+        for place, text in {
+            **self.paths,
+            **{k: n.text for k, n in self.quantities.items()},
+        }.items():
+            what = what.replace(place, text)
+        raise ValueError(f"is {quoted(self.text)}, which has {quoted(what)}; {ALLOWED}")
 
     def number(self, value: float) -> Number:
         """Return a pure number."""
@@ -228,23 +229,3 @@ class _Reader:
         if not math.isfinite(number):
             raise ValueError(f"is {quoted(self.text)}, which has a number that is too large")
         return Number(number, PURE, f"{number:g}")
-
-
-def _what(node: ast.expr) -> str:
-    """Return what is not allowed, in words."""
-    match node:
-        case ast.Call():
-            return "a call"
-        case ast.Attribute():
-            return f"the unknown path {quoted(ast.unparse(node))}"
-        case ast.Compare() | ast.BoolOp():
-            return "a comparison within"
-        case ast.Constant(value=str() | bytes()):
-            return "a text within"
-        case ast.Name(id=name):
-            return f"the name {quoted(name)}"
-        case ast.BinOp(op=ast.Mod()):
-            return "the operator %"
-        case ast.BinOp(op=ast.FloorDiv()):
-            return "the operator //"
-    return "something else than arithmetic"

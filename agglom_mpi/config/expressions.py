@@ -41,21 +41,14 @@ class Name(NamedTuple):
     name: str
 
 
-class Negative(NamedTuple):
-    """The negative of an operand."""
-
-    operand: "Node"
-
-
-class Binary(NamedTuple):
-    """Two operands with an operator of `OPERATORS`."""
+class Operation(NamedTuple):
+    """Two operands with an operator of `OPERATORS`, or the negative of one."""
 
     operator: str
-    left: "Node"
-    right: "Node"
+    operands: "tuple[Node, ...]"
 
 
-Node = Number | Name | Negative | Binary
+Node = Number | Name | Operation
 
 OPERATORS: Final[dict[str, Callable[[Any, Any], Any]]] = {
     "+": np.add,
@@ -80,28 +73,21 @@ class Comparison(NamedTuple):
     operators: tuple[str, ...]
 
 
+def nodes_of(node: Node) -> Iterator[Node]:
+    """Yield all nodes of a tree."""
+    yield node
+    for operand in node.operands if isinstance(node, Operation) else ():
+        yield from nodes_of(operand)
+
+
 def names_in(node: Node) -> Iterator[str]:
     """Yield the names in a tree, repeated ones too."""
-    match node:
-        case Name(name=name):
-            yield name
-        case Negative(operand=operand):
-            yield from names_in(operand)
-        case Binary(left=left, right=right):
-            yield from names_in(left)
-            yield from names_in(right)
+    return (each.name for each in nodes_of(node) if isinstance(each, Name))
 
 
 def size_of(node: Node, sizes: Mapping[str, int]) -> int:
     """Return the number of nodes of a tree, a name counting as many as `sizes` says or 1."""
-    match node:
-        case Name(name=name):
-            return sizes.get(name, 1)
-        case Negative(operand=operand):
-            return 1 + size_of(operand, sizes)
-        case Binary(left=left, right=right):
-            return 1 + size_of(left, sizes) + size_of(right, sizes)
-    return 1
+    return sum(sizes.get(each.name, 1) if isinstance(each, Name) else 1 for each in nodes_of(node))
 
 
 def text_of(node: Node, definitions: Mapping[str, str]) -> str:
@@ -115,30 +101,19 @@ def text_of(node: Node, definitions: Mapping[str, str]) -> str:
     """
     match node:
         case Number(value=value):
-            return repr(value)
+            return definitions.get(repr(value), repr(value))
         case Name(name=name):
             return definitions.get(name, name)
-        case Negative(operand=operand):
-            return f"(-{text_of(operand, definitions)})"
-        case Binary(operator=symbol, left=left, right=right):
-            return f"({text_of(left, definitions)} {symbol} {text_of(right, definitions)})"
+        case Operation(operator=symbol, operands=operands):
+            *left, right = (text_of(each, definitions) for each in operands)
+            return f"({left[0]} {symbol} {right})" if left else f"(-{right})"
 
 
 def shown(node: Node) -> str:
     """Return a tree as text for messages, with the numbers as they are written."""
-    match node:
-        case Number(text=text):
-            return text
-        case Name(name=name):
-            return name
-        case Negative(operand=operand):
-            return f"-{_inner(operand)}"
-        case Binary(operator=symbol, left=left, right=right):
-            return f"{_inner(left)} {symbol} {_inner(right)}"
-
-
-def _inner(node: Node) -> str:
-    return f"({shown(node)})" if isinstance(node, Negative | Binary) else shown(node)
+    written = {repr(n.value): n.text for n in nodes_of(node) if isinstance(n, Number)}
+    text = text_of(node, written)
+    return text[1:-1] if isinstance(node, Operation) else text
 
 
 def evaluate(node: Node, values: Mapping[str, Any]) -> Any:
@@ -155,11 +130,10 @@ def evaluate(node: Node, values: Mapping[str, Any]) -> Any:
             return np.float64(value)
         case Name(name=name):
             return np.asarray(values[name], np.float64)
-        case Negative(operand=operand):
-            return -evaluate(operand, values)
-        case Binary(operator=symbol, left=left, right=right):
+        case Operation(operator=symbol, operands=operands):
+            *left, right = (evaluate(each, values) for each in operands)
             with np.errstate(all="ignore"):
-                return OPERATORS[symbol](evaluate(left, values), evaluate(right, values))
+                return OPERATORS[symbol](left[0], right) if left else -right
 
 
 def satisfied(comparison: Comparison, values: Mapping[str, Any]) -> Any:
@@ -199,14 +173,12 @@ def dimension(node: Node, known: Mapping[str, Dimension]) -> Dimension | _Any:
             if name not in known:
                 raise ValueError(f"has the unknown name '{name[:40]}'; {suggestion(name, known)}")
             return known[name]
-        case Negative(operand=operand):
-            return dimension(operand, known)
-        case Binary(operator="**"):
+        case Operation(operator="**"):
             return _dimension_of_power(node, known)
-        case Binary(operator="+" | "-", left=left, right=right):
-            return common_dimension((left, right), known, f"in '{shown(node)}'")
-        case Binary(operator=symbol, left=left, right=right):
-            above, below = dimension(left, known), dimension(right, known)
+        case Operation(operator="+" | "-", operands=operands):
+            return common_dimension(operands, known, f"in '{shown(node)}'")
+        case Operation(operator=symbol, operands=operands):
+            above, below = (dimension(each, known) for each in operands)
             if symbol == "/" and below is ANY:
                 raise ValueError(f"divides by 0 in '{shown(node)}'")
             if isinstance(above, _Any) or isinstance(below, _Any):
@@ -233,14 +205,14 @@ def common_dimension(
     return found
 
 
-def _dimension_of_power(node: Binary, known: Mapping[str, Dimension]) -> Dimension | _Any:
-    exponent = next(names_in(node.right), None)
-    if exponent is not None or dimension(node.right, known) not in (PURE, ANY):
+def _dimension_of_power(node: Operation, known: Mapping[str, Dimension]) -> Dimension | _Any:
+    below, exponent = node.operands
+    if any(names_in(exponent)) or dimension(exponent, known) not in (PURE, ANY):
         raise ValueError(f"has an exponent that is no plain number in '{shown(node)}'")
-    value = float(evaluate(node.right, {}))
+    value = float(evaluate(exponent, {}))
     if not abs(value) <= MAX_EXPONENT:
         raise ValueError(
             f"has the exponent {value:g} in '{shown(node)}'; at most {MAX_EXPONENT:g} in size"
         )
-    base = dimension(node.left, known)
+    base = dimension(below, known)
     return base if isinstance(base, _Any) else power(base, value)

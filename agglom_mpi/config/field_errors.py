@@ -1,7 +1,7 @@
 """Errors of a campaign's text, with file, line, field, value and what is allowed."""
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from typing import Any, NamedTuple, get_args
 
@@ -12,9 +12,9 @@ from pydantic import (
 
 from agglom_mpi.config.yaml_source import CampaignError, Source
 from agglom_mpi.declaration.choices import choice_of
-from agglom_mpi.declaration.components import Component, number_of
+from agglom_mpi.declaration.components import number_of
 from agglom_mpi.declaration.declared import Declared, FieldError, FieldPath
-from agglom_mpi.declaration.reading import PLAIN, Reading, names_own
+from agglom_mpi.declaration.reading import PLAIN, Reading
 from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.declaration.units import quoted
 
@@ -87,18 +87,6 @@ def _messages(
             section = ".".join(part for part in path[:-1] if isinstance(part, str))
             more = f" (see `{' '.join(filter(None, ('agglom explain', section)))}`)"
             yield path, _unknown_key(str(loc[-1]), models.at(loc[:-1])) + more
-        case "union_tag_not_found":
-            key = context["discriminator"].strip("'")
-            tags = [tag for found in models.at(loc) for tag in _tags(found)]
-            yield (*path, key), f"is missing; allowed: {', '.join(tags)}"
-        case "union_tag_invalid":
-            key, value = context["discriminator"].strip("'"), context["tag"]
-            named = isinstance(source.value(path), dict)
-            place = (*path, key) if named else path
-            given = source.value(place) if place in source.lines else value
-            own = _hint_of_own(str(given), models.at(loc))
-            allowed = _unquoted(context["expected_tags"])
-            yield place, f"is {quoted(given)}; allowed: {allowed}{own}"
         case "literal_error":
             value = quoted(source.value(path))
             yield path, f"is {value}; allowed: {_unquoted(context['expected'])}"
@@ -112,8 +100,6 @@ def _messages(
 
 
 def _expectation(model: type[Any], key: str) -> str | None:
-    if key == "law":
-        return f"allowed: {', '.join(_tags(model))}"
     field = model.model_fields[key]
     number = number_of(field)
     return field.description or (number.meaning if number is not None else None)
@@ -129,7 +115,7 @@ def _unknown_key(key: str, models: Models) -> str:
 
 
 def _path_in_file(loc: FieldPath, source: Source) -> FieldPath:
-    """Return a location without what pydantic adds: tags of unions, `law` of a short form."""
+    """Return a location without what pydantic adds: types of unions, `law` of a short form."""
     path: FieldPath = ()
     for part in loc:
         if (*path, part) in source.lines:
@@ -150,8 +136,7 @@ class _Models(NamedTuple):
         for i, part in enumerate(loc):
             if isinstance(part, int):  # an entry of a list, whose type the key before it gives
                 continue
-            tagged = [found for found in models if part in _tags(found)]
-            models = tagged or [
+            models = [
                 inner
                 for found in models
                 if part in found.model_fields
@@ -166,27 +151,11 @@ class _Models(NamedTuple):
             return _models_within(field.annotation)
         with suppress(ValueError):
             entry = self.source.value(_path_in_file(loc, self.source))
-            own = choice.own_class(entry, self.reading)
-            if own is not None:
-                return [own]
-        return list(choice.components)
+            return [choice.class_of(entry, self.reading)]
+        return []
 
 
 def _models_within(annotation: Any) -> Models:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel | Declared):
         return [annotation]
     return [model for inner in get_args(annotation) for model in _models_within(inner)]
-
-
-def _hint_of_own(given: str, classes: Iterable[type[Any]]) -> str:
-    """Return how a class of one's own is named where a name looks like one; empty elsewhere."""
-    if ":" not in given:
-        return ""
-    if any(issubclass(each, Component) and each.may_be_own for each in classes):
-        return "; a class of your own is FILE.py:Class"
-    return "; no class of your own can stand here" if names_own(given) else ""
-
-
-def _tags(model: type[Any]) -> tuple[str, ...]:
-    fields = (model.model_fields.get(key) for key in ("law", "rule", "method"))
-    return tuple(tag for field in fields if field for tag in get_args(field.annotation))

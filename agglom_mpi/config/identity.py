@@ -6,28 +6,24 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
-    from agglom_mpi.config.bounds import Bounds
-    from agglom_mpi.config.campaign_sections import CampaignSections
+    from agglom_mpi.config.campaign import Campaign
+    from agglom_mpi.variables import VariableTable
 
 SEPARATORS: Final = (",", ":")
 STUDY_SEPARATORS: Final = (", ", ": ")
 """Separators of entries, and of names from values, where an identity is hashed."""
 
 
-def identity(campaign: "CampaignSections") -> dict[str, object]:
+def identity(campaign: "Campaign") -> dict[str, object]:
     """Return a flat mapping such as `scene.particles` -> 100, with all values in SI units.
 
     Title, output, final answer, number of generations and failures allowed are left out: a campaign
     that differs in these continues the same file.
     """
     variables = campaign.variables
-    ends = zip(variables.lower.tolist(), variables.upper.tolist(), strict=True)
-    scales = zip(variables.logarithmic.tolist(), variables.cubic.tolist(), strict=True)
     boxes = {
-        name: (*pair, "log") if logarithmic else (*pair, "cubic") if cubic else pair
-        for name, pair, (logarithmic, cubic) in zip(
-            variables.table.names, ends, scales, strict=True
-        )
+        v.name: (v.lower, v.upper, v.scale) if v.scale else (v.lower, v.upper)
+        for v in variables.variables
     }
     sections = {
         "seed": campaign.seed,
@@ -47,20 +43,20 @@ def identity(campaign: "CampaignSections") -> dict[str, object]:
     return {name: value for name, value in _flat(sections) if name not in given}
 
 
-def _given_as_variables(variables: "Bounds") -> Iterator[str]:
+def _given_as_variables(variables: "VariableTable") -> Iterator[str]:
     """Yield the entries of a scene that stand under `variables`, and so in its entries."""
-    if not variables.paths:
+    if not variables.of_scene:
         return
     # Imported here: a file is read without what reads campaigns.
     from agglom_mpi.config.alternatives import SIZES
 
-    for path in variables.paths:
-        yield path.name
-        if path.section in SIZES:  # each of which is recorded as the diameter or the half-width
+    for name in variables.of_scene:
+        yield name
+        if name in SIZES:  # each of which is recorded as the diameter or the half-width
             yield from SIZES
 
 
-def objective(campaign: "CampaignSections") -> dict[str, object]:
+def objective(campaign: "Campaign") -> dict[str, object]:
     """Return the entries of the objective, with the digest of a user's function."""
     entries: dict[str, object] = campaign.objective.entries()
     if campaign.objective.code is not None:

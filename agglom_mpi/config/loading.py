@@ -7,9 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.config.data_files import DataBesideCampaign, RecordedData
 from agglom_mpi.config.own_components import ONLY_ALLOWED, BesideCampaign
-from agglom_mpi.config.size_file import read_beside, recorded_sizes
 from agglom_mpi.config.user_function import (
     UserFunction,
     load_function,
@@ -19,6 +17,7 @@ from agglom_mpi.config.user_function import (
 from agglom_mpi.config.yaml_source import read_text
 from agglom_mpi.declaration.own_modules import executed
 from agglom_mpi.declaration.reading import NO_OWN, OwnComponents, Reading
+from agglom_mpi.measurements.files.campaign_files import FilesBeside, RecordedFiles
 from agglom_mpi.variables import TEN, VOLUME_FRACTION, VariableTable
 
 
@@ -46,8 +45,8 @@ def check_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> Ca
 def _campaign(name: str, allow_code: bool) -> Campaign:
     """Return the campaign of a file, without its function."""
     folder = Path(name).parent
-    reading = Reading(own=BesideCampaign(folder, allow_code), files=DataBesideCampaign(folder))
-    return Campaign.from_text(read_text(name), name, None, read_beside(folder), reading)
+    reading = Reading(own=BesideCampaign(folder, allow_code), files=FilesBeside(folder))
+    return Campaign.from_text(read_text(name), name, None, reading)
 
 
 def campaign_of_record(
@@ -67,9 +66,8 @@ def campaign_of_record(
     CampaignError
         If the text is damaged.
     """
-    function, sizes = recorded_function(identity), recorded_sizes(identity)
-    reading = Reading(True, own, _recorded_variables(identity), RecordedData(identity))
-    return Campaign.from_text(text, name, allowed or function, sizes, reading)
+    reading = Reading(True, own, _recorded_variables(identity), RecordedFiles(identity))
+    return Campaign.from_text(text, name, allowed or recorded_function(identity), reading)
 
 
 def _recorded_variables(identity: Mapping[str, Any]) -> VariableTable:

@@ -3,7 +3,7 @@
 import base64
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from keyword import iskeyword
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -18,14 +18,13 @@ from agglom_mpi.declaration.reading import (
     OWN_SHA256,
     SOURCE_SHA256,
     OwnComponents,
-    sections_of_own,
+    own_names,
     values_in,
 )
-from agglom_mpi.declaration.stand_ins import record_of, stand_in
 from agglom_mpi.declaration.units import quoted
 
 if TYPE_CHECKING:
-    from agglom_mpi.config.campaign_sections import CampaignSections
+    from agglom_mpi.config.campaign import Campaign
 
 ONLY_ALLOWED: Final = (
     "Python code, which runs only with your permission: --allow-code, or "
@@ -87,14 +86,14 @@ def _but(name: str, error: ValueError) -> str:
     return text if text.startswith(start) else f"{start}, but {text}"
 
 
-def recorded_texts(campaign: "CampaignSections") -> dict[str, str]:
+def recorded_texts(campaign: "Campaign") -> dict[str, str]:
     """Return what the file of a campaign records of code of one's own; empty without any.
 
-    That is what is known of components, and the modules of these and of a function of means: what
-    rests on that is not stored, as what a function of samples returned is.
+    That is the modules of components and of a function of means: what rests on that is not stored,
+    as what a function of samples returned is.
     """
-    found = {component.name: component for component in own_of(campaign)}
-    modules = {each.own.file: each.own for each in found.values() if each.own is not None}
+    owned = (component.own for component in own_of(campaign))
+    modules = {own.file: own for own in owned if own is not None}
     function = campaign.user_function
     if campaign.objective.code_of_means and function is not None and function.source is not None:
         modules.setdefault(function.file, function.module)
@@ -103,28 +102,30 @@ def recorded_texts(campaign: "CampaignSections") -> dict[str, str]:
     sources = [
         {"file": own.file, "sha256": own.sha256, **_as_text(own.source)} for own in modules.values()
     ]
-    records = {name: record_of(component) for name, component in found.items()}
-    described = {OWN_COMPONENTS: json.dumps(records)} if records else {}
-    texts = {OWN_MODULES: json.dumps(sources), **described}
+    texts = {OWN_MODULES: json.dumps(sources)}
     return texts | {OWN_SHA256: _digest(texts)}
 
 
 def _digest(texts: Mapping[str, Any]) -> str:
-    """Return the digest of what a file records of code of one's own."""
+    """Return the digest of what a file records of code of one's own.
+
+    Files of earlier versions have a description of its classes, too.
+    """
     both = "".join(str(texts.get(name, "")) for name in (OWN_MODULES, OWN_COMPONENTS))
     return hashlib.sha256(both.encode()).hexdigest()
 
 
 def record_faults(texts: Mapping[str, Any], identity: Mapping[str, Any]) -> Iterator[str]:
     """Yield what is wrong with what the attributes of a file record of code of one's own."""
-    named = [f"{key}.{SOURCE_SHA256}" for key in sections_of_own(identity)]
-    names = {OWN_MODULES, OWN_SHA256, *([OWN_COMPONENTS] if named else [])}
+    named = [f"{key}.{SOURCE_SHA256}" for key in own_names(identity)]
+    names = {OWN_MODULES, OWN_SHA256}
     if not named and not names.intersection(texts):
         return
     if absent := sorted(names.difference(texts)):
         yield f"attributes: no {' and no '.join(absent)}, though the campaign has code of its own"
     elif texts[OWN_SHA256] != _digest(texts):
-        yield f"attributes: {OWN_MODULES} and {OWN_COMPONENTS} have not the digest {OWN_SHA256}"
+        recorded = " and ".join(name for name in (OWN_MODULES, OWN_COMPONENTS) if name in texts)
+        yield f"attributes: {recorded} without the digest {OWN_SHA256}"
     else:
         try:
             kept = {each.sha256 for each in _modules(texts)}
@@ -136,7 +137,7 @@ def record_faults(texts: Mapping[str, Any], identity: Mapping[str, Any]) -> Iter
                 yield f"attributes: {OWN_MODULES} has no source with the digest {key}"
 
 
-def own_of(campaign: "CampaignSections") -> Iterator[Component]:
+def own_of(campaign: "Campaign") -> Iterator[Component]:
     """Yield the components of one's own that a campaign names."""
     sections = [campaign.objective, *(campaign.plan or ())]
     sections += [getattr(campaign.scene, key) for key in type(campaign.scene).model_fields]
@@ -145,10 +146,10 @@ def own_of(campaign: "CampaignSections") -> Iterator[Component]:
             yield from (each for each in components_within(section) if each.own is not None)
 
 
-def permitted_modules(campaign: "CampaignSections") -> frozenset[tuple[str, str]]:
+def permitted_modules(campaign: "Campaign") -> frozenset[tuple[str, str]]:
     """Return file and digest of the modules that a campaign names, and that may be executed."""
     found = (component.own for component in own_of(campaign))
-    modules = {(own.file, own.sha256) for own in found if own is not None and own.source}
+    modules = {(own.file, own.sha256) for own in found if own is not None}
     function = campaign.user_function
     if function is not None and function.source is not None:
         modules.add((function.file, function.sha256))
@@ -197,35 +198,8 @@ def recorded_source(texts: Mapping[str, Any], file: str, sha256: str) -> bytes |
     return own.source if own is not None and own.sha256 == sha256 else None
 
 
-class RecordedComponents(OwnComponents):
-    """Stand-ins for the components of one's own that a file records; no code is executed.
-
-    Parameters
-    ----------
-    texts
-        Attributes of the file.
-    """
-
-    def __init__(self, texts: Mapping[str, Any]) -> None:
-        self._texts = texts
-        self._made: dict[str, type[Component]] = {}
-
-    def find(self, name: str, kind: type[Any]) -> type[Any]:
-        """Return the stand-in for the class `FILE.py:Class`; see `OwnComponents.find`."""
-        if name not in self._made:
-            records = _parsed(self._texts.get(OWN_COMPONENTS, "{}"))
-            if not isinstance(records, dict) or name not in records:
-                raise ValueError(f"is {quoted(name)}, which the file does not describe")
-            try:
-                self._made[name] = stand_in(kind, name, records[name])
-            except Exception as error:  # a record of a stranger may be anything
-                message = f"is {quoted(name)}, whose description in the file is damaged"
-                raise ValueError(message) from error
-        return self._made[name]
-
-
-class RecordedModules(RecordedComponents):
-    """Classes of the modules that a file records, which may be executed; stand-ins for others.
+class RecordedModules(OwnComponents):
+    """Classes of the modules that a file records, all of which may be executed.
 
     Parameters
     ----------
@@ -233,24 +207,16 @@ class RecordedModules(RecordedComponents):
         Attributes of the file.
     identity
         Identity of its campaign, which has the digests of the modules.
-    may_run
-        Whether a module may be executed, by its file name and digest.
     folder
         Folder of the file.
     """
 
-    def __init__(
-        self,
-        texts: Mapping[str, Any],
-        identity: Mapping[str, Any],
-        may_run: Callable[[str, str], bool],
-        folder: Path,
-    ) -> None:
-        super().__init__(texts)
+    def __init__(self, texts: Mapping[str, Any], identity: Mapping[str, Any], folder: Path) -> None:
+        self._texts = texts
         end = f".{SOURCE_SHA256}"
         sections = {v: k.removesuffix(end) for k, v in identity.items() if k.endswith(end)}
         self._values = {digest: values_in(identity, each) for digest, each in sections.items()}
-        self._may_run, self._folder = may_run, folder
+        self._folder = folder
 
     def find(self, name: str, kind: type[Any]) -> type[Any]:
         """Return the class `FILE.py:Class`; see `OwnComponents.find`."""
@@ -259,8 +225,6 @@ class RecordedModules(RecordedComponents):
         if own is None or own.sha256 not in self._values:
             message = "of which the file has no source with the same digest"
             raise ValueError(f"is {quoted(name)}, {message}")
-        if not self._may_run(own.file, own.sha256):
-            return super().find(name, kind)
         own = OwnModule.of(file, own.source, self._folder)
         return class_in(own._replace(values=self._values[own.sha256]), own_class)
 

@@ -14,13 +14,12 @@ import numpy as np
 
 from agglom_mpi.config.alternatives import FRACTIONS
 from agglom_mpi.config.bounds import ABSENT
-from agglom_mpi.config.own_variables import string_of
+from agglom_mpi.config.given_strings import read_string
 from agglom_mpi.config.size_warnings import Finding, unlikely_draws
 from agglom_mpi.config.yaml_source import Problem, parse
 from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.declaration.units import quoted
 from agglom_mpi.formatting import format_duration, in_unit, pluralise, value_with_prefix
-from agglom_mpi.measurements.datum import QUANTITIES
 from agglom_mpi.physics import scales
 from agglom_mpi.physics.constants import LIGHT_SPEED
 from agglom_mpi.variables import TEN, VariableTable
@@ -29,7 +28,7 @@ Value = dict[str, float]
 """The variables of a string in SI units, by name."""
 
 if TYPE_CHECKING:
-    from agglom_mpi.config.campaign_sections import CampaignSections
+    from agglom_mpi.config.campaign import Campaign
     from agglom_mpi.config.scene import SceneSection
 
 
@@ -74,7 +73,7 @@ DECISIVE: Final = (
 
 
 def implausible(
-    campaign: "CampaignSections", given: Mapping[str, float | str] | None = None
+    campaign: "Campaign", given: Mapping[str, float | str] | None = None
 ) -> list[Problem]:
     """Return what is unlikely in a campaign, or in one string of it.
 
@@ -89,12 +88,12 @@ def implausible(
         lower, upper = box.lower, box.upper
         idle: Mapping[str, Any] = dict.fromkeys(box.ignored)
     else:
-        lower = upper = string_of(campaign, given)
+        lower = upper = read_string(campaign, given)
         used = {*box.used, *FRACTIONS}
         idle = {name: value for name, value in given.items() if name not in used}
     findings = [
         *_idle(idle),
-        *_unusual(box.table, lower, upper),
+        *_unusual(box, lower, upper),
         *_of_scenes(campaign, lower, upper),
         *(_of_data(campaign) if given is None else ()),
         *(_growth(campaign, lower, upper) if campaign.plan is not None else ()),
@@ -103,7 +102,7 @@ def implausible(
     found = []
     for place, message in findings:
         name = ".".join(map(str, place[1:]))  # perhaps that of a number of the scene
-        path = ("variables", name) if name in box.table.further_names else place
+        path = ("variables", name) if name in box.further_names else place
         own = given is not None and path[-1] in given
         field = str(path[-1]) if own else ".".join(map(str, path))
         found.append(Problem(campaign.name, None if own else source.line(path), field, message))
@@ -118,20 +117,16 @@ def _idle(values: Mapping[str, Any]) -> Iterator[Finding]:
         yield ("variables", name), message
 
 
-def _scene_strings(
-    campaign: "CampaignSections", lower: np.ndarray, upper: np.ndarray
-) -> list[np.ndarray]:
+def _scene_strings(campaign: "Campaign", lower: np.ndarray, upper: np.ndarray) -> list[np.ndarray]:
     """Return strings, (k,), whose scenes stand for those of all strings of a box.
 
     Where numbers of the scene are searched these are the middle and both ends.
     """
-    one = not campaign.scenes.paths or np.array_equal(lower, upper, equal_nan=True)
+    one = not campaign.variables.of_scene or np.array_equal(lower, upper, equal_nan=True)
     return [lower] if one else [0.5 * (lower + upper), lower, upper]
 
 
-def _of_scenes(
-    campaign: "CampaignSections", lower: np.ndarray, upper: np.ndarray
-) -> Iterator[Finding]:
+def _of_scenes(campaign: "Campaign", lower: np.ndarray, upper: np.ndarray) -> Iterator[Finding]:
     """Yield what is unlikely in the scene of every string."""
     strings = _scene_strings(campaign, lower, upper)
     first, *others = [list(_of_scene(campaign, string, lower, upper)) for string in strings]
@@ -142,7 +137,7 @@ def _of_scenes(
 
 
 def _of_scene(
-    campaign: "CampaignSections", string: np.ndarray, lower: np.ndarray, upper: np.ndarray
+    campaign: "Campaign", string: np.ndarray, lower: np.ndarray, upper: np.ndarray
 ) -> Iterator[Finding]:
     """Yield what is unlikely in the scene of a string, with the other variables in their ranges."""
     scenes = campaign.scenes
@@ -178,10 +173,10 @@ def _unusual(table: VariableTable, lower: np.ndarray, upper: np.ndarray) -> Iter
             yield ("variables", variable.name), f"{reaches} {text}; usual is {usual.words}"
 
 
-def _of_data(campaign: "CampaignSections") -> Iterator[Finding]:
+def _of_data(campaign: "Campaign") -> Iterator[Finding]:
     """Yield measured diameters and radii that no grains have."""
     for i, entry in enumerate(campaign.data_entries):
-        if entry.value is None or QUANTITIES[entry.quantity].unit != "m":
+        if entry.value is None or entry.kind.unit != "m":
             continue
         if not GRAINS.lower <= entry.value <= GRAINS.upper:
             size = value_with_prefix(entry.value, "m")
@@ -313,9 +308,7 @@ def _expected(scene: "SceneSection", low: Value, high: Value) -> list[float]:
     return counts
 
 
-def _growth(
-    campaign: "CampaignSections", lower: np.ndarray, upper: np.ndarray
-) -> Iterator[Finding]:
+def _growth(campaign: "Campaign", lower: np.ndarray, upper: np.ndarray) -> Iterator[Finding]:
     """Yield the objective if it wants growth of a scene in which nothing can bond."""
     growth = campaign.objective.wanted_growth
     strings = _scene_strings(campaign, lower, upper)

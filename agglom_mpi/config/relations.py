@@ -1,25 +1,56 @@
 """Derived quantities and constraints of a campaign: sections `derived` and `constraints`."""
 
-from collections.abc import Iterator, Mapping, Sequence
+import re
+from collections import Counter
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.config.dimensions import PURE, Dimension, dimension_of, unit_of
+from agglom_mpi.config.expression_reader import read_comparison, read_expression
 from agglom_mpi.config.expressions import (
+    ANY,
     Comparison,
     Node,
+    common_dimension,
+    dimension,
     evaluate,
     names_in,
     satisfied,
+    size_of,
     text_of,
 )
-from agglom_mpi.config.quantities import quantity_values
+from agglom_mpi.config.quantities import BY_NAME, CONSTANTS, quantity_values, units_of
+from agglom_mpi.declaration.declared import FieldError, FieldPath
+from agglom_mpi.declaration.reading import PLAIN, Reading
+from agglom_mpi.declaration.units import quoted
+from agglom_mpi.outcome import OUTCOME, quantity_columns
+from agglom_mpi.variables import TEN, VOLUME_FRACTION, VariableTable
 
 if TYPE_CHECKING:
     from agglom_mpi.config.string_scenes import StringScenes
 
+MAX_ENTRIES: Final = 30
+"""Largest numbers of derived quantities and of constraints."""
+MAX_SIZE: Final = 1000
+"""Largest number of nodes of a derived quantity in which all others are written out."""
+_NAME: Final = re.compile(r"[a-z][a-z0-9_]{0,29}")
+NAME_RULE: Final = "must be small letters, digits and _, a letter first, at most 30 characters"
+
+_COLUMNS: Final = """
+best_objective best_standard_error best_string cpu_seconds crc digest estimate evaluations
+    failed finished fresh generation growth_number hit_maximum lower mean_grains mean_of_top
+    name objective origin parent_1 parent_2 parents population processor_seconds rank
+    reestimate sample samples samples_simulated samples_used searched searched_objective
+    searched_standard_error seconds slot standard_error string top unit upper used
+"""
+COLUMNS: Final = frozenset({*_COLUMNS.split(), *(OUTCOME.names or ())}) - BY_NAME.keys()
+"""Columns of tables, whose names no derived quantity may have."""
+
+Problems = list[tuple[FieldPath, str]]
 Parameters = Mapping[str, NDArray[np.float64]]
 
 
@@ -79,8 +110,9 @@ class Relations:
         Spelling and the names of derived quantities do not matter to it.
         """
         texts: dict[str, str] = {}
-        for each in in_order({each.name: each.tree for each in self.derived}):
-            texts[each] = text_of(self._trees[each], texts)
+        trees = self._trees
+        for name in in_order(trees):
+            texts[name] = text_of(trees[name], texts)
         return [_canonical(constraint, texts) for constraint in self.constraints]
 
     @property
@@ -122,17 +154,13 @@ def _canonical(constraint: Comparison, texts: Mapping[str, str]) -> str:
     return " ".join([operands[0], *(f"{symbol} {operand}" for symbol, operand in pairs)])
 
 
-class CircularError(ValueError):
-    """Derived quantities that are defined by one another."""
-
-
 def in_order(trees: Mapping[str, Node]) -> list[str]:
     """Return names in an order in which each comes after those that its tree names.
 
     Raises
     ------
-    CircularError
-        If there is none.
+    FieldError
+        If there is none, at a name that is defined by itself.
     """
     order: dict[str, None] = {}
     under: list[str] = []
@@ -140,7 +168,7 @@ def in_order(trees: Mapping[str, Node]) -> list[str]:
     def add(name: str) -> None:
         if name in under:
             circle = [*under[under.index(name) :], name]
-            raise CircularError(f"is defined by itself: {' -> '.join(circle)}")
+            raise FieldError(((name,), f"is defined by itself: {' -> '.join(circle)}"))
         if name in trees and name not in order:
             under.append(name)
             for inner in dict.fromkeys(names_in(trees[name])):
@@ -151,3 +179,166 @@ def in_order(trees: Mapping[str, Node]) -> list[str]:
     for name in trees:
         add(name)
     return list(order)
+
+
+def read_derived(
+    value: Any, used: Sequence[str], reading: Reading = PLAIN
+) -> tuple[tuple[Derived, ...], Problems]:
+    """Return the quantities of the section `derived`, and what is wrong with it.
+
+    Parameters
+    ----------
+    value
+        The section as it is in the file.
+    used
+        Names of the variables that the scene depends on.
+    reading
+        The variables of the campaign, and whether a run has recorded the text.
+    """
+    if not isinstance(value, dict):
+        message = f"is {quoted(value)}; must be a mapping like {{pressure: density * speed^2}}"
+        return (), [((), message)]
+    if len(value) > MAX_ENTRIES:
+        return (), _too_many(value)
+    problems: Problems = [((name,), message) for name in value if (message := _name_problem(name))]
+    known = units_of(used, reading.variables)
+    names = {*reading.variables.names, *known, *value}
+    trees: dict[str, Node] = {}
+    for name, entry in value.items():
+        try:
+            trees[name] = read_expression(_text(entry), names, reading.recorded)
+        except ValueError as error:
+            problems.append(((name,), str(error)))
+    if problems:  # an unknown name may be one of these
+        return (), problems
+    return _checked(value, trees, known, reading.variables)
+
+
+def _checked(
+    value: Mapping[str, Any],
+    trees: Mapping[str, Node],
+    known: Mapping[str, str],
+    table: VariableTable,
+) -> tuple[tuple[Derived, ...], Problems]:
+    """Return the quantities of trees whose dimensions and sizes are right, and other problems."""
+    try:
+        order = in_order(trees)
+    except FieldError as error:
+        return (), [*error.problems]
+    problems: Problems = []
+    dimensions = {name: dimension_of(unit) for name, unit in known.items()}
+    sizes: dict[str, int] = {}
+    for name in order:
+        sizes[name] = size_of(trees[name], sizes)
+        try:
+            if sizes[name] > MAX_SIZE:
+                raise ValueError(f"is too long; at most {MAX_SIZE} terms with all written out")
+            check_names(trees[name], {*dimensions, *trees}, table)
+            found = dimension(trees[name], dimensions)
+        except ValueError as error:
+            problems.append(((name,), str(error)))
+            found = ANY
+        dimensions[name] = PURE if found is ANY else found  # type: ignore[assignment]
+    made = [Derived(n, _text(value[n]), trees[n], unit_of(dimensions[n])) for n in trees]
+    return tuple(made), problems
+
+
+def _too_many(value: Mapping[str, Any] | Sequence[Any]) -> Problems:
+    return [((), f"has {len(value)} entries; must be at most {MAX_ENTRIES}")]
+
+
+def _name_problem(name: str) -> str:
+    if not _NAME.fullmatch(name):
+        return f"is no name for a quantity; {NAME_RULE}"
+    taken = {
+        "variable": name in TEN or name == VOLUME_FRACTION.name,
+        "quantity that every scene has": name in CONSTANTS or name in BY_NAME,
+        "column of the tables": name in COLUMNS,
+    }
+    of = next((kind for kind, is_taken in taken.items() if is_taken), "")
+    return f"is the name of a {of}; choose another" if of else ""
+
+
+def quantity_problems(names: Sequence[str], derived: Sequence[Derived]) -> Problems:
+    """Return problems of quantities of samples whose columns would have the names of others.
+
+    Each has a column of its mean, and of the standard error; so have its estimates.
+
+    Parameters
+    ----------
+    names
+        Names of the quantities.
+    derived
+        Derived quantities, which have columns, too.
+    """
+    taken, problems = Counter(each.name for each in derived), Problems()
+    taken.update(column for name in names for column in quantity_columns(name))
+    for name in names:
+        message = _name_problem(name)
+        twice = [column for column in quantity_columns(name) if taken[column] > 1]
+        if not message and twice:
+            message = f"has a column {twice[0]}, which is another one's, too; choose another"
+        if message:
+            problems.append(((name,), message))
+    return problems
+
+
+def _text(entry: Any) -> str:
+    """Return the text of an expression, which may be a plain number."""
+    if isinstance(entry, int | float) and not isinstance(entry, bool):
+        return repr(entry)
+    if not isinstance(entry, str):
+        raise ValueError(f"is {quoted(entry)}; must be a text like '0.5 * density'")
+    return entry
+
+
+def check_names(node: Node, known: Container[str], table: VariableTable) -> None:
+    """Raise a ValueError if a tree names a variable on which the scene does not depend."""
+    for name in names_in(node):
+        if name in table and name not in known:
+            raise ValueError(f"names '{name}', on which this scene does not depend")
+
+
+def read_constraints(
+    value: Any, used: Sequence[str], derived: Sequence[Derived], reading: Reading = PLAIN
+) -> tuple[tuple[Comparison, ...], Problems]:
+    """Return the comparisons of the section `constraints`, and what is wrong with it.
+
+    Parameters
+    ----------
+    value
+        The section as it is in the file.
+    used
+        Names of the variables that the scene depends on.
+    derived
+        Quantities that they may name, too.
+    reading
+        As for `read_derived`.
+    """
+    if not isinstance(value, list) or not value:
+        message = "must be a list of texts like ['pressure < 0.1 * hardness']"
+        return (), [((), f"is {quoted(value)}; {message}")]
+    if len(value) > MAX_ENTRIES:
+        return (), _too_many(value)
+    units = units_of(used, reading.variables) | {each.name: each.unit for each in derived}
+    dimensions: dict[str, Dimension] = {name: dimension_of(unit) for name, unit in units.items()}
+    problems: Problems = []
+    found = []
+    for i, entry in enumerate(value):
+        try:
+            found.append(_constraint(entry, dimensions, reading))
+        except ValueError as error:
+            problems.append(((i,), str(error)))
+    return tuple(found), problems
+
+
+def _constraint(entry: Any, dimensions: Mapping[str, Dimension], reading: Reading) -> Comparison:
+    if not isinstance(entry, str):
+        raise ValueError(f"is {quoted(entry)}; must be a text like 'pressure < 0.1 * hardness'")
+    comparison = read_comparison(entry, {*reading.variables.names, *dimensions}, reading.recorded)
+    for node in comparison.operands:
+        check_names(node, dimensions, reading.variables)
+    common_dimension(comparison.operands, dimensions, "in a comparison")
+    if not any(name not in CONSTANTS for node in comparison.operands for name in names_in(node)):
+        raise ValueError(f"is {quoted(entry)}, which depends on nothing")
+    return comparison

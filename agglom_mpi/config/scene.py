@@ -262,7 +262,7 @@ class SceneSection(Section):
     def build(self, parameters: Values | ArrayLike, engine: Engine | None = None) -> "Scene":
         """Return the scene of one parameter string as kernels see it.
 
-        Its numbers are those of the section: `CampaignSections.at` returns the section of a string.
+        Its numbers are those of the section: `Campaign.at` returns the section of a string.
 
         The event engine has no time steps and cools exactly, whatever `integration` is; the
         steppers integrate as it says.

@@ -1,51 +1,37 @@
-"""Paths of the real numbers of a scene, such as `restitution.value`, which a campaign may search.
+"""Numbers of a scene as variables: their paths, such as `restitution.value`, and scenes with them.
 
-A number stands in one place: in the scene, or under its path in the section `variables`.
+A number stands in one place: in the scene, or under its path in the section `variables`. A scene is
+validated with the middle of each range in the place of the number.
 """
 
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from typing import Any, Final, NamedTuple, get_args, get_origin
 
+from pydantic import ValidationError
+
+from agglom_mpi.config.bounds import read_range
 from agglom_mpi.config.scene import SceneSection
+from agglom_mpi.config.yaml_source import CampaignError, Problem, Source
 from agglom_mpi.declaration.choices import Choice, choice_of
 from agglom_mpi.declaration.components import Component, In, UnknownComponentError, number_of
 from agglom_mpi.declaration.declared import DeclaredField, FieldPath
 from agglom_mpi.declaration.reading import PLAIN, Reading
 from agglom_mpi.declaration.spelling import suggestion
-from agglom_mpi.variables import MAX_VARIABLE_NAME, Variable
+from agglom_mpi.variables import (
+    MAX_VARIABLE_NAME,
+    TEN,
+    VOLUME_FRACTION,
+    Variable,
+    VariableTable,
+    place_of,
+)
 
 NUMERICAL: Final = ("solver", "engine")
 """Sections of a scene whose numbers say how exactly it is computed, not what happens in it."""
 
 
-class ScenePath(NamedTuple):
-    """A real number of a scene.
-
-    Attributes
-    ----------
-    keys
-        Field of the scene, fields of its law and of laws within it, and place where the number is
-        one of a list.
-    variable
-        The number as a variable, whose name is the path.
-    """
-
-    keys: FieldPath
-    variable: Variable
-
-    @property
-    def section(self) -> str:
-        """Field of the scene that the number is in."""
-        return str(self.keys[0])
-
-    @property
-    def name(self) -> str:
-        """The path as a campaign file names it."""
-        return self.variable.name
-
-
-def paths_of(scene: Mapping[str, Any], reading: Reading = PLAIN) -> dict[str, ScenePath]:
+def paths_of(scene: Mapping[str, Any], reading: Reading = PLAIN) -> dict[str, Variable]:
     """Return the numbers of a scene that can be searched, by path.
 
     Parameters
@@ -63,7 +49,7 @@ def paths_of(scene: Mapping[str, Any], reading: Reading = PLAIN) -> dict[str, Sc
     return found
 
 
-def _paths_in(scene: Mapping[str, Any], key: str, reading: Reading) -> Iterator[ScenePath]:
+def _paths_in(scene: Mapping[str, Any], key: str, reading: Reading) -> Iterator[Variable]:
     """Yield the numbers of one field of a scene."""
     if key in SceneSection.NUMBERS:
         yield _path((key,), SceneSection.NUMBERS[key], f"{key} of the scene")
@@ -77,7 +63,7 @@ def _paths_in(scene: Mapping[str, Any], key: str, reading: Reading) -> Iterator[
 
 def _paths_of_law(
     law: type[Component], entry: Any, keys: FieldPath, reading: Reading
-) -> Iterator[ScenePath]:
+) -> Iterator[Variable]:
     """Yield the numbers of a law whose entry stands at `keys`, and of laws within it."""
     for name, field in law.model_fields.items():
         number, choice = number_of(field), choice_of(field)
@@ -94,9 +80,9 @@ def _paths_of_law(
                 yield _path((*keys, name), number, named)
 
 
-def _path(keys: FieldPath, number: In, meaning: str) -> ScenePath:
+def _path(keys: FieldPath, number: In, meaning: str) -> Variable:
     name = ".".join(map(str, keys))
-    return ScenePath(keys, Variable(name, number.unit, name, meaning, number.limits))
+    return Variable(name, number.unit, name, meaning, number.limits)
 
 
 def _places(field: DeclaredField) -> int:
@@ -126,7 +112,7 @@ def law_of_entry(
     return None if default is None else type(default)
 
 
-def find_path(name: str, scene: Mapping[str, Any], reading: Reading = PLAIN) -> ScenePath:
+def find_path(name: str, scene: Mapping[str, Any], reading: Reading = PLAIN) -> Variable:
     """Return the number of a scene with a path; arguments as for `paths_of`.
 
     Raises
@@ -146,28 +132,29 @@ def find_path(name: str, scene: Mapping[str, Any], reading: Reading = PLAIN) -> 
     return known[name]
 
 
-def given_at(scene: Mapping[str, Any], path: ScenePath) -> FieldPath | None:
+def given_at(scene: Mapping[str, Any], path: Variable) -> FieldPath | None:
     """Return where a scene in a file gives a number itself; None if it leaves the number out."""
     value: Any = scene
-    for key in path.keys:
+    for key in path.place:
         inside = key < len(value) if isinstance(key, int) and isinstance(value, list) else False
         if not inside and not (isinstance(value, dict) and key in value):
             return None
         value = value[key]
-    return None if value is None else path.keys
+    return None if value is None else path.place
 
 
 def with_number(
-    scene: Mapping[str, Any], path: ScenePath, value: float, reading: Reading = PLAIN
+    scene: Mapping[str, Any], path: Variable, value: float, reading: Reading = PLAIN
 ) -> dict[str, Any]:
     """Return a scene as it would be in a file if it gave the number itself."""
-    key, rest = path.section, path.keys[1:]
+    key, *rest = path.place
     if not rest:
-        return {**scene, key: value}
-    law = law_of_entry(scene, key, reading)
-    choice = choice_of(SceneSection.model_fields[key])
+        return {**scene, str(key): value}
+    law = law_of_entry(scene, str(key), reading)
+    choice = choice_of(SceneSection.model_fields[str(key)])
     assert law is not None
-    return {**scene, key: _entry_with_number(law, choice, scene.get(key), rest, value, reading)}
+    entry = scene.get(str(key))
+    return {**scene, str(key): _entry_with_number(law, choice, entry, tuple(rest), value, reading)}
 
 
 def _entry_with_number(
@@ -198,8 +185,8 @@ def _entry_with_number(
     return {**entry, field: listed}
 
 
-def with_numbers(section: SceneSection, numbers: Mapping[ScenePath, float]) -> SceneSection:
-    """Return a scene with other values of some of its numbers, which are within their limits.
+def with_numbers(section: SceneSection, numbers: Mapping[str, float]) -> SceneSection:
+    """Return a scene with other values of numbers by their paths, which are within their limits.
 
     Raises
     ------
@@ -209,7 +196,7 @@ def with_numbers(section: SceneSection, numbers: Mapping[ScenePath, float]) -> S
     changes: dict[str, Any] = {}
     changed: dict[str, Component] = {}
     for path, value in numbers.items():
-        key, *rest = path.keys
+        key, *rest = place_of(path)
         if rest:
             law = changed.get(str(key), getattr(section, str(key)))
             changed[str(key)] = _law_with_number(law, tuple(rest), value)
@@ -240,3 +227,118 @@ def _problems_within(law: Component) -> Iterator[tuple[FieldPath, str]]:
         inner = getattr(law, name)
         if isinstance(inner, Component):
             yield from (((name, *path), message) for path, message in _problems_within(inner))
+
+
+SECTION: Final = "variables"
+KNOWN: Final = frozenset({*TEN.names, VOLUME_FRACTION.name})
+"""Keys of the section that are no paths."""
+
+
+class PathEntries(NamedTuple):
+    """A file whose numbers of the scene stand under `variables`.
+
+    Attributes
+    ----------
+    source
+        The file as if its scene gave these numbers itself, each in the middle of its range.
+    table
+        The variables of the campaign.
+    problems
+        What is wrong with their keys.
+    """
+
+    source: Source
+    table: VariableTable
+    problems: tuple[Problem, ...]
+
+    def error(self, found: CampaignError) -> CampaignError:
+        """Return the error on a file: a number is reported once, where the file has it."""
+        fields = {f"scene.{name}": f"{SECTION}.{name}" for name in self.table.of_scene}
+        problems = [*self.problems, *(p for p in found.problems if p.field not in fields)]
+        known = {problem.field for problem in problems}
+        moved = (p._replace(field=fields[p.field]) for p in found.problems if p.field in fields)
+        return CampaignError(*problems, *(p for p in moved if p.field not in known))
+
+
+def read_paths(source: Source, reading: Reading) -> PathEntries:
+    """Return the numbers of the scene that a file gives under `variables`."""
+    variables, scene = source.data.get(SECTION), source.data.get("scene")
+    if not isinstance(variables, dict) or not isinstance(scene, dict):
+        return PathEntries(source, TEN, ())
+    keys = [key for key in variables if key not in KNOWN]
+    if keys:
+        scene = SceneSection.with_default_hardness(scene, reading)
+    found, problems, refused = _known_paths(source, keys, scene, reading)
+    whole: Any = scene
+    ranges, lines = dict[str, Variable](), dict(source.lines)
+    for path in found:
+        for end in range(1, len(path.place) + 1):
+            lines.setdefault(("scene", *path.place[:end]), source.line((SECTION, path.name)))
+        with suppress(ValueError):  # which the section's own model reports
+            ranges[path.name] = read_range(variables[path.name], path, reading.recorded)
+            whole = with_number(whole, path, _middle(ranges[path.name]), reading)
+    table = VariableTable(found)
+    with suppress(ValidationError):  # which is reported with all else
+        whole = SceneSection.model_validate(whole, context=reading)
+        if VOLUME_FRACTION.name in variables and _changes_volume(whole, ranges, reading):
+            table = VariableTable([*found, VOLUME_FRACTION])
+        table = table.with_ranges({}, third_moment=whole.third_moment)
+    kept = {key: entry for key, entry in variables.items() if key not in refused}
+    data = {**source.data, "scene": whole, SECTION: kept}
+    return PathEntries(Source(source.name, data, lines), table, tuple(problems))
+
+
+def _known_paths(
+    source: Source, keys: list[str], scene: Mapping[str, Any], reading: Reading
+) -> tuple[list[Variable], list[Problem], set[str]]:
+    """Return the paths among keys, what is wrong with others, and the keys that are reported."""
+    found, problems, refused = [], [], set()
+    for key in keys:
+        place, law = (SECTION, key), key.split(".")[0]
+        try:
+            if law in SceneSection.model_fields:
+                law_of_entry(scene, law, reading)
+        except ValueError:  # which the scene's own errors say
+            refused.add(key)
+            continue
+        try:
+            path = find_path(key, scene, reading)
+            found.append(path)
+            if (where := given_at(scene, path)) is not None:
+                at = source.line(("scene", *where))
+                message = f"is also given by the scene, line {at}; a number stands in one place"
+                problems.append(source.problem(place, message))
+        except ValueError as error:
+            if law in SceneSection.model_fields or "." in key:
+                problems.append(source.problem(place, str(error)))
+                refused.add(key)
+    return found, problems, refused
+
+
+def _middle(entry: Variable) -> float:
+    """Return the middle of a range in the scale in which it is searched."""
+    lower, upper = entry.lower, entry.upper
+    if lower == upper:
+        return lower
+    geometric = entry.logarithmic
+    middle = lower * (upper / lower) ** 0.5 if geometric else lower + 0.5 * (upper - lower)
+    return min(max(middle, lower), upper)
+
+
+def _changes_volume(
+    section: SceneSection, ranges: Mapping[str, Variable], reading: Reading
+) -> bool:
+    """Return whether the third moment of the sizes differs over the box.
+
+    A volume fraction, which then stands for different size ratios, is a variable of its own.
+    """
+    try:
+        for name, entry in ranges.items():
+            if name.startswith("sizes."):
+                for end in (entry.lower, entry.upper):
+                    cubes = with_numbers(section, {name: end}).third_moment
+                    if abs(cubes - section.third_moment) > 1e-12 * cubes:
+                        return True
+    except ValueError:  # a law refuses the end, which is reported later
+        return True
+    return False

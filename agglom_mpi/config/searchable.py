@@ -1,6 +1,8 @@
-"""Checks whether a campaign can be searched: ranges, constraints, given strings, and library."""
+"""Checks of the box of a campaign: its ends, constraints, given strings, and what searches it."""
 
 import logging
+from collections.abc import Iterable, Iterator
+from itertools import groupby, product
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -8,17 +10,21 @@ import numpy.typing as npt
 
 from agglom_mpi.config.allowed_share import LEAST_SHARE, SMALL_SHARE, allowed_share
 from agglom_mpi.config.yaml_source import CampaignError, MissingSearchLibraryError, Problem, parse
+from agglom_mpi.declaration.declared import FieldPath
+from agglom_mpi.declaration.given_values import JAMMING_FRACTION
 from agglom_mpi.errors import MissingLibraryError, require_library
+from agglom_mpi.formatting import in_unit
+from agglom_mpi.variables import volume_fraction
 
 if TYPE_CHECKING:
-    from agglom_mpi.config.campaign_sections import CampaignSections
+    from agglom_mpi.config.campaign import Campaign
 
 LOG: Final = logging.getLogger(__name__)
 
 
-def check_start(campaign: "CampaignSections", strings: npt.NDArray[np.float64]) -> None:
+def check_start(campaign: "Campaign", strings: npt.NDArray[np.float64]) -> None:
     """Raise a CampaignError if strings that `search.start` lists, (n, k), break a constraint."""
-    table, problems = campaign.variables.table, []
+    table, problems = campaign.variables, []
     for i, string in enumerate(strings):
         columns = table.columns_by_name(string[None])
         for broken in campaign.relations.broken(campaign.scenes, columns):
@@ -29,7 +35,7 @@ def check_start(campaign: "CampaignSections", strings: npt.NDArray[np.float64]) 
         raise CampaignError(*(source.problem(*found) for found in problems))
 
 
-def check_searchable(campaign: "CampaignSections") -> list[Problem]:
+def check_searchable(campaign: "Campaign") -> list[Problem]:
     """Return warnings about constraints that allow little of the box.
 
     Raises
@@ -42,13 +48,13 @@ def check_searchable(campaign: "CampaignSections") -> list[Problem]:
     return check_constraints(campaign)
 
 
-def log_narrow(campaign: "CampaignSections") -> None:
+def log_narrow(campaign: "Campaign") -> None:
     """Log the warnings of `check_searchable`, for what has no other place for them."""
     for problem in check_searchable(campaign):
         LOG.warning("warning: %s", problem)
 
 
-def check_constraints(campaign: "CampaignSections") -> list[Problem]:
+def check_constraints(campaign: "Campaign") -> list[Problem]:
     """Return warnings about constraints that allow little of the box.
 
     Raises
@@ -69,7 +75,7 @@ def check_constraints(campaign: "CampaignSections") -> list[Problem]:
     return [source.problem(path, message)]
 
 
-def check_search_library(campaign: "CampaignSections") -> None:
+def check_search_library(campaign: "Campaign") -> None:
     """Raise a MissingSearchLibraryError unless the search's library is installed."""
     search = campaign.search
     if search.library is None:
@@ -80,3 +86,94 @@ def check_search_library(campaign: "CampaignSections") -> None:
         message = f"is {search.name!r}; {error}"
         problem = parse(campaign.text, campaign.name).problem(("search", "method"), message)
         raise MissingSearchLibraryError(problem) from None
+
+
+MAX_TOGETHER: Final = 8
+"""Numbers of one law whose ends are combined: 256 strings, a tenth of a second."""
+
+Corner = tuple[list[str], npt.NDArray[np.float64]]
+"""Names of numbers of the scene, and a string, (k,), with these at ends of their ranges."""
+
+
+def check_ends(campaign: "Campaign") -> None:
+    """Raise a CampaignError if the scene of a string at the ends of the box is refused.
+
+    These are the ends of one number of the scene with all else in the middle, all lower ends, and
+    all upper ends. Strings that break a constraint are left out, as no search proposes them.
+    """
+    box, names = campaign.variables, _searched(campaign)
+    if not box.of_scene:
+        return
+    problems = _refused(campaign, (each for name in names for each in _ends(campaign, [name])))
+    whole = ((names, string) for string in (box.lower, box.upper))
+    if problems := problems or _refused(campaign, whole) or dict(_out_of_reach(campaign)):
+        source = parse(campaign.text, campaign.name)
+        raise CampaignError(*(source.problem(*found) for found in problems.items()))
+
+
+def refused_corners(campaign: "Campaign") -> list[Problem]:
+    """Return a warning of each law that refuses some ends of its numbers together."""
+    problems: dict[FieldPath, str] = {}
+    for _, group in groupby(_searched(campaign), key=lambda name: name.split(".")[0]):
+        names = list(group)[:MAX_TOGETHER]
+        if len(names) > 1:
+            problems |= _refused(campaign, _ends(campaign, names))
+    if not problems:
+        return []
+    source, more = parse(campaign.text, campaign.name), "samples fail there; constraints exclude it"
+    return [source.problem(path, f"{message}; {more}") for path, message in problems.items()]
+
+
+def _searched(campaign: "Campaign") -> list[str]:
+    """Return the names of the numbers of the scene that are searched."""
+    return [name for name in campaign.variables.of_scene if campaign.variables[name].is_searched]
+
+
+def _ends(campaign: "Campaign", names: list[str]) -> Iterator[Corner]:
+    """Yield strings with all ends of some numbers combined, and all else in the middle."""
+    box = campaign.variables
+    places = [box.index(name) for name in names]
+    for ends in product((box.lower, box.upper), repeat=len(names)):
+        string = box.at(0.5)
+        for place, end in zip(places, ends, strict=True):
+            string[place] = end[place]
+        yield names, string
+
+
+def _refused(campaign: "Campaign", corners: Iterable[Corner]) -> dict[FieldPath, str]:
+    """Return why strings at ends have no scene, by the field of the number that is named."""
+    box, problems = campaign.variables, dict[FieldPath, str]()
+    for names, string in corners:
+        if not campaign.allowed_strings(string[None])[0] or not (why := _problem(campaign, string)):
+            continue
+        # A law begins with the number that it refuses; jamming depends on sizes alone.
+        sizes = [name for name in names if name.startswith("sizes.")]
+        name = next(n for n in [why.split()[0], *sizes, *names] if n in names)
+        if ("variables", name) not in problems:
+            reached = in_unit(f"{string[box.index(name)]:g}", box[name].unit)
+            problems["variables", name] = f"reaches {reached}, where {why}"
+    return problems
+
+
+def _out_of_reach(campaign: "Campaign") -> Iterator[tuple[FieldPath, str]]:
+    """Yield the objective if it wants more growth than the grains of any string allow."""
+    wanted = campaign.objective.wanted_growth
+    if wanted is None or not campaign.scenes.sizes_differ:
+        return
+    (field, ratio), largest = wanted, campaign.most_grains ** (1.0 / 3.0)
+    if field and ratio > largest:
+        grains = f"{campaign.scene.particles} grains in one"
+        yield ("objective", *field), f"is {ratio:g}; {grains} give at most {largest:.4g}"
+
+
+def _problem(campaign: "Campaign", string: npt.NDArray[np.float64]) -> str:
+    """Return why a string, (k,), has no scene; empty if it has one."""
+    try:
+        section, values = campaign.at(string)
+    except ValueError as error:
+        return str(error)
+    fraction = volume_fraction(values["size_ratio"], section.third_moment)
+    if fraction > JAMMING_FRACTION * (1.0 + 1e-9):
+        limit = f"random placement jams near {JAMMING_FRACTION}"
+        return f"the grains fill {fraction:.3g} of the box; {limit}"
+    return ""

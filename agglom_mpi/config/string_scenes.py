@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from agglom_mpi.config.alternatives import SIZES
 from agglom_mpi.config.scene import SceneSection
-from agglom_mpi.config.scene_paths import ScenePath, with_numbers
+from agglom_mpi.config.scene_paths import with_numbers
 from agglom_mpi.simulation.engines import Engine
 from agglom_mpi.variables import VOLUME_FRACTION, VariableTable, size_ratio
 
@@ -53,8 +53,6 @@ class StringScenes:
         Section `scene` of the campaign.
     table
         Its variables.
-    paths
-        Those of them that are numbers of the scene.
     volume
         Control volume relative to that of the section: all scenes have as many times the grains in
         as many times the volume, with the same size of the grains and the same volume fraction.
@@ -63,21 +61,15 @@ class StringScenes:
     ----------
     section
         The section in the control volume.
-    table, paths
+    table
     """
 
-    def __init__(
-        self,
-        section: SceneSection,
-        table: VariableTable,
-        paths: tuple[ScenePath, ...] = (),
-        volume: int = 1,
-    ) -> None:
+    def __init__(self, section: SceneSection, table: VariableTable, volume: int = 1) -> None:
         self.section = section.in_volume(volume)
         self._own_section = section
         self._volume = volume
         self.table = table
-        self.paths = paths
+        self._numbers = table.of_scene
         self._own_fraction = VOLUME_FRACTION.name in table
         self._last: tuple[bytes, StringScene] | None = None
 
@@ -99,7 +91,7 @@ class StringScenes:
         ValueError
             If a law refuses its numbers together.
         """
-        if not self.paths:
+        if not self._numbers:
             return StringScene(self.section, self.table.values_by_name(string))
         key, last = np.asarray(string, np.float64).tobytes(), self._last
         if last is None or last[0] != key:
@@ -111,9 +103,9 @@ class StringScenes:
     def of_values(self, values: Mapping[str, float]) -> StringScene:
         """Return the scene of a string whose variables are given by name; errors as of `at`."""
         own = dict(values)
-        if not self.paths:
+        if not self._numbers:
             return StringScene(self.section, own)
-        numbers = {path: own[path.name] for path in self.paths}
+        numbers = {name: own[name] for name in self._numbers}
         section = with_numbers(self._own_section, numbers).in_volume(self._volume)
         if self._own_fraction:
             own["size_ratio"] = size_ratio(own[VOLUME_FRACTION.name], section.third_moment)

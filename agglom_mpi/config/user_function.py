@@ -15,7 +15,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.config.bounded_reading import clipped, read_bounded
+from agglom_mpi.declaration.bounded_reading import clipped, read_bounded
 from agglom_mpi.declaration.frozen_values import Values
 from agglom_mpi.declaration.own_modules import OwnModule, executed
 from agglom_mpi.declaration.reading import SOURCE_SHA256, values_in

@@ -3,7 +3,7 @@
 YAML 1.2, in which `1e8` is a number and `no` is a text.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
@@ -14,7 +14,7 @@ from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.reader import ReaderError
 from ruamel.yaml.scanner import Scanner
 
-from agglom_mpi.config.bounded_reading import clipped, quoted_start, read_bounded
+from agglom_mpi.declaration.bounded_reading import clipped, quoted_start, read_bounded
 from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.errors import MissingLibraryError, UserError
 from agglom_mpi.file_kinds import HDF5_IS_NO_YAML, SIGNATURE, begins_as_hdf5
@@ -255,3 +255,60 @@ class _Builder:
             return self.yaml.constructor.construct_object(node)
         except (YAMLError, LookupError, ValueError):
             raise self.error(node, path, f"cannot read {quoted_start(node.value)}") from None
+
+
+KEY: Final = "seed"
+
+
+def with_seed(text: str, name: str, seed: int) -> str:
+    """Return the text of a campaign in which the seed is replaced, or added where there is none.
+
+    Other lines keep their numbers where possible. What the text says is compared before and after.
+
+    Parameters
+    ----------
+    text
+        Valid YAML, a mapping.
+    name
+        Name of the file in errors.
+    seed
+
+    Raises
+    ------
+    CampaignError
+        If the seed cannot be replaced alone, as where it is an alias.
+    """
+    source = parse(text, name)
+    wanted = {key: repr(value) for key, value in source.data.items()} | {KEY: repr(seed)}
+    for candidate in _candidates(text, seed):
+        try:
+            found = parse(candidate, name).data
+        except CampaignError:
+            continue
+        if {key: repr(value) for key, value in found.items()} == wanted:
+            return candidate
+    message = f"cannot be replaced by {seed} here; write it as a line of its own like 'seed: 1'"
+    raise CampaignError(source.problem((KEY,), message))
+
+
+def _candidates(text: str, seed: int) -> Iterator[str]:
+    """Yield texts that may be what is wanted, the best first."""
+    root = YAML(typ="safe", pure=True).compose(text)
+    assert isinstance(root, MappingNode)
+    for key, value in root.value:
+        if key.value == KEY:
+            begin, end = value.start_mark.index, value.end_mark.index
+            yield f"{text[:begin]}{seed}{text[end:]}"
+            if not value.value:  # `seed:` alone
+                colon = text.find(":", key.end_mark.index) + 1
+                yield f"{text[:colon]} {seed}{text[colon:]}"
+            return
+    first = root.value[0][0].start_mark
+    indent = " " * first.column
+    before, after = text[: first.index], text[first.index :]
+    if root.flow_style:
+        yield f"{before}{KEY}: {seed}, {after}"
+        return
+    separator = "" if text.endswith("\n") else "\n"
+    yield f"{text}{separator}{indent}{KEY}: {seed}\n"
+    yield f"{before}{KEY}: {seed}\n{indent}{after}"

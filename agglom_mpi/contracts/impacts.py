@@ -1,299 +1,238 @@
-"""Properties of laws of an impact: restitution, duration, friction, heating, reaction."""
+"""Properties of laws of an impact: restitution, duration, hardness, friction, heating, reaction."""
 
 import math
 from typing import Any, Final
 
 from agglom_mpi.compilation.kernels import as_plain
-from agglom_mpi.contracts.formula_properties import RESULT_ROUNDING, LawFormula
-from agglom_mpi.contracts.kinds import LawKind, LawProperty
-from agglom_mpi.contracts.points import Domain, Interval, Point, Violation
-from agglom_mpi.contracts.subject import PAIR_DOMAIN, Subject, pair_at
+from agglom_mpi.contracts.cases import Violation, equal, within
+from agglom_mpi.contracts.formulas import RESULT_ROUNDING
+from agglom_mpi.contracts.subject import Case
 from agglom_mpi.physics.friction import friction_loss, normal_loss, tangential_impulse
 from agglom_mpi.physics.heating import merge_dissipation
+from agglom_mpi.physics.impact_solvers import LARGEST_RESIDUAL, restitution_residual
+from agglom_mpi.physics.restitution import (
+    log_pressure_ratio,
+    log_pressure_scale,
+    solve_restitution,
+)
 from agglom_mpi.simulation.impact import solve_impact
 
 ENERGY_ROUNDING: Final = 1e-12
 """Relative rounding of an energy: some ten operations of 1.1e-16 each, and a margin."""
 
+ONE: Final = 1.0 + ENERGY_ROUNDING
+
+LEAST_CHANGE: Final = 1e-5
+"""Least change of ln H that is compared with its derivative: rounding is 1e-16 of ln H itself."""
+
+SCANNED: Final = 240
+"""Number of deficits in the scan for a missed root."""
+LOWEST_LOG_DEFICIT: Final = -24.0
+"""ln d of the smallest of these deficits."""
+MOST_LOG: Final = 300.0
+"""Maximum change of ln H0 to come near bonding."""
+
 EXACT: Final = 4.0 * 2.0**-52
 """Rounding of a number within 0 … 1 that one subtraction gives."""
 
-BOUNCE: Final[Domain] = {**PAIR_DOMAIN, "deficit": Interval(1e-9, 1.0, special=(1.0,))}
-"""A pair and a deficit 1 − e."""
 
-DEFICIT_RANGE: Final[Domain] = {
-    **PAIR_DOMAIN,
-    "upper": Interval(1e-6, 1.0, special=(1.0,)),
-    "lower_share": Interval(0.0, 1.0, "1", False),
-    "between": Interval(0.0, 1.0, "1", False),
-}
-"""A pair, and deficits from `lower_share` of `upper` to `upper`."""
-
-
-def _pair(subject: Subject, point: Point) -> tuple[Any, ...]:
-    return (pair_at(point),)
-
-
-def _bounce(subject: Subject, point: Point) -> tuple[Any, ...]:
-    return pair_at(point), point["deficit"]
-
-
-def _laws_and_pair(subject: Subject, point: Point) -> tuple[Any, ...]:
-    return subject.impact_laws(point), pair_at(point)
-
-
-def _friction_and_bounce(subject: Subject, point: Point) -> tuple[Any, ...]:
-    return subject.impact_laws(point).friction, pair_at(point), point["deficit"]
-
-
-def energy_scale(point: Point) -> float:
+def energy_scale(case: Case) -> float:
     """Return the size of the kinetic energies in J whose differences heats are."""
-    pair = pair_at(point)
+    pair, point = case.pair, case.numbers
     frame = abs(point.get("frame_along_n", 0.0)) + abs(point.get("frame_along_t", 0.0))
     components = (pair.normal_i, pair.normal_j, pair.tangent_i, pair.tangent_j)
     speeds = sum(map(abs, components)) + 2.0 * frame
     return max(pair.mass_i, pair.mass_j) * speeds * speeds
 
 
-def within_limits(subject: Subject, point: Point) -> Violation:
+def within_limits(case: Case) -> Violation:
     """Check that restitution is within 0 … 1."""
-    numbers, laws = subject.numbers(point), subject.impact_laws(point)
-    solution = subject.formula("solve_restitution")(numbers, laws, pair_at(point))
-    restitution = 1.0 - solution[0]
-    if -EXACT <= restitution <= 1.0 + EXACT:
+    deficit = case.call("solve_restitution", case.laws, case.pair)[0]
+    if -EXACT <= deficit <= 1.0 + EXACT:
         return None
-    return f"restitution is {restitution:.9g}, not within 0 ... 1"
+    return f"restitution is {1.0 - deficit:.9g}, not within 0 ... 1"
 
 
-def makes_no_energy(subject: Subject, point: Point) -> Violation:
+def makes_no_energy(case: Case) -> Violation:
     """Check that no impact makes kinetic energy, and that its loss is what is gone."""
-    laws = subject.impact_laws(point)
-    pair = pair_at({**point, "normal_j": 0.0, "tangent_j": 0.0})
-    impact = as_plain(solve_impact)(laws, pair)
+    pair = case.but(normal_j=0.0, tangent_j=0.0).pair
+    impact = as_plain(solve_impact)(case.laws, pair)
     if impact.bonds:
         return None
     before = 0.5 * pair.reduced_mass * (pair.approach_speed**2 + pair.slip_speed**2)
     normal = pair.approach_speed - impact.normal_impulse / pair.reduced_mass
     slip = pair.slip_speed - impact.friction_impulse / pair.reduced_mass
     after = 0.5 * pair.reduced_mass * (normal * normal + slip * slip)
-    if after > before * (1.0 + ENERGY_ROUNDING):
-        return f"the pair has {after / before:.9g} of its kinetic energy after the impact"
-    if abs(before - after - impact.loss) > ENERGY_ROUNDING * before:
-        return f"the loss is {impact.loss:.9g} J, but {before - after:.9g} J of motion are gone"
-    return None
+    kept, lost = after / before, impact.loss / before
+    return within("kinetic energy after an impact over that before", kept, 0.0, ONE) or equal(
+        "the recorded loss over the energy before", lost, 1.0 - kept, ENERGY_ROUNDING
+    )
 
 
-def never_drives_slip(subject: Subject, point: Point) -> Violation:
+def never_drives_slip(case: Case) -> Violation:
     """Check that friction acts against the slip, and at most ends it."""
-    numbers = subject.numbers(point)
-    pair = pair_at(point)
-    impulse = subject.formula("tangential_impulse")(numbers, pair, point["deficit"])
-    most = pair.reduced_mass * pair.slip_speed
-    if 0.0 <= impulse <= most * (1.0 + ENERGY_ROUNDING):
-        return None
-    return f"the friction impulse is {impulse:.9g} N s, not within 0 ... m*|u_t| = {most:.9g} N s"
+    impulse = case.call("tangential_impulse", case.pair, case["deficit"])
+    most = case.pair.reduced_mass * case.pair.slip_speed * ONE
+    return within("the friction impulse in N s", impulse, 0.0, most)
 
 
-def _deficits(point: Point) -> tuple[float, float, float]:
-    """Return the lower, a middle and the upper deficit of a point."""
-    upper = point["upper"]
-    lower = upper * point["lower_share"]
-    return lower, lower + point["between"] * (upper - lower), upper
-
-
-def slopes_bound_impulse(subject: Subject, point: Point) -> Violation:
+def slopes_bound_impulse(case: Case) -> Violation:
     """Check that the slope of the friction impulse with the deficit is within `impulse_slopes`."""
-    numbers = subject.numbers(point)
-    pair = pair_at(point)
-    lower, middle, upper = _deficits(point)
-    least, most = subject.formula("impulse_slopes")(numbers, pair, lower, upper)
-    formula = subject.formula("tangential_impulse")
-    low, mid, high = (formula(numbers, pair, deficit) for deficit in (lower, middle, upper))
+    lower, middle, upper = deficits = case.deficits
+    least, most = case.call("impulse_slopes", case.pair, lower, upper)
+    low, mid, high = (case.call("tangential_impulse", case.pair, each) for each in deficits)
     margin = ENERGY_ROUNDING * max(abs(low), abs(mid), abs(high))
-    for start, end, change in ((lower, middle, mid - low), (middle, upper, high - mid)):
-        width = end - start
-        if not least * width - margin <= change <= most * width + margin:
-            return (
-                f"the impulse changes by {change:.9g} N s over a width of {width:.3g}, but slopes "
-                f"from {least:.9g} to {most:.9g} N s are stated"
-            )
-    return None
+
+    def wrong(width: float, change: float) -> Violation:
+        what = f"the change of the impulse in N s over a width of {width:.3g}"
+        return within(what, change, least * width - margin, most * width + margin)
+
+    return wrong(middle - lower, mid - low) or wrong(upper - middle, high - mid)
 
 
-def keeps_the_books(subject: Subject, point: Point) -> Violation:
+def keeps_the_books(case: Case) -> Violation:
     """Check that both heats are the kinetic energy that the pair loses, also in a merge."""
-    numbers, laws = subject.numbers(point), subject.impact_laws(point)
-    pair = pair_at(point)
-    deficit = point["deficit"]
-    margin = ENERGY_ROUNDING * energy_scale(point)
-    impulse = tangential_impulse(laws.friction, pair, deficit)
-    loss = normal_loss(pair, deficit) + friction_loss(pair, impulse)
-    heat = sum(subject.formula("impact_heats")(numbers, laws.friction, pair, deficit))
-    if abs(heat - loss) > margin:
-        return f"the grains get {heat:.9g} J of heat, but lose {loss:.9g} J of motion"
-    merged, lost = subject.formula("merge_heat")(numbers, pair), merge_dissipation(pair)
-    if abs(merged - lost) > margin:
-        return f"a merge gives {merged:.9g} J of heat, but takes {lost:.9g} J of motion"
-    return None
+    pair, friction, deficit = case.pair, case.laws.friction, case["deficit"]
+    margin = ENERGY_ROUNDING * energy_scale(case)
+    loss = normal_loss(pair, deficit)
+    loss += friction_loss(pair, tangential_impulse(friction, pair, deficit))
+    heat = sum(case.call("impact_heats", friction, pair, deficit))
+    merged, lost = case.call("merge_heat", pair), merge_dissipation(pair)
+    return equal("the heat of the lost motion in J", heat, loss, margin) or equal(
+        "the heat of a merge in J", merged, lost, margin
+    )
 
 
-def slopes_bound_heats(subject: Subject, point: Point) -> Violation:
+def slopes_bound_heats(case: Case) -> Violation:
     """Check that each heat is below the line of `least_heat_slopes` through its upper end."""
-    numbers, laws = subject.numbers(point), subject.impact_laws(point)
-    pair = pair_at(point)
-    lower, middle, upper = _deficits(point)
-    slopes = subject.formula("least_heat_slopes")(numbers, laws.friction, pair, lower, upper)
-    heats = subject.formula("impact_heats")
-    ends, inner = (heats(numbers, laws.friction, pair, d) for d in (upper, middle))
-    margin = ENERGY_ROUNDING * energy_scale(point)
-    for end, within, slope in zip(ends, inner, slopes, strict=True):
+    pair, friction = case.pair, case.laws.friction
+    lower, middle, upper = case.deficits
+    slopes = case.call("least_heat_slopes", friction, pair, lower, upper)
+    ends, inner = (case.call("impact_heats", friction, pair, each) for each in (upper, middle))
+    margin = ENERGY_ROUNDING * energy_scale(case)
+    for end, heat, slope in zip(ends, inner, slopes, strict=True):
         line = end - slope * (upper - middle)
-        if within > line + margin:
-            return f"a heat is {within:.9g} J at deficit {middle:.6g}; the line gives {line:.9g} J"
+        if heat > line + margin:
+            return f"a heat is {heat:.9g} J at deficit {middle:.6g}; the line gives {line:.9g} J"
     return None
 
 
-def heat_rises_less_than_deficit(subject: Subject, point: Point) -> Violation:
+def heat_rises_less_than_deficit(case: Case) -> Violation:
     """Check that heat over deficit never rises without friction, if `keeps_root_unique`."""
-    numbers = subject.numbers(point)
-    if not subject.formula("keeps_root_unique")(numbers):
+    _, middle, upper = case.deficits
+    if middle == 0.0 or not case.call("keeps_root_unique"):
         return None
-    pair = pair_at(point)
-    _, middle, upper = _deficits(point)
-    if middle == 0.0:
-        return None
-    heats = subject.formula("impact_heats")
-    shares = zip(heats(numbers, None, pair, middle), heats(numbers, None, pair, upper), strict=True)
-    for low, high in shares:
+    heats = (case.call("impact_heats", None, case.pair, each) for each in (middle, upper))
+    for low, high in zip(*heats, strict=True):
         if high * middle > low * upper + RESULT_ROUNDING * abs(low) * upper:
             return f"heat over deficit rises from {low / middle:.9g} J to {high / upper:.9g} J"
     return None
 
 
-def is_proportional_to_area(subject: Subject, point: Point) -> Violation:
+def is_proportional_to_area(case: Case) -> Violation:
     """Check that the heat of reaction is proportional to the area, as the root finder assumes."""
-    numbers = subject.numbers(point)
-    heat = subject.formula("contact_heat")
-    first, second = point["area"], point["area"] * point["area_ratio"]
-    whole = heat(numbers, first + second)
-    parts = heat(numbers, first) + heat(numbers, second)
-    if abs(whole - parts) <= RESULT_ROUNDING * (
-        abs(heat(numbers, first)) + abs(heat(numbers, second))
-    ):
-        return None
-    return f"two areas give {parts:.9g} J, and their sum {whole:.9g} J"
+    first, second = case["area"], case["area"] * case["area_ratio"]
+    one, other, whole = (
+        case.call("contact_heat", each) for each in (first, second, first + second)
+    )
+    margin = RESULT_ROUNDING * (abs(one) + abs(other))
+    return equal("the heat of an area in J, and of its parts,", whole, one + other, margin)
 
 
-def factor_never_falls(subject: Subject, point: Point) -> Violation:
+def factor_never_falls(case: Case) -> Violation:
     """Check that `restitution_factor` is positive and never falls with the restitution."""
-    numbers = subject.numbers(point)
-    factor = subject.formula("restitution_factor")
-    _, middle, upper = _deficits(point)
-    low, high = factor(numbers, 1.0 - upper), factor(numbers, 1.0 - middle)
-    if 0.0 < low <= high * (1.0 + ENERGY_ROUNDING):
+    _, middle, upper = case.deficits
+    low, high = (case.call("restitution_factor", 1.0 - each) for each in (upper, middle))
+    if 0.0 < low <= high * ONE:
         return None
     return f"the factor is {low:.9g} at e = {1.0 - upper:.6g} and {high:.9g} at {1.0 - middle:.6g}"
 
 
-def factor_slope_is_right(subject: Subject, point: Point) -> Violation:
+def factor_slope_is_right(case: Case) -> Violation:
     """Check that `restitution_factor_slope` is -d ln(factor)/d ln d, and never falls with d."""
-    numbers = subject.numbers(point)
-    factor, slope = (
-        subject.formula(name) for name in ("restitution_factor", "restitution_factor_slope")
-    )
-    _, middle, upper = _deficits(point)
+    _, middle, upper = case.deficits
     if middle < 1e-6 * upper or middle > 0.99 * upper:
         return None
-    change = math.log(factor(numbers, 1.0 - middle) / factor(numbers, 1.0 - upper))
-    mean = change / math.log(upper / middle)
-    least, most = slope(numbers, middle), slope(numbers, upper)
-    if least - 1e-9 <= mean <= most + 1e-9:  # a difference of logarithms over at least 0.01
-        return None
-    return f"the slope is {mean:.9g}, but {least:.9g} and {most:.9g} are stated at the two ends"
+    low, high = (case.call("restitution_factor", 1.0 - each) for each in (middle, upper))
+    least, most = (case.call("restitution_factor_slope", each) for each in (middle, upper))
+    mean = math.log(low / high) / math.log(upper / middle)
+    margin = 1e-9  # of a difference of logarithms over at least 0.01
+    return within("the slope between two deficits", mean, least - margin, most + margin)
 
 
-def pressure_knows_no_size(subject: Subject, point: Point) -> Violation:
+def pressure_knows_no_size(case: Case) -> Violation:
     """Check that the pressure of equal grains is positive, and the same for every radius."""
-    numbers = subject.numbers(point)
-    pressures = []
-    for radius in (point["radius_i"], point["radius_j"]):
-        pair = pair_at({**point, "radius_i": radius, "radius_j": radius})
-        pressures.append(subject.formula("force_scale")(numbers, pair) / radius**2)
-    first, second = pressures
-    if first > 0.0 and abs(first - second) <= RESULT_ROUNDING * first:
+    first, second = (
+        case.call("force_scale", case.but(radius_i=each, radius_j=each).pair) / each**2
+        for each in (case["radius_i"], case["radius_j"])
+    )
+    if first > 0.0:
+        what = "force over radius squared for another radius in Pa"
+        return equal(what, second, first, RESULT_ROUNDING * first)
+    return f"force over radius squared is {first:.9g} Pa"
+
+
+def _of_both(case: Case, formula: str) -> tuple[float, float, float, float]:
+    """Return two temperatures of a grain in K, the lower one first, and a formula at both."""
+    cold = case["temperature_of_grain"]
+    warm = cold * (1.0 + case["warmer_by"])
+    return cold, warm, case.call(formula, cold), case.call(formula, warm)
+
+
+def hardness_falls(case: Case) -> Violation:
+    """Check that hardness never rises with the temperature."""
+    cold, warm, first, second = _of_both(case, "log_hardening")
+    if second <= first + 1e-12 * abs(first):
         return None
-    return f"force over radius squared is {first:.9g} Pa and {second:.9g} Pa for two radii"
+    return f"ln(H/H0) rises from {first:.9g} at {cold:.6g} K to {second:.9g} at {warm:.6g} K"
 
 
-AREA: Final[Domain] = {
-    "area": Interval(1e-12, 1e-2, "m^2"),
-    "area_ratio": Interval(1e-3, 1e3),
-}
+def softening_is_derivative(case: Case) -> Violation:
+    """Check that `softening_rate` is -d ln H/dtheta, by the mean slope between two ends."""
+    cold, warm, first, second = _of_both(case, "log_hardening")
+    low, high = sorted(_of_both(case, "softening_rate")[2:])
+    if math.isfinite(first) and abs(first - second) >= LEAST_CHANGE * max(1.0, abs(first)):
+        mean = (first - second) / (warm - cold)
+        margin = 1e-9 * mean  # 1e-16 of ln H over its least change
+        what = f"the fall of ln H per K from {cold:.6g} to {warm:.6g} K"
+        return within(what, mean, low - margin, high + margin)
+    if first == second and math.isfinite(first) and low > 0.0:
+        return f"ln H does not change, but softening_rate is {low:.9g}/K"
+    return None
 
-RESTITUTION_KIND: Final = LawKind(
-    formulas=(
-        LawFormula(
-            "solve_restitution",
-            _laws_and_pair,
-            ("1", "1"),
-            PAIR_DOMAIN,
-            (0, 1),
-            results=lambda solution: (float(solution.deficit), float(solution.bonds)),
-        ),
-    ),
-    properties=(
-        LawProperty("range", within_limits, PAIR_DOMAIN),
-        LawProperty("energy", makes_no_energy, PAIR_DOMAIN),
-    ),
-)
-FRICTION_KIND: Final = LawKind(
-    formulas=(LawFormula("tangential_impulse", _bounce, ("kg*m/s",), BOUNCE, (0,)),),
-    properties=(
-        LawProperty("slip", never_drives_slip, BOUNCE),
-        LawProperty("slopes", slopes_bound_impulse, DEFICIT_RANGE),
-    ),
-)
-HEATING_KIND: Final = LawKind(
-    formulas=(
-        LawFormula(
-            "impact_heats",
-            _friction_and_bounce,
-            ("J", "J"),
-            BOUNCE,
-            (1, 0),
-            scale=energy_scale,
-        ),
-        LawFormula("merge_heat", _pair, ("J",), BOUNCE, (0,), scale=energy_scale),
-    ),
-    properties=(
-        LawProperty("energy", keeps_the_books, BOUNCE),
-        LawProperty("slopes", slopes_bound_heats, DEFICIT_RANGE),
-        LawProperty("unique", heat_rises_less_than_deficit, DEFICIT_RANGE),
-    ),
-)
-REACTION_KIND: Final = LawKind(
-    formulas=(LawFormula("contact_heat", lambda subject, point: (point["area"],), ("J",), AREA),),
-    properties=(LawProperty("linear", is_proportional_to_area, AREA),),
-)
-DURATION_KIND: Final = LawKind(
-    formulas=(
-        LawFormula("force_scale", _pair, ("N",), PAIR_DOMAIN, (0,)),
-        LawFormula(
-            "restitution_factor",
-            lambda subject, point: (1.0 - point["deficit"],),
-            ("1",),
-            {"deficit": BOUNCE["deficit"]},
-        ),
-        LawFormula(
-            "restitution_factor_slope",
-            lambda subject, point: (point["deficit"],),
-            ("1",),
-            {"deficit": BOUNCE["deficit"]},
-        ),
-    ),
-    properties=(
-        LawProperty("size", pressure_knows_no_size, PAIR_DOMAIN),
-        LawProperty("factor", factor_never_falls, DEFICIT_RANGE),
-        LawProperty("slope", factor_slope_is_right, DEFICIT_RANGE),
-    ),
-)
+
+def softening_never_rises(case: Case) -> Violation:
+    """Check that `softening_rate` is not negative and never rises, as the root finder assumes."""
+    cold, warm, first, second = _of_both(case, "softening_rate")
+    if 0.0 <= second <= first * (1.0 + 1e-12):
+        return None
+    rates = f"{first:.9g}/K at {cold:.6g} K and {second:.9g}/K at {warm:.6g} K"
+    return f"softening_rate is {rates}; it must not rise"
+
+
+def root_is_the_smallest(case: Case) -> Violation:
+    """Check that a dense scan finds no smaller root of e = G(e) than the solver."""
+    heat = case["heat_capacity"] * case["temperature_i"]
+    pair = case.but(approach_speed=math.sqrt(case["heat_ratio"] * heat)).pair
+    laws: Any = case.laws
+    excess = log_pressure_ratio(laws, pair, log_pressure_scale(laws, pair), 1.0)
+    excess -= math.log(case["pressure_ratio"])
+    if "hardness" in laws.hardness._fields and abs(excess) < MOST_LOG:
+        chosen = laws.hardness.hardness * math.exp(excess)
+        laws = laws._replace(hardness=laws.hardness._replace(hardness=chosen))
+    solution = solve_restitution(laws.restitution, laws, pair)
+    scale = log_pressure_scale(laws, pair)
+    if solution.bonds or log_pressure_ratio(laws, pair, scale, 1.0) >= 0.0:
+        return None
+    residual = restitution_residual(laws, pair, scale, solution.deficit)
+    if residual > LARGEST_RESIDUAL and solution.deficit > 0.0:
+        return f"|e - G(e)| is {residual:.3g} at e = {1.0 - solution.deficit:.9g}"
+    found = math.log(solution.deficit) if solution.deficit > 0.0 else -math.inf
+    for step in range(1, SCANNED + 1):
+        place = LOWEST_LOG_DEFICIT * step / SCANNED
+        if place <= found + 1e-9:  # the root itself, by its tolerance and the slope of ln r
+            return None
+        if log_pressure_ratio(laws, pair, scale, math.exp(place)) >= place:
+            lower = f"there is a root below e = {-math.expm1(place):.9g}"
+            return f"e = {1.0 - solution.deficit:.9g} was found, but {lower}"
+    return None

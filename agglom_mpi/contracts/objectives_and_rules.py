@@ -7,12 +7,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.contracts.cases import Violation, equal, within
 from agglom_mpi.outcome import COMPLETED, OUTCOME, SampleSummary, summaries
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.objectives.growth import GrowthTarget
 from agglom_mpi.search.objectives.objective import Objective
-from agglom_mpi.search.stopping import EnsembleState, StoppingRule
-from agglom_mpi.statistics import PooledMoments, RunningMean
+from agglom_mpi.search.stopping import EnsembleState, StoppingRule, rows_of
 
 MADE_UP_GRAINS: Final = 1000
 """Number of grains of the made-up samples."""
@@ -50,70 +50,58 @@ def objective_failures(objective: Objective, seed: int) -> Iterator[tuple[str, s
     """Yield each property of an objective that does not hold, and what is wrong."""
     objective = objective.of_grains(MADE_UP_GRAINS)
     for string in range(MADE_UP_STRINGS):
-        rows = made_up_rows(seed + string, 2 + string)
-        yield from _wrong_estimates(objective, rows)
+        for name, text in _wrong_estimates(objective, made_up_rows(seed + string, 2 + string)):
+            if text:
+                yield name, f"{text}; of {2 + string} made-up samples"
 
 
-def _wrong_estimates(objective: Objective, rows: NDArray[np.void]) -> Iterator[tuple[str, str]]:
-    """Yield the properties that the objective of some samples lacks, and what is wrong."""
+def _wrong_estimates(
+    objective: Objective, rows: NDArray[np.void]
+) -> Iterator[tuple[str, Violation]]:
+    """Yield the properties of the objective of some samples, and what is wrong, if anything."""
     samples = summaries(rows)
-    at = f"of {len(samples)} made-up samples"
     value, error = objective.of_ensemble(samples)
     if not (math.isfinite(value) and math.isfinite(error) and error >= 0.0):
-        yield "finite", f"the objective {at} is {value} +- {error}"
+        yield "finite", f"the objective is {value} +- {error}"
         return
-    if value < objective.least:
-        yield "least", f"the objective {at} is {value:.9g}, below its least, {objective.least:g}"
+    yield "least", within("the objective", value, objective.least, math.inf)
     values = np.asarray(objective.influence_values(samples))
+    if values.shape != (len(samples),):
+        yield "mean", f"influence values have the shape {values.shape}"
     mean = abs(float(values.mean())) if objective.is_magnitude else float(values.mean())
     size = SUM_ROUNDING * max(abs(value), float(np.abs(values).max()))
-    if values.shape != (len(samples),) or abs(mean - value) > size:
-        yield (
-            "mean",
-            f"influence values {at} have the mean {mean:.9g}, the objective is {value:.9g}",
-        )
+    rough = size + 1e-6 * error
+    yield "mean", equal("the mean of influence values", mean, value, size)
     spread = float(values.std(ddof=1)) / math.sqrt(len(values))
-    if abs(spread - error) > size + 1e-6 * error:
-        yield "error", f"influence values {at} give +- {spread:.9g}, stated is {error:.9g}"
+    yield "error", equal("the standard error of influence values", spread, error, rough)
     turned = objective.of_ensemble(samples[::-1])
-    if abs(turned[0] - value) > size or abs(turned[1] - error) > size + 1e-6 * error:
-        yield "order", f"the objective {at} is {turned[0]:.9g} in the other order, not {value:.9g}"
+    yield "order", equal("the objective in the other order", turned[0], value, size)
+    yield "order", equal("the standard error in the other order", turned[1], error, rough)
     alone = np.array([objective.of_ensemble([sample])[0] for sample in samples])
     single = np.asarray(objective.of_samples(rows))
     if single.shape != alone.shape or np.abs(single - alone).max() > size:
         yield "single", "of_samples and the accumulator differ for samples that are alone"
-    ratio = float(np.mean([sample.mean_radius_ratio for sample in samples]))
-    if abs(abs(objective.signed(value, ratio)) - abs(value)) > size:
-        yield "signed", f"signed gives {objective.signed(value, ratio):.9g} for {value:.9g}"
+    signed = objective.signed(value, float(rows["mean_radius_ratio"].mean()))
+    yield "signed", equal("the magnitude of signed", abs(signed), abs(value), size)
 
 
-def states_of(samples: Sequence[SampleSummary], objective: Objective) -> list[EnsembleState[float]]:
-    """Return the state of an ensemble after each sample."""
-    ratio, radii, accumulator, states = RunningMean(), PooledMoments(), objective.accumulator(), []
-    for sample in samples:
-        ratio.add(sample.mean_radius_ratio)
-        radii.add(sample.particles, sample.mean_radius_ratio, sample.central_moments)
-        accumulator.add(sample)
-        values = accumulator.value, accumulator.standard_error, radii.central
-        states.append(EnsembleState(ratio.count, ratio.mean, *values))
-    return states
+def made_up_states(seed: int) -> EnsembleState[Any]:
+    """Return the states of made-up ensembles after each sample, shape (samples, ensembles)."""
+    random = np.random.default_rng(seed)
+    count = np.arange(1, MADE_UP_SAMPLES + 1)[:, None]
+    objectives = random.normal(1.0, 0.2, (MADE_UP_SAMPLES, MADE_UP_STRINGS))
+    moments = random.lognormal(0.0, 0.3, (4, *objectives.shape)).cumsum(axis=1) / count
+    mean = objectives.cumsum(axis=0) / count
+    spread = np.sqrt(np.maximum((objectives**2).cumsum(axis=0) / count - mean**2, 0.0))
+    error = np.where(count > 1, spread / np.sqrt(np.maximum(count - 1, 1)), np.nan)
+    return EnsembleState(count, moments[0], mean, error, (moments[1], moments[2], moments[3]))
 
 
-def many(paths: list[list[EnsembleState[float]]]) -> EnsembleState[Any]:
-    """Return the states of several ensembles as one, with arrays of the shape (n, ensembles)."""
-
-    def column(get: Any) -> NDArray[np.float64]:
-        return np.array([[get(state) for state in path] for path in paths]).T
-
-    count = len(paths[0])
-    central = tuple(column(lambda state, k=k: state.central_moments[k]) for k in range(3))
-    return EnsembleState(
-        np.arange(1, count + 1)[:, None],
-        column(lambda state: state.mean_radius_ratio),
-        column(lambda state: state.objective),
-        column(lambda state: state.standard_error),
-        (central[0], central[1], central[2]),
-    )
+def _of_one(states: EnsembleState[Any], string: int) -> EnsembleState[Any]:
+    """Return the states of one ensemble among many."""
+    count, *means, moments = states
+    one, two, three, *others = (each[:, [string]] for each in (*(moments or ()), *means))
+    return EnsembleState._make((count, *others, (one, two, three)))
 
 
 def rule_failures(rule: StoppingRule, seed: int) -> Iterator[tuple[str, str]]:
@@ -122,49 +110,34 @@ def rule_failures(rule: StoppingRule, seed: int) -> Iterator[tuple[str, str]]:
     A rule depends on two successive states alone: of one ensemble or of many, now or later, and
     whatever comes after them. It ends every ensemble within its limits.
     """
-    objective = GrowthTarget(ratio=1.5)
-    strings = [summaries(made_up_rows(seed + string)) for string in range(MADE_UP_STRINGS)]
-    paths = [states_of(samples, objective) for samples in strings]
-    together = rule.satisfied_paths(many(paths))
-    single = np.zeros_like(together)
-    for string, path in enumerate(paths):
-        for row in range(1, len(path)):
-            single[row, string] = rule.satisfied(path[row - 1], path[row])
-    if not np.array_equal(single, together):
-        row, string = np.argwhere(single != together)[0].tolist()
-        yield "elementwise", f"holds differs alone and among others after sample {row} of {string}"
-    if not np.array_equal(rule.satisfied_paths(many(paths)), together):
+    states, half = made_up_states(seed), MADE_UP_SAMPLES // 2
+    together = rule.satisfied_paths(states)
+    alone = [rule.satisfied_paths(_of_one(states, each)) for each in range(MADE_UP_STRINGS)]
+    if not np.array_equal(np.hstack(alone), together):
+        yield "elementwise", "holds differs for an ensemble alone and among others"
+    if not np.array_equal(rule.satisfied_paths(states), together):
         yield "repeatable", "holds decides otherwise when it is asked again"
-    half = MADE_UP_SAMPLES // 2
-    begun = rule.satisfied_paths(many([path[:half] for path in paths]))
+    begun = rule.satisfied_paths(rows_of(states, slice(half)))
     if not np.array_equal(begun, together[:half]):
         yield "past", f"decisions up to sample {half} depend on samples after it"
-    for string, samples in enumerate(strings):
-        used = _used(rule, objective, samples)
+    looser = rule
+    if "tolerance" in rule.model_fields:
+        looser = rule.model_copy(update={"tolerance": LOOSER * rule.tolerance})
+    objective = GrowthTarget(ratio=1.5)
+    for string in range(MADE_UP_STRINGS):
+        samples = summaries(made_up_rows(seed + string))
+        used, fewer = (_used(each, objective, samples) for each in (rule, looser))
         if not rule.min_samples <= used <= rule.max_samples and used < len(samples):
             yield "limits", f"string {string} uses {used} samples"
-    yield from _wrong_tolerance(rule, objective, strings)
+        if fewer > used:
+            text = f"string {string} uses {used} samples, and {fewer} with a larger tolerance"
+            yield "tolerance", text
 
 
 def _used(rule: StoppingRule, objective: Objective, samples: Sequence[SampleSummary]) -> int:
     """Return how many of the samples an ensemble uses."""
     ensemble = Ensemble(rule, objective, MADE_UP_GRAINS)
     for sample in samples:
-        if ensemble.finished:
-            break
-        ensemble.add(sample)
+        if not ensemble.finished:
+            ensemble.add(sample)
     return ensemble.samples_used
-
-
-def _wrong_tolerance(
-    rule: StoppingRule, objective: Objective, strings: list[list[SampleSummary]]
-) -> Iterator[tuple[str, str]]:
-    """Yield ensembles that take more samples with a larger tolerance."""
-    if "tolerance" not in rule.model_fields:
-        return
-    looser = rule.model_copy(update={"tolerance": LOOSER * rule.tolerance})
-    for string, samples in enumerate(strings):
-        used, fewer = (_used(each, objective, samples) for each in (rule, looser))
-        if fewer > used:
-            text = f"string {string} uses {used} samples, and {fewer} with a larger tolerance"
-            yield "tolerance", text

@@ -1,19 +1,7 @@
 """Findings on the properties of a component, one line each."""
 
 from collections.abc import Mapping
-from enum import Enum
 from typing import Any, NamedTuple
-
-from agglom_mpi.contracts.points import spelled
-
-
-class Verdict(Enum):
-    """Whether a property holds."""
-
-    HOLDS = "holds"
-    BREAKS = "breaks"
-    """It does not, and the class names it in `breaks`."""
-    FAILS = "fails"
 
 
 class PropertyFinding(NamedTuple):
@@ -22,26 +10,29 @@ class PropertyFinding(NamedTuple):
     Attributes
     ----------
     component
-        File and class, `sticking.py:JKR`.
-    property
+        The class of the component.
+    name
         Name of the property.
-    verdict
-        Whether it holds.
-    text
-        Description of the fault, or the reason why the class means to break it.
+    fault
+        Description of the fault; empty if the property holds.
     numbers
         The numbers at which it fails.
     """
 
-    component: str
-    property: str
-    verdict: Verdict
-    text: str = ""
+    component: type[Any]
+    name: str
+    fault: str = ""
     numbers: Mapping[str, float] = {}
 
+    @property
+    def fails(self) -> bool:
+        """Whether the property does not hold, and the class does not name it in `breaks`."""
+        return bool(self.fault) and self.name not in self.component.breaks
+
     def __str__(self) -> str:
-        at = f"; at {spelled(self.numbers)}" if self.numbers else ""
-        return f"{self.component}: {self.property}: {self.text}{at}"
+        at = ", ".join(f"{name}={value:.12g}" for name, value in self.numbers.items())
+        line = f"{component_label(self.component)}: {self.name}: {self.fault}"
+        return f"{line}; at {at}" if at else line
 
 
 def component_label(component: type[Any]) -> str:

@@ -2,16 +2,14 @@
 
 import math
 from collections.abc import Iterator
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.contracts.formula_properties import RESULT_ROUNDING
-from agglom_mpi.contracts.kinds import LawKind, LawProperty
-from agglom_mpi.contracts.other_units import UNIT_DOMAIN, factor, other_units, scaled_point
-from agglom_mpi.contracts.points import Domain, Interval, Point, Violation
-from agglom_mpi.contracts.subject import Subject
+from agglom_mpi.contracts.cases import Violation, equal, factor
+from agglom_mpi.contracts.formulas import RESULT_ROUNDING
+from agglom_mpi.contracts.subject import Case
 from agglom_mpi.physics.size_distributions import SizeDistribution
 from agglom_mpi.physics.sizes import Sizes
 
@@ -19,106 +17,76 @@ Floats = NDArray[np.float64]
 
 DRAWN_SIZES: Final = 20_000
 """Number of grains whose sizes are drawn."""
-DRAWN_VELOCITIES: Final = 4_000
+DRAWN_VELOCITIES: Final = 1_000
 """Number of grains whose velocities are drawn, one by one."""
 DEVIATION: Final = 4.0
 """Maximum difference of a mean over these grains, in standard errors; 1 of 16 000 exceeds it."""
-POINTS_OF_MANY_GRAINS: Final = 3
-"""Number of points at which `DRAWN_VELOCITIES` grains are drawn."""
 COMPARED_GRAINS: Final = 300
 """Number of grains whose pairs are all compared."""
 
-SEEDS: Final[Domain] = {"seed": Interval(1.0, 1e6, whole=True)}
 HIGHEST_MOMENT: Final = 4
 QUANTILE_SHARES: Final = (0.1, 0.25, 0.5, 0.75, 0.9)
 
 
-def drawn_velocities(subject: Subject, point: Point, count: int) -> Floats:
+def drawn_velocities(case: Case, count: int) -> Floats:
     """Return random velocities in m/s, shape (3, count)."""
     velocity = np.full((3, count), np.nan)
-    random = np.random.default_rng(int(point["seed"]))
-    subject.formula("draw_velocities")(subject.numbers(point), random, velocity)
+    case.call("draw_velocities", np.random.default_rng(int(case["seed"])), velocity)
     return velocity
 
 
-def velocities_are_finite(subject: Subject, point: Point) -> Violation:
+def velocities_are_finite(case: Case) -> Violation:
     """Check that every component of every velocity is drawn, and finite."""
-    velocity = drawn_velocities(subject, point, 100)
+    velocity = drawn_velocities(case, 100)
     bad = int((~np.isfinite(velocity)).sum())
     return f"{bad} of {velocity.size} components are not finite" if bad else None
 
 
-def velocities_have_their_variance(subject: Subject, point: Point) -> Violation:
+def velocities_have_their_variance(case: Case) -> Violation:
     """Check that `variance` is the mean square of the velocities about their mean."""
-    velocity = drawn_velocities(subject, point, DRAWN_VELOCITIES)
+    velocity = drawn_velocities(case, DRAWN_VELOCITIES)
     squares = ((velocity - velocity.mean(axis=1, keepdims=True)) ** 2).sum(axis=0)
-    found, error = float(squares.mean()), float(squares.std()) / math.sqrt(DRAWN_VELOCITIES)
-    law: Any = subject.law_at(point)
-    stated = law.variance(point["relative_speed"])
-    if abs(found - stated) <= DEVIATION * error + RESULT_ROUNDING * stated:
-        return None
-    return f"the variance is {found:.6g} +- {error:.2g} m2/s2, but {stated:.6g} is stated"
+    stated = case.law.variance(case["relative_speed"])
+    margin = DEVIATION * float(squares.std()) / math.sqrt(DRAWN_VELOCITIES)
+    margin += RESULT_ROUNDING * stated
+    return equal("the variance in m2/s2", float(squares.mean()), stated, margin)
 
 
-def velocities_are_within_bounds(subject: Subject, point: Point) -> Violation:
+def velocities_are_within_bounds(case: Case) -> Violation:
     """Check that `fastest_approach` and `transverse_speed` bound the velocities."""
-    velocity = drawn_velocities(subject, point, DRAWN_VELOCITIES)
-    law: Any = subject.law_at(point)
-    speed = point["relative_speed"]
-    some = velocity[:, :COMPARED_GRAINS]
+    velocity, speed = drawn_velocities(case, DRAWN_VELOCITIES), case["relative_speed"]
+    some, rounding = velocity[:, :COMPARED_GRAINS], 1e-12 * float(np.abs(velocity).max())
     apart = some[:, :, None] - some[:, None, :]
-    fastest = float(np.sqrt((apart**2).sum(axis=0)).max())
-    size = float(np.abs(velocity).max())
-    if fastest > law.fastest_approach(speed) * (1.0 + RESULT_ROUNDING) + 1e-12 * size:
-        stated = law.fastest_approach(speed)
+    fastest, stated = float(np.sqrt((apart**2).sum(axis=0)).max()), case.law.fastest_approach(speed)
+    if fastest > stated * (1.0 + RESULT_ROUNDING) + rounding:
         return f"two grains approach at {fastest:.9g} m/s, but at most {stated:.9g} is stated"
     across = velocity[1:] - velocity[1:].mean(axis=1, keepdims=True)
-    margin = DEVIATION * float(across.std()) / math.sqrt(DRAWN_VELOCITIES) + 1e-12 * size
-    if float(np.abs(across).max()) > law.transverse_speed(speed) + margin:
-        stated = law.transverse_speed(speed)
-        return f"a speed across is {np.abs(across).max():.9g} m/s, but {stated:.9g} is stated"
+    margin = DEVIATION * float(across.std()) / math.sqrt(DRAWN_VELOCITIES) + rounding
+    most, stated = float(np.abs(across).max()), case.law.transverse_speed(speed)
+    if most > stated + margin:
+        return f"a speed across is {most:.9g} m/s, but {stated:.9g} is stated"
     return None
 
 
-def flow_does_not_scale(subject: Subject, point: Point) -> Violation:
+def flow_does_not_scale(case: Case) -> Violation:
     """Check that `mean_flow` is the part of the velocities that the speed does not scale."""
-    once = drawn_velocities(subject, point, 100)
-    faster = {**point, "relative_speed": 2.0 * point["relative_speed"]}
-    flow = (2.0 * once - drawn_velocities(subject, faster, 100)).mean(axis=1)
-    law: Any = subject.law_at(point)
-    found, stated = float(np.sqrt((flow**2).sum())), float(law.mean_flow)
-    if (
-        abs(found - stated)
-        <= RESULT_ROUNDING * float(np.abs(once).max()) + RESULT_ROUNDING * stated
-    ):
-        return None
-    return f"the flow that all grains share is {found:.9g} m/s, but {stated:.9g} is stated"
+    once = drawn_velocities(case, 100)
+    faster = drawn_velocities(case.but(relative_speed=2.0 * case["relative_speed"]), 100)
+    found = float(np.linalg.norm((2.0 * once - faster).mean(axis=1)))
+    margin = RESULT_ROUNDING * (float(np.abs(once).max()) + case.law.mean_flow)
+    return equal("the flow that all grains share in m/s", found, case.law.mean_flow, margin)
 
 
-def velocities_in_other_units(subject: Subject, point: Point) -> Violation:
+def velocities_in_other_units(case: Case) -> Violation:
     """Check that the same random numbers give the same velocities in other units."""
-    logarithms = other_units(point, subject.constants)
-    if logarithms is None:
+    velocity, found = drawn_velocities(case, 100), case.in_other_units()
+    if found is None:
         return None
-    scaled = scaled_point(point, subject.domain, logarithms)
-    velocity = drawn_velocities(subject, point, 100)
-    other = drawn_velocities(subject.in_units(logarithms), scaled, 100) / factor("m/s", logarithms)
-    away = float(np.abs(velocity - other).max())
-    if away <= RESULT_ROUNDING * float(np.abs(velocity).max()):
-        return None
-    return f"a velocity differs by {away:.6g} m/s in other units"
+    scaled, logarithms = found
+    other = drawn_velocities(scaled, 100) / factor("m/s", logarithms)
+    away, margin = np.abs(velocity - other).max(), RESULT_ROUNDING * np.abs(velocity).max()
+    return equal("a difference in other units in m/s", float(away), 0.0, float(margin))
 
-
-VELOCITIES_KIND: Final = LawKind(
-    formulas=(),
-    properties=(
-        LawProperty("finite", velocities_are_finite, SEEDS, 20),
-        LawProperty("variance", velocities_have_their_variance, SEEDS, POINTS_OF_MANY_GRAINS),
-        LawProperty("bounds", velocities_are_within_bounds, SEEDS, POINTS_OF_MANY_GRAINS),
-        LawProperty("flow", flow_does_not_scale, SEEDS, 20),
-        LawProperty("units", velocities_in_other_units, {**SEEDS, **UNIT_DOMAIN}, 20),
-    ),
-)
 
 SIZE_PROPERTIES: Final = ("positive", "moments", "quantiles", "classes")
 
@@ -136,32 +104,28 @@ def sizes_failures(sizes: Sizes, seed: int) -> Iterator[tuple[str, str]]:
         return
     radii = law.draw(np.random.default_rng(seed), DRAWN_SIZES)
     if radii.shape != (DRAWN_SIZES,) or not (np.isfinite(radii).all() and radii.min() > 0.0):
-        shown = float(radii.min()) if radii.size else math.nan
-        yield (
-            "positive",
-            f"{DRAWN_SIZES} radii have the shape {radii.shape}, the least is {shown:.6g}",
-        )
+        yield "positive", f"{DRAWN_SIZES} radii have the shape {radii.shape}, or are not positive"
         return
-    yield from (("moments", text) for text in _wrong_moments(law, radii))
-    yield from (("quantiles", text) for text in _wrong_quantiles(law, radii))
+    yield from _wrong_moments(law, radii)
+    yield from _wrong_quantiles(law, radii)
     classes, shares = law.classes
     if not (classes.min() > 0.0 and abs(shares.sum() - 1.0) <= 1e-9 and shares.min() >= 0.0):
         yield "classes", f"shares add up to {shares.sum():.9g}, the least radius is {classes.min()}"
 
 
-def _wrong_moments(law: SizeDistribution, radii: Floats) -> Iterator[str]:
+def _wrong_moments(law: SizeDistribution, radii: Floats) -> Iterator[tuple[str, str]]:
     """Yield moments that the drawn radii do not have, by standard errors from the law's own."""
     for power in range(1, HIGHEST_MOMENT + 1):
-        stated, found = law.moment(power), float((radii**power).mean())
-        spread = max(law.moment(2 * power) - stated**2, 0.0)
-        error = math.sqrt(max(spread, float((radii**power).var())) / DRAWN_SIZES)
-        if abs(found - stated) > DEVIATION * error + RESULT_ROUNDING * abs(stated):
-            yield f"moment {power} is {found:.6g} +- {error:.2g}, but {stated:.6g} is stated"
-    if abs(law.moment(1) - 1.0) > 1e-9:
-        yield f"moment 1 is stated as {law.moment(1):.9g}; radii are over their mean"
+        stated, values = law.moment(power), radii**power
+        spread = max(law.moment(2 * power) - stated**2, float(values.var()))
+        margin = DEVIATION * math.sqrt(spread / DRAWN_SIZES) + RESULT_ROUNDING * abs(stated)
+        if text := equal(f"moment {power}", float(values.mean()), stated, margin):
+            yield "moments", text
+    if text := equal("moment 1 of radii over their mean", law.moment(1), 1.0, 1e-9):
+        yield "moments", text
 
 
-def _wrong_quantiles(law: SizeDistribution, radii: Floats) -> Iterator[str]:
+def _wrong_quantiles(law: SizeDistribution, radii: Floats) -> Iterator[tuple[str, str]]:
     """Yield quantiles by number below which another share of the drawn radii lies."""
     for share in QUANTILE_SHARES:
         radius = law.quantile(share)
@@ -169,4 +133,5 @@ def _wrong_quantiles(law: SizeDistribution, radii: Floats) -> Iterator[str]:
         up_to = float((radii <= radius * (1.0 + RESULT_ROUNDING)).mean())
         below = float((radii < radius * (1.0 - RESULT_ROUNDING)).mean())
         if up_to < share - margin or below > share + margin:
-            yield f"{below:.4f} to {up_to:.4f} of the radii lie below the quantile {share:g}"
+            text = f"{below:.4f} to {up_to:.4f} of the radii lie below the quantile {share:g}"
+            yield "quantiles", text

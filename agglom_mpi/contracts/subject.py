@@ -9,19 +9,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.contracts.other_units import factor
-from agglom_mpi.contracts.points import Domain, Interval, Point
+from agglom_mpi.contracts.cases import INTERVALS, Interval, factor, other_units
 from agglom_mpi.declaration.components import In, number_of
 from agglom_mpi.declaration.laws import Law
 from agglom_mpi.physics.pair import ContactPair
 from agglom_mpi.physics.restitution import ImpactLaws
 from agglom_mpi.variables import PAPER_VARIABLES
-
-SCENE_LAWS: Final = (
-    *("restitution", "duration", "contact_area", "hardness", "friction", "heating", "reaction"),
-    *("fragmentation", "solver"),
-)
-"""Laws of an impact, by their keys in a scene."""
 
 VARIABLE_RANGES: Final[dict[str, tuple[float, float]]] = {
     "relative_speed": (1e-4, 1e3),
@@ -39,6 +32,15 @@ VARIABLE_RANGES: Final[dict[str, tuple[float, float]]] = {
 
 MAY_BE_ZERO: Final = ("friction", "activation_energy", "reaction_heat")
 """Variables that may be 0."""
+
+PRESSURE_LAWS: Final = ("duration", "hardness", "solver")
+"""Laws, by their keys in a scene, that only the contact pressure needs."""
+
+CASES_SEED: Final = 20_260_101
+"""Seed of the random cases, the same in every test."""
+
+RANDOM_CASES: Final = 1000
+"""Number of cases in which a property is tested."""
 
 DECADES: Final = 1e3
 """Maximum factor between a number of a law without limits and 1, or its limit."""
@@ -75,15 +77,11 @@ class Subject:
     ) -> None:
         self.tested = law
         self.laws = laws
+        self.compiled = compiled or {}
         self._ranges = VARIABLE_RANGES | dict(variables or {})
         self._numbers = numbers
-        self._compiled = compiled or {}
         self._logarithms: NDArray[np.float64] | None = None
-
-    def formula(self, name: str) -> Callable[..., Any]:
-        """Return a formula of the law: the compiled one if there is one."""
-        found: Callable[..., Any] = self._compiled.get(name) or getattr(type(self.tested), name)
-        return found
+        self._columns: dict[str, list[float]] = {}
 
     @property
     def solves_equation(self) -> bool:
@@ -92,49 +90,53 @@ class Subject:
         needed: bool = restitution.uses_contact_pressure
         return needed
 
-    def is_compiled(self, name: str) -> bool:
-        """Return whether a formula of the law is a compiled one."""
-        return name in self._compiled
-
     @property
-    def has_compiled(self) -> bool:
-        """Whether any formula of the law is a compiled one."""
-        return bool(self._compiled)
+    def constants(self) -> set[str]:
+        """Units of the physical constants in the formulas of the law, and of those it is given."""
+        return {unit for law in (self.tested, *self.laws.values()) for unit in law.constants}
 
-    def in_plain_python(self) -> "Subject":
-        """Return the subject with all formulas as plain Python."""
-        return Subject(self.tested, self.laws, self._ranges, self._numbers)
+    def with_formulas(self, compiled: Mapping[str, Callable[..., Any]]) -> "Subject":
+        """Return the subject with other compiled formulas; none: all are plain Python."""
+        other = copy.copy(self)
+        other.compiled = compiled
+        return other
+
+    def in_units(self, logarithms: NDArray[np.float64]) -> "Subject":
+        """Return the subject with all laws in other units; see `cases.other_units`."""
+        other = copy.copy(self)
+        other._logarithms = logarithms
+        return other
 
     @cached_property
-    def domain(self) -> Domain:
-        """Intervals of the variables and of the law's own numbers."""
-        found = {
-            name: Interval(low, high, VARIABLE_UNITS[name], low > 0.0 < high, self._zero(name, low))
-            for name, (low, high) in self._ranges.items()
-            if name in VARIABLE_UNITS
-        }
-        for name, number in self._drawn.items():
-            found[self._own(name)] = self._interval(name, number)
-        return found
+    def intervals(self) -> Mapping[str, Interval]:
+        """Intervals of the variables, of the law's own numbers, and of all others."""
+        found = dict(INTERVALS)
+        for name, (low, high) in self._ranges.items():
+            free = name in MAY_BE_ZERO and VARIABLE_RANGES[name] == (low, high)
+            if unit := VARIABLE_UNITS.get(name):
+                found[name] = Interval(low, high, unit, low > 0.0, (0.0,) if free else ())
+        own = {f"law.{name}": self._interval(name, number) for name, number in self._drawn.items()}
+        return found | own
 
-    def _zero(self, name: str, low: float) -> tuple[float, ...]:
-        free = VARIABLE_RANGES.get(name) == self._ranges[name]
-        return (0.0,) if free and name in MAY_BE_ZERO else ()
+    def value(self, name: str, number: int) -> float:
+        """Return a number of a case: special or in the middle of its interval in the first one."""
+        if name not in self._columns:
+            random = np.random.default_rng((CASES_SEED, *name.encode()))
+            at = self.intervals[name].at
+            others = (at(*shares) for shares in random.random((RANDOM_CASES, 3)).tolist())
+            self._columns[name] = [at(0.5, 0.0), *others]
+        return self._columns[name][number]
 
     @cached_property
     def _drawn(self) -> dict[str, In]:
         """The law's own numbers that are drawn, by name."""
         fields = type(self.tested).model_fields
-        found = ((name, number_of(field)) for name, field in fields.items())
         return {
             name: number
-            for name, number in found
-            if isinstance(number, In) and isinstance(getattr(self.tested, name), float | int)
+            for name, field in fields.items()
+            if isinstance(number := number_of(field), In)
+            and isinstance(getattr(self.tested, name), float | int)
         }
-
-    def _own(self, name: str) -> str:
-        """Return the name of an own number in a point, apart from those of variables."""
-        return f"{name}_of_law" if name in VARIABLE_UNITS else name
 
     def _interval(self, name: str, number: In) -> Interval:
         """Return where a number of the law is drawn from."""
@@ -154,53 +156,24 @@ class Subject:
         inner = 1e-6 * (end - start)
         return Interval(start + inner, end - inner, number.unit, False, ends)
 
-    def in_units(self, logarithms: NDArray[np.float64]) -> "Subject":
-        """Return the subject with all laws in other units; see `other_units.other_units`."""
-        other = copy.copy(self)
-        other._logarithms = logarithms
-        return other
+    def law_at(self, case: "Case") -> Law:
+        """Return the law with its numbers in a case."""
+        own = {name: case[f"law.{name}"] for name in self._drawn}
+        return self.scaled(self.tested).model_copy(update=own)
 
-    def _scaled(self, law: Law) -> Law:
+    def impact_laws(self, case: "Case") -> ImpactLaws:
+        """Return all laws of an impact in a case, the one under test among them."""
+        needed = self.solves_equation or any(self.laws[key] is self.tested for key in PRESSURE_LAWS)
+        built: dict[str, Any] = {}
+        for key in ImpactLaws._fields[:-1]:
+            law = case.law if self.laws[key] is self.tested else self.scaled(self.laws[key])
+            built[key] = law.build(case.values) if needed or key not in PRESSURE_LAWS else None
+        capacity = math.inf if self.laws["heating"].is_absent else case["heat_capacity"]
+        return ImpactLaws(**built, heat_capacity=capacity)
+
+    def scaled(self, law: Law) -> Law:
+        """Return a law of the scene in the units of the subject."""
         return law if self._logarithms is None else scaled_law(law, self._logarithms)
-
-    def law_at(self, point: Point) -> Law:
-        """Return the law with its numbers at a point."""
-        own = {name: point[self._own(name)] for name in self._drawn}
-        law = self._scaled(self.tested)
-        return law.model_copy(update=own) if own else law
-
-    def numbers(self, point: Point) -> Any:
-        """Return the numbers of the law at a point, as kernels see them."""
-        return self.law_at(point).build(point)
-
-    def impact_laws(self, point: Point) -> ImpactLaws:
-        """Return all laws of an impact at a point, the one under test among them."""
-        unused = (
-            ()
-            if self.solves_equation or self._is_of_pressure
-            else ("duration", "hardness", "solver")
-        )
-        built: dict[str, Any] = {
-            key: None
-            if key in unused
-            else self.numbers(point)
-            if law is self.tested
-            else self._scaled(law).build(point)
-            for key, law in self.laws.items()
-            if key in SCENE_LAWS
-        }
-        absent = self.laws["heating"].is_absent
-        return ImpactLaws(**built, heat_capacity=math.inf if absent else point["heat_capacity"])
-
-    @property
-    def _is_of_pressure(self) -> bool:
-        """Whether the law under test is one that only the contact pressure needs."""
-        return any(self.laws[key] is self.tested for key in ("duration", "hardness", "solver"))
-
-    @property
-    def constants(self) -> tuple[str, ...]:
-        """Units of the physical constants in the formulas of the law, and of those it is given."""
-        return tuple({unit for law in (self.tested, *self.laws.values()) for unit in law.constants})
 
 
 def scaled_law(law: Law, logarithms: NDArray[np.float64]) -> Law:
@@ -216,53 +189,109 @@ def scaled_law(law: Law, logarithms: NDArray[np.float64]) -> Law:
     return law.model_copy(update=scaled)
 
 
-PAIR_DOMAIN: Final[Domain] = {
-    "approach_speed": Interval(1e-5, 1e3, "m/s"),
-    "slip_speed": Interval(1e-5, 1e3, "m/s", special=(0.0,)),
-    "radius_i": Interval(1e-6, 1e-1, "m", special=(1e-3,)),
-    "radius_j": Interval(1e-6, 1e-1, "m", special=(1e-3,)),
-    "temperature_i": Interval(1.0, 3e3, "K", special=(300.0,)),
-    "temperature_j": Interval(1.0, 3e3, "K", special=(300.0,)),
-    "normal_j": Interval(1e-3, 1e2, "m/s", special=(0.0,), signed=True),
-    "tangent_j": Interval(1e-3, 1e2, "m/s", special=(0.0,), signed=True),
-    "time_since_impact": Interval(1e-9, 1e3, "s", special=(math.inf,)),
-}
-"""Numbers of two grains that collide; masses follow from radii and density."""
+class Case:
+    """A law under test at named numbers, which are drawn when they are asked for.
 
+    Attributes
+    ----------
+    subject
+        The law among those of its scene.
+    number
+        Number of the case, from 0.
+    numbers
+        Those asked for so far, or given, in SI units.
+    origin
+        The case from which this one was made by other numbers; it gets what is drawn here, too.
+    """
 
-def pair_at(point: Point) -> ContactPair:
-    """Return the pair of a point."""
-    masses = [
-        4.0 / 3.0 * math.pi * point["density"] * point[name] ** 3
-        for name in ("radius_i", "radius_j")
-    ]
-    return ContactPair(
-        approach_speed=point["approach_speed"],
-        slip_speed=point["slip_speed"],
-        mass_i=masses[0],
-        mass_j=masses[1],
-        reduced_mass=masses[0] * masses[1] / (masses[0] + masses[1]),
-        radius=min(point["radius_i"], point["radius_j"]),
-        radius_i=point["radius_i"],
-        radius_j=point["radius_j"],
-        temperature_i=point["temperature_i"],
-        temperature_j=point["temperature_j"],
-        normal_i=point["normal_j"] + point["approach_speed"],
-        normal_j=point["normal_j"],
-        tangent_i=point["tangent_j"] + point["slip_speed"],
-        tangent_j=point["tangent_j"],
-        time_since_impact=point["time_since_impact"],
-    )
+    def __init__(
+        self,
+        subject: Subject,
+        number: int,
+        numbers: Mapping[str, float] | None = None,
+        origin: "Case | None" = None,
+    ) -> None:
+        self.subject = subject
+        self.number = number
+        self.numbers = dict(numbers or {})
+        self.origin = origin
 
+    def __getitem__(self, name: str) -> float:
+        if name not in self.numbers:
+            if self.origin is None:
+                self.numbers[name] = self.subject.value(name, self.number)
+            else:
+                self.numbers[name] = self.origin[name]
+        return self.numbers[name]
 
-def exchanged(point: Point) -> Point:
-    """Return the point with both grains exchanged, and the directions n and t reversed."""
-    return {
-        **point,
-        "radius_i": point["radius_j"],
-        "radius_j": point["radius_i"],
-        "temperature_i": point["temperature_j"],
-        "temperature_j": point["temperature_i"],
-        "normal_j": -(point["normal_j"] + point["approach_speed"]),
-        "tangent_j": -(point["tangent_j"] + point["slip_speed"]),
-    }
+    def but(self, **numbers: float) -> "Case":
+        """Return the case with some other numbers."""
+        return Case(self.subject, self.number, {**self.numbers, **numbers}, self)
+
+    def of(self, subject: Subject) -> "Case":
+        """Return the case of another subject."""
+        return Case(subject, self.number, self.numbers)
+
+    def in_other_units(self) -> "tuple[Case, NDArray[np.float64]] | None":
+        """Return the case in other units of length, mass and time, and their logarithms.
+
+        None: the constants of the law leave SI alone.
+        """
+        wanted = [self[name] for name in ("unit_length", "unit_mass", "unit_time")]
+        logarithms = other_units(wanted, self.subject.constants)
+        if logarithms is None:
+            return None
+        units = {name: self.subject.intervals[name].unit for name in self.numbers}
+        scaled = {name: self[name] * factor(unit, logarithms) for name, unit in units.items()}
+        return self.of(self.subject.in_units(logarithms)).but(**scaled), logarithms
+
+    def call(self, formula: str, *arguments: Any) -> Any:
+        """Return what a formula of the law gives: the compiled one if there is one."""
+        plain = getattr(type(self.subject.tested), formula)
+        return self.subject.compiled.get(formula, plain)(self.law.build(self.values), *arguments)
+
+    @cached_property
+    def values(self) -> Mapping[str, float]:
+        """All variables."""
+        return {name: self[name] for name in VARIABLE_RANGES}
+
+    @cached_property
+    def law(self) -> Any:
+        """The law with its numbers."""
+        return self.subject.law_at(self)
+
+    @cached_property
+    def laws(self) -> ImpactLaws:
+        """All laws of an impact."""
+        return self.subject.impact_laws(self)
+
+    @property
+    def grain(self) -> tuple[float, float, float]:
+        """Temperature in K, surface in m² and heat capacity in J/K of a grain."""
+        radius = self["radius"]
+        mass = 4.0 / 3.0 * math.pi * radius**3 * self["density"]
+        surface = 4.0 * math.pi * radius**2
+        return self["temperature_of_grain"], surface, mass * self["heat_capacity"]
+
+    @property
+    def deficits(self) -> tuple[float, float, float]:
+        """A lower, a middle and an upper deficit."""
+        upper = self["upper"]
+        lower = upper * self["lower_share"]
+        return lower, lower + self["between"] * (upper - lower), upper
+
+    @cached_property
+    def pair(self) -> ContactPair:
+        """The two grains."""
+        radii = self["radius_i"], self["radius_j"]
+        mass_i, mass_j = (4.0 / 3.0 * math.pi * self["density"] * each**3 for each in radii)
+        given = {name: self[name] for name in ContactPair._fields if name in INTERVALS}
+        derived = {
+            "mass_i": mass_i,
+            "mass_j": mass_j,
+            "reduced_mass": mass_i * mass_j / (mass_i + mass_j),
+            "radius": min(radii),
+            "normal_i": self["normal_j"] + self["approach_speed"],
+            "tangent_i": self["tangent_j"] + self["slip_speed"],
+        }
+        return ContactPair(**{**given, **derived})

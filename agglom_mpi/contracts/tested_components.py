@@ -6,7 +6,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Final
 
@@ -18,21 +18,16 @@ from agglom_mpi.contracts.objectives_and_rules import (
     objective_failures,
     rule_failures,
 )
-from agglom_mpi.contracts.points import draw_points
-from agglom_mpi.contracts.property_findings import PropertyFinding, Verdict, component_label
+from agglom_mpi.contracts.property_findings import PropertyFinding, component_label
 from agglom_mpi.contracts.searches import SEARCH_PROPERTIES, search_failures
 from agglom_mpi.contracts.starts import SIZE_PROPERTIES, sizes_failures
-from agglom_mpi.contracts.subject import PAIR_DOMAIN, Subject
-from agglom_mpi.contracts.tested_laws import (
-    POINTS_SEED,
-    law_findings,
-    properties_of,
-    unknown_breaks,
-)
+from agglom_mpi.contracts.subject import CASES_SEED, Case, Subject
+from agglom_mpi.contracts.tested_laws import law_findings, properties_of
 from agglom_mpi.declaration.components import Component
 from agglom_mpi.declaration.laws import Law
 from agglom_mpi.declaration.users_code import users_code
 from agglom_mpi.errors import BAD_INPUT, UserError
+from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.simulation.own_laws import compiled_formulas
 
 MAX_TEST_SECONDS: Final = 300.0
@@ -57,7 +52,7 @@ def tested_components(campaign: Campaign, components: Iterable[Component]) -> li
     for own in [each for each in components if each.own]:
         with _ended_if_endless(component_label(type(own))):
             findings += _of(campaign, own)
-    if failed := [str(each) for each in findings if each.verdict is Verdict.FAILS]:
+    if failed := [str(each) for each in findings if each.fails]:
         raise BrokenComponentError("\n".join(failed))
     return findings
 
@@ -93,40 +88,31 @@ def _of(campaign: Campaign, component: Component) -> list[PropertyFinding]:
     """Return the findings on one component of one's own."""
     if isinstance(component, Law):
         return _of_law(campaign, component)
-    section, plan = campaign.at(campaign.parameters()).section, campaign.plan
-    if component is section.sizes and section.sizes is not None:
-        return _listed(component, SIZE_PROPERTIES, sizes_failures(section.sizes, POINTS_SEED))
+    sizes, plan = campaign.at(campaign.parameters()).section.sizes, campaign.plan
+    if component is sizes and sizes is not None:
+        return _listed(component, SIZE_PROPERTIES, sizes_failures(sizes, CASES_SEED))
     if plan is not None and component is plan.search:
         failures = search_failures(plan.search, campaign.space(), campaign.seed)
         return _listed(component, SEARCH_PROPERTIES, failures)
     if plan is not None and component is plan.ensemble:
-        return _listed(component, RULE_PROPERTIES, rule_failures(plan.ensemble, POINTS_SEED))
-    failures = objective_failures(campaign.objective, POINTS_SEED)
+        return _listed(component, RULE_PROPERTIES, rule_failures(plan.ensemble, CASES_SEED))
+    failures = objective_failures(campaign.objective, CASES_SEED)
     return _listed(component, OBJECTIVE_PROPERTIES, failures)
 
 
 def _listed(
-    component: Component, known: Iterable[str], failures: Iterator[tuple[str, str]]
+    component: Component, known: Sequence[str], failures: Iterator[tuple[str, str]]
 ) -> list[PropertyFinding]:
     """Return a finding for each property, the first failure of each, in the order of testing."""
-    kind, names = type(component), list(known)
-    label, texts = component_label(kind), dict[str, str]()
+    kind, texts = type(component), dict[str, str]()
+    unknown = _unknown_breaks(kind, known)
     try:
-        with users_code(label):
+        with users_code(component_label(kind)):
             for name, text in failures:
                 texts.setdefault(name, text)
     except Exception as error:  # a component of the user's may raise any
-        texts["raises"] = f"{type(error).__name__}: {error}"
-        names = ["raises"]
-    found = [*unknown_breaks(kind, set(known))]
-    for name in names:
-        if name not in texts:
-            found.append(PropertyFinding(label, name, Verdict.HOLDS))
-        elif name in kind.breaks:
-            found.append(PropertyFinding(label, name, Verdict.BREAKS, kind.breaks[name]))
-        else:
-            found.append(PropertyFinding(label, name, Verdict.FAILS, texts[name]))
-    return found
+        return [*unknown, PropertyFinding(kind, "raises", f"{type(error).__name__}: {error}")]
+    return [*unknown, *(PropertyFinding(kind, name, texts.get(name, "")) for name in known)]
 
 
 def _of_law(campaign: Campaign, law: Law) -> list[PropertyFinding]:
@@ -135,33 +121,33 @@ def _of_law(campaign: Campaign, law: Law) -> list[PropertyFinding]:
     laws = {each.key: each.law for each in section.laws()}
     key = next(key for key, each in laws.items() if each is law)
     laws[key.partition(".")[0]] = law  # a law within another is tested by itself
-    space = campaign.variables.space()
+    space = SearchSpace.of(campaign.variables)
     ends = zip(space.lower.tolist(), space.upper.tolist(), strict=True)
-    ranges = {
-        name: (low, high)
-        for name, (low, high) in zip(campaign.variables.table.names, ends, strict=True)
-        if not math.isnan(low)
-    }
-    own = {
-        name.removeprefix(f"{key}."): limits
-        for name, limits in ranges.items()
-        if name.startswith(f"{key}.")
-    }
+    named = zip(campaign.variables.names, ends, strict=True)
+    ranges = {name: limits for name, limits in named if not math.isnan(limits[0])}
+    prefix = f"{key}."
+    own = {k.removeprefix(prefix): each for k, each in ranges.items() if k.startswith(prefix)}
     subject = Subject(law, laws, ranges, own)
-    known = {each.name for each in properties_of(subject)}
+    known = [name for name, _ in properties_of(subject)]
     if runs_compiled():
-        point = next(draw_points({**subject.domain, **PAIR_DOMAIN}, (POINTS_SEED,), 1))
-        numbers = subject.numbers(point)
-        impact = subject.impact_laws(point)
-        subject = Subject(law, laws, ranges, own, compiled_formulas(numbers, impact))
-    return [*unknown_breaks(type(law), known), *law_findings(subject)]
+        case = Case(subject, 0)
+        numbers = case.law.build(case.values)
+        subject = subject.with_formulas(compiled_formulas(numbers, case.laws))
+    return [*_unknown_breaks(type(law), known), *law_findings(subject)]
+
+
+def _unknown_breaks(kind: type[Component], known: Iterable[str]) -> list[PropertyFinding]:
+    """Return the names in `breaks` of a class that are no properties of its kind."""
+    allowed = f"no property of its kind; allowed: {', '.join(sorted({*known}))}"
+    unknown = [name for name in kind.breaks if name not in {*known}]
+    return [PropertyFinding(kind, "breaks", f"{name!r} is {allowed}") for name in unknown]
 
 
 def lines_on(findings: Iterable[PropertyFinding]) -> list[str]:
     """Return a line on each component that was tested, with the names of what holds."""
-    held: dict[str, list[str]] = {}
+    held: dict[type[Component], list[str]] = {}
     for each in findings:
         names = held.setdefault(each.component, [])
-        if each.verdict is Verdict.HOLDS:
-            names.append(each.property)
-    return [f"{label} satisfies {', '.join(names)}" for label, names in held.items()]
+        if not each.fault:
+            names.append(each.name)
+    return [f"{component_label(kind)} satisfies {', '.join(names)}" for kind, names in held.items()]

@@ -1,33 +1,14 @@
-"""Test a law of a scene: all properties of its kind, at random points."""
+"""Test a law of a scene: all properties of its kind, in random cases."""
 
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
-from agglom_mpi.contracts.formula_properties import compiled_alike
-from agglom_mpi.contracts.grains import COOLING_KIND, FRAGMENTATION_KIND
-from agglom_mpi.contracts.impacts import (
-    DURATION_KIND,
-    FRICTION_KIND,
-    HEATING_KIND,
-    REACTION_KIND,
-    RESTITUTION_KIND,
-)
-from agglom_mpi.contracts.kinds import (
-    COMPILED,
-    FINITE,
-    FRAME,
-    SYMMETRY,
-    UNITS,
-    LawKind,
-    LawProperty,
-    general_properties,
-)
-from agglom_mpi.contracts.materials import HARDNESS_KIND, ROOT_PROPERTY
-from agglom_mpi.contracts.points import Point, Violation, draw_points, simplest
-from agglom_mpi.contracts.property_findings import PropertyFinding, Verdict, component_label
-from agglom_mpi.contracts.starts import VELOCITIES_KIND
-from agglom_mpi.contracts.subject import Subject
+from agglom_mpi.contracts import formulas, grains, impacts, starts
+from agglom_mpi.contracts.cases import Violation
+from agglom_mpi.contracts.formulas import LawFormula
+from agglom_mpi.contracts.property_findings import PropertyFinding
+from agglom_mpi.contracts.subject import RANDOM_CASES, Case, Subject
 from agglom_mpi.declaration.laws import Law
 from agglom_mpi.declaration.own_modules import line_in
 from agglom_mpi.physics.contact import Duration
@@ -40,56 +21,157 @@ from agglom_mpi.physics.reaction import Reaction
 from agglom_mpi.physics.restitution import Restitution, Solver
 from agglom_mpi.physics.velocities import Velocities
 
+Check = Callable[[Case], Violation]
+"""Returns a description of the fault in a case, None if there is none."""
+
+
+class LawKind(NamedTuple):
+    """Promises of a kind of law: every formula's, those of the kind alone, and how often tested."""
+
+    formulas: tuple[LawFormula, ...] = ()
+    properties: Mapping[str, Check] = {}
+    cases: int = RANDOM_CASES
+
+
+def _pair(case: Case) -> tuple[Any, ...]:
+    return (case.pair,)
+
+
+def _bounce(case: Case) -> tuple[Any, ...]:
+    return case.pair, case["deficit"]
+
+
+def _temperature(case: Case) -> tuple[Any, ...]:
+    return (case["temperature_of_grain"],)
+
+
 LAW_KINDS: Final[Mapping[type[Law], LawKind]] = {
-    Restitution: RESTITUTION_KIND,
-    Duration: DURATION_KIND,
-    Hardness: HARDNESS_KIND,
-    Friction: FRICTION_KIND,
-    Heating: HEATING_KIND,
-    Reaction: REACTION_KIND,
-    Fragmentation: FRAGMENTATION_KIND,
-    Cooling: COOLING_KIND,
-    Solver: LawKind((), ()),
-    Velocities: VELOCITIES_KIND,
+    Restitution: LawKind(
+        (LawFormula("solve_restitution", lambda c: (c.laws, c.pair), ("1", "1"), (0, 1)),),
+        {"range": impacts.within_limits, "energy": impacts.makes_no_energy},
+    ),
+    Duration: LawKind(
+        (
+            LawFormula("force_scale", _pair, ("N",), (0,)),
+            LawFormula("restitution_factor", lambda c: (1.0 - c["deficit"],), ("1",)),
+            LawFormula("restitution_factor_slope", lambda c: (c["deficit"],), ("1",)),
+        ),
+        {
+            "size": impacts.pressure_knows_no_size,
+            "factor": impacts.factor_never_falls,
+            "slope": impacts.factor_slope_is_right,
+        },
+    ),
+    Hardness: LawKind(
+        (
+            LawFormula("log_hardening", _temperature, ("1",), may_be_infinite=True),
+            LawFormula("softening_rate", _temperature, ("1/K",)),
+        ),
+        {
+            "falls": impacts.hardness_falls,
+            "derivative": impacts.softening_is_derivative,
+            "convex": impacts.softening_never_rises,
+        },
+    ),
+    Friction: LawKind(
+        (LawFormula("tangential_impulse", _bounce, ("kg*m/s",), (0,)),),
+        {"slip": impacts.never_drives_slip, "slopes": impacts.slopes_bound_impulse},
+    ),
+    Heating: LawKind(
+        (
+            LawFormula(
+                "impact_heats",
+                lambda case: (case.laws.friction, *_bounce(case)),
+                ("J", "J"),
+                (1, 0),
+                scale=impacts.energy_scale,
+            ),
+            LawFormula("merge_heat", _pair, ("J",), (0,), scale=impacts.energy_scale),
+        ),
+        {
+            "energy": impacts.keeps_the_books,
+            "slopes": impacts.slopes_bound_heats,
+            "unique": impacts.heat_rises_less_than_deficit,
+        },
+    ),
+    Reaction: LawKind(
+        (LawFormula("contact_heat", lambda case: (case["area"],), ("J",)),),
+        {"linear": impacts.is_proportional_to_area},
+    ),
+    Fragmentation: LawKind(
+        (LawFormula("breakage", grains.released, ("1", "J")),),
+        {
+            "pieces": grains.counts_are_whole,
+            "energy": grains.takes_what_is_there,
+            "frame": grains.same_pieces_in_other_frame,
+        },
+    ),
+    Cooling: LawKind(
+        (
+            LawFormula("cooling_rate", lambda case: case.grain, ("K/s",)),
+            LawFormula("exact_temperature", lambda case: (*case.grain, case["time"]), ("K",)),
+            LawFormula("rest_temperature", lambda case: (), ("K",)),
+        ),
+        {
+            "bounds": grains.stays_between,
+            "interval": grains.two_intervals_are_one,
+            "solution": grains.solves_its_equation,
+        },
+    ),
+    Solver: LawKind(),
+    Velocities: LawKind(
+        properties={
+            "finite": starts.velocities_are_finite,
+            "variance": starts.velocities_have_their_variance,
+            "bounds": starts.velocities_are_within_bounds,
+            "flow": starts.flow_does_not_scale,
+            "units": starts.velocities_in_other_units,
+        },
+        cases=12,
+    ),
 }
 """Formulas and properties of each kind of law."""
 
 IN_EQUATION: Final = (Restitution, Duration, Hardness, Friction, Heating, Reaction, Solver)
 """Kinds of laws that the impact equation is made of."""
 
-INHERITED: Final = (SYMMETRY, FRAME, UNITS, ROOT_PROPERTY.name)
+INHERITED: Final = ("symmetry", "frame", "units", "root")
 """Properties that a formula may lack because a law that it calls lacks them."""
 
 CALLERS: Final = (Restitution, Heating)
 """Kinds of laws whose formulas are given other laws."""
 
-COMPARED_POINTS: Final = 200
-"""Number of points at which compiled formulas are compared with plain Python."""
-
-POINTS_SEED: Final = 20_260_101
-"""Seed of the random points, the same in every test."""
+OTHER_CASES: Final = 9
+"""Number of other cases that are tried to find whether a number matters."""
 
 
-def law_kind_of(law: Law) -> LawKind | None:
-    """Return formulas and properties of the kind of a law; None if the kind is not tested."""
-    return next((LAW_KINDS[each] for each in type(law).__mro__ if each in LAW_KINDS), None)
+def law_kind_of(law: Law) -> LawKind:
+    """Return formulas and properties of the kind of a law; none if the kind is not tested."""
+    return next((LAW_KINDS[each] for each in type(law).__mro__ if each in LAW_KINDS), LawKind())
 
 
-def properties_of(subject: Subject) -> list[LawProperty]:
-    """Return all properties that a law promises, those of every formula first.
+def properties_of(subject: Subject) -> Iterator[tuple[str, Check]]:
+    """Yield all properties that a law promises, those of every formula first.
 
     A property that another law of the scene breaks is left out where the formulas call that law:
     the restitution by the pressure depends on the frame where the heat does.
     """
     kind, law = law_kind_of(subject.tested), subject.tested
-    if kind is None:
-        return []
-    general = [each for formula in kind.formulas for each in general_properties(formula)]
-    general.sort(key=lambda each: each.name != FINITE)
-    root = [ROOT_PROPERTY] if isinstance(law, IN_EQUATION) and subject.solves_equation else []
+    of_pairs = [each for each in kind.formulas if each.exchanged is not None]
+    compiled = [each for each in kind.formulas if each.name in subject.compiled]
+    found: list[tuple[str, Check]] = [
+        *(("finite", partial(formulas.results_are_finite, each)) for each in kind.formulas),
+        *(("symmetry", partial(formulas.symmetric, each)) for each in of_pairs),
+        *(("frame", partial(formulas.same_in_other_frame, each)) for each in of_pairs),
+        *(("units", partial(formulas.same_in_other_units, each)) for each in kind.formulas),
+        *kind.properties.items(),
+        *(("compiled", partial(formulas.compiled_alike, each)) for each in compiled),
+    ]
+    if isinstance(law, IN_EQUATION) and subject.solves_equation:
+        found.append(("root", impacts.root_is_the_smallest))
     broken = {name for each in subject.laws.values() if each is not law for name in each.breaks}
-    spoilt = broken.intersection(INHERITED if isinstance(law, CALLERS) else (ROOT_PROPERTY.name,))
-    return [each for each in (*general, *kind.properties, *root) if each.name not in spoilt]
+    spoilt = broken.intersection(INHERITED if isinstance(law, CALLERS) else ("root",))
+    return ((name, check) for name, check in found if name not in spoilt)
 
 
 def law_findings(subject: Subject) -> list[PropertyFinding]:
@@ -98,69 +180,56 @@ def law_findings(subject: Subject) -> list[PropertyFinding]:
     Where results are not finite, nothing else is tested.
     """
     found: dict[str, PropertyFinding] = {}
-    for promised in (*properties_of(subject), *_compiled_properties(subject)):
-        if promised.name in found and found[promised.name].verdict is not Verdict.HOLDS:
-            continue
-        if FINITE in found and found[FINITE].verdict is Verdict.FAILS and promised.name != FINITE:
+    for name, check in properties_of(subject):
+        if name != "finite" and "finite" in found and found["finite"].fails:
             break
-        found[promised.name] = _tested(subject, promised)
+        if name not in found or not found[name].fault:
+            fault, numbers = _first_fault(subject, check)
+            found[name] = PropertyFinding(type(subject.tested), name, fault, numbers)
     return list(found.values())
 
 
-def _compiled_properties(subject: Subject) -> Iterator[LawProperty]:
-    """Yield the property that a formula gives the same compiled and in plain Python, of each."""
-    kind, plain = law_kind_of(subject.tested), subject.in_plain_python()
-    for formula in () if kind is None else kind.formulas:
-        if subject.is_compiled(formula.name):
-            alike = partial(compiled_alike, plain, formula)
-            yield LawProperty(COMPILED, alike, formula.domain, COMPARED_POINTS)
+def _first_fault(subject: Subject, check: Check) -> tuple[str, Mapping[str, float]]:
+    """Return the fault in the first case that has one, and the numbers that matter for it."""
+    for number in range(min(law_kind_of(subject.tested).cases, RANDOM_CASES)):
+        case = Case(subject, number)
+        if first := guarded(check, case):
+            text, numbers = _simplest(check, case)
+            return text or f"{first}, and at other calls with the same numbers not", numbers
+    return "", {}
 
 
-def _tested(subject: Subject, promised: LawProperty) -> PropertyFinding:
-    """Test one property of a law at random points; the first failure ends it."""
-    law, name = type(subject.tested), promised.name
-    domain = {**subject.domain, **promised.domain}
-    violation = _guarded(subject, promised.violation)
-    for point in draw_points(domain, (POINTS_SEED, *name.encode()), promised.points):
-        first = violation(point)
-        if first is None:
-            continue
-        text, numbers = simplest(point, domain, violation)
-        text = text or f"{first}, and at other calls with the same numbers not"
-        if name in law.breaks:
-            return PropertyFinding(
-                component_label(law), name, Verdict.BREAKS, law.breaks[name], numbers
-            )
-        return PropertyFinding(component_label(law), name, Verdict.FAILS, text, numbers)
-    return PropertyFinding(component_label(law), name, Verdict.HOLDS)
+def _simplest(check: Check, case: Case) -> tuple[str, Mapping[str, float]]:
+    """Return the fault in a case, and the numbers that matter for it.
+
+    Each number is set to that of the first case where the fault persists, and left out if the fault
+    is the same at other values.
+    """
+    value, names = case.subject.value, list(case.numbers)
+    for name in names:
+        tried = case.but(**{name: value(name, 0)})
+        if guarded(check, tried) is not None:
+            case = tried
+    text = guarded(check, case) or ""
+
+    def matters(name: str) -> bool:
+        others = (case.but(**{name: value(name, number)}) for number in range(1, OTHER_CASES))
+        return any(guarded(check, other) != text for other in others)
+
+    return text, {name: case[name] for name in names if matters(name)}
 
 
-def _guarded(
-    subject: Subject, violation: Callable[[Subject, Point], Violation]
-) -> Callable[[Point], Violation]:
-    """Return a test that takes an exception of the law for a violation.
+def guarded(check: Check, case: Case) -> Violation:
+    """Return the fault in a case; an exception of the law is one.
 
     Some properties are tested in plain Python alone, where a division by 0 raises; of a law that
     is compiled it does not, and `finite` tests its result.
     """
-
-    def guarded(point: Point) -> Violation:
-        try:
-            return violation(subject, point)
-        except (ArithmeticError, ValueError) as error:
-            return None if subject.has_compiled else f"raises {type(error).__name__}: {error}"
-        except Exception as error:  # a law of the user's may raise any
-            own = subject.tested.own
-            place = "" if own is None else f"{line_in(own.file, error)} "
-            return f"{place}raises {type(error).__name__}: {error}"
-
-    return guarded
-
-
-def unknown_breaks(law: type[Any], known: set[str]) -> Iterator[PropertyFinding]:
-    """Yield the names in `breaks` of a class that are no properties of its kind."""
-    for name in law.breaks:
-        if name not in known:
-            allowed = ", ".join(sorted(known))
-            text = f"breaks {name!r}, which is no property of its kind; allowed: {allowed}"
-            yield PropertyFinding(component_label(law), "breaks", Verdict.FAILS, text)
+    try:
+        return check(case)
+    except Exception as error:  # a law of the user's may raise any
+        if isinstance(error, ArithmeticError | ValueError) and case.subject.compiled:
+            return None
+        own = case.subject.tested.own
+        place = "" if own is None else f"{line_in(own.file, error)} "
+        return f"{place}raises {type(error).__name__}: {error}"

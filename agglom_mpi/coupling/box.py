@@ -42,7 +42,6 @@ import numpy.typing as npt
 from agglom_mpi.config.arguments import read_count
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
-from agglom_mpi.config.simulate import random_numbers
 from agglom_mpi.config.yaml_source import ArgumentError
 from agglom_mpi.coupling.inputs import check_temperatures, initial_particles, read_values
 from agglom_mpi.coupling.state import BoxParticles, State, homogenise, particles_of
@@ -57,6 +56,7 @@ from agglom_mpi.simulation.stepwise import (
     room_for_particles,
     start_run,
 )
+from agglom_mpi.verbs.simulate import random_numbers
 
 if TYPE_CHECKING:
     from agglom_mpi.simulation.engines import Engine

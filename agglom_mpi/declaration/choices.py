@@ -1,19 +1,18 @@
 """The choice of a component: a field of a campaign file, by name or with its numbers."""
 
-from collections.abc import Callable, Mapping
-from functools import cache
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Union, get_args
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 
 from agglom_mpi.declaration.components import Component, UnknownComponentError, class_named
-from agglom_mpi.declaration.declared import FieldError, Reads
+from agglom_mpi.declaration.declared import FieldError
 from agglom_mpi.declaration.own_modules import own_error
 from agglom_mpi.declaration.reading import PLAIN, Reading, names_own, reading_of
 from agglom_mpi.declaration.units import quoted
 from agglom_mpi.declaration.users_code import users_code
-from agglom_mpi.errors import CodeNotAllowedError, named_error
+from agglom_mpi.errors import named_error
 
 if TYPE_CHECKING:
-    from pydantic import GetCoreSchemaHandler, ValidationInfo
+    from pydantic import GetCoreSchemaHandler
     from pydantic_core import CoreSchema
 
 
@@ -29,8 +28,7 @@ class Choice(NamedTuple):
     default
         Name of the component that a mapping without a name is; empty if it must have one.
     is_inner
-        Whether the field belongs to a component of the same kind, as the dry law of a wet one. Its
-        schema is then made when a value is first read, as it contains itself.
+        Whether the field belongs to a component of the same kind, as the dry law of a wet one.
     """
 
     kind: type[Component]
@@ -38,46 +36,50 @@ class Choice(NamedTuple):
     default: str = ""
     is_inner: bool = False
 
-    @property
-    def components(self) -> tuple[type[Component], ...]:
-        """The components to choose from."""
-        return tuple(dict.fromkeys(self.kind.components().values()))
-
     def __get_pydantic_core_schema__(
         self, source: Any, handler: "GetCoreSchemaHandler"
     ) -> "CoreSchema":
-        """Return the schema of a union whose members are distinguished by name."""
-        from pydantic import Field
+        """Return the schema that reads the component of the class that an entry names."""
         from pydantic_core import core_schema
 
-        if self.is_inner:
-            return core_schema.with_info_plain_validator_function(
-                lambda entry, info: _adapter(self).validate_python(entry, context=info.context)
-            )
-        union: Any = Union.__getitem__(self.components)  # of a number known when it is run
-        tagged = Annotated[union, Field(discriminator=self.kind.named_by)]
-        schema = handler.generate_schema(Annotated[tagged, Reads(self._as_mapping)])
-        if self.kind.may_be_own:
-            schema = core_schema.with_info_wrap_validator_function(self._read, schema)
+        schema = core_schema.with_info_plain_validator_function(
+            lambda entry, info: self.read(entry, reading_of(info))
+        )
         return core_schema.nullable_schema(schema) if type(None) in get_args(source) else schema
 
-    def own_class(self, entry: Any, reading: Reading) -> type[Component] | None:
-        """Return the class of one's own that an entry of a file names, None if it names none.
+    def read(self, entry: Any, reading: Reading) -> Component:
+        """Return the component of an entry of a file.
 
         Raises
         ------
         FieldError
-            If the class cannot be had.
+            If its class cannot be had.
+        ValueError
+            If its values do not fit.
         """
-        is_mapping = isinstance(entry, Mapping)
-        name = entry.get(self.kind.named_by) if is_mapping else entry
-        if not (self.kind.may_be_own and names_own(name)):
-            return None
+        if isinstance(entry, self.kind):
+            return entry
+        mapping, key = self._as_mapping(entry), self.kind.named_by
+        if key not in mapping:
+            raise FieldError(((key,), f"is missing; allowed: {', '.join(self.kind.components())}"))
         try:
-            return class_named(self.kind, name, reading)
+            found = class_named(self.kind, mapping[key], reading)
         except UnknownComponentError as error:
-            path = (self.kind.named_by,) if is_mapping else ()
-            raise FieldError((path, str(error))) from error
+            is_own = self.kind.may_be_own and names_own(mapping[key])
+            message = str(error) if is_own else self._unknown(mapping[key])
+            path = (key,) if isinstance(entry, Mapping) and key in entry else ()
+            raise FieldError((path, message)) from error
+        return _made_own(found, mapping, reading) if found.own else found.checked(mapping, reading)
+
+    def _unknown(self, name: Any) -> str:
+        """Return that no component has a name, and which are known."""
+        hint = ""
+        if isinstance(name, str) and ":" in name:
+            if self.kind.may_be_own:
+                hint = "; a class of your own is FILE.py:Class"
+            elif names_own(name):
+                hint = "; no class of your own can stand here"
+        return f"is {quoted(name)}; allowed: {', '.join(self.kind.components())}{hint}"
 
     def class_of(self, entry: Any, reading: Reading = PLAIN) -> type[Component]:
         """Return the class that an entry of a file names.
@@ -92,29 +94,13 @@ class Choice(NamedTuple):
             return type(mapping)
         return class_named(self.kind, mapping.get(self.kind.named_by), reading)
 
-    def _read(self, entry: Any, validate: Callable[[Any], Any], info: "ValidationInfo") -> Any:
-        """Return the component of an entry: of one's own, or one of the package."""
-        if isinstance(entry, self.kind):
-            return entry
-        reading = reading_of(info)
-        own = self.own_class(entry, reading)
-        if own is None:
-            return validate(entry)
-        return _made_own(own, self._as_mapping(entry), reading)
-
     def _as_mapping(self, entry: Any) -> Any:
         if self.default and isinstance(entry, dict) and self.kind.named_by not in entry:
             return {self.kind.named_by: self.default, **entry}
-        return self.kind.as_mapping("none" if self.or_none and entry is None else entry)
-
-
-@cache
-def _adapter(choice: Choice) -> Any:
-    """Return what reads a value of an inner choice."""
-    from pydantic import TypeAdapter
-
-    tagged: Any = Annotated[choice.kind, choice._replace(is_inner=False)]
-    return TypeAdapter(tagged)
+        found = self.kind.as_mapping("none" if self.or_none and entry is None else entry)
+        if not isinstance(found, Mapping | Component):
+            raise ValueError(f"is {quoted(entry)}; must be a mapping")
+        return found
 
 
 def choice_of(field: Any) -> Choice | None:
@@ -129,8 +115,6 @@ def _made_own(own: type[Component], entry: Any, reading: Reading) -> Component:
         with users_code(name):
             made = own.checked(entry, reading)
             summary = made.summary
-    except CodeNotAllowedError:  # of a stand-in without a summary
-        return made
     except Exception as error:
         if isinstance(error, ValueError) and not own_error(error):
             raise

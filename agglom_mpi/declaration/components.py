@@ -157,8 +157,6 @@ class Component(Declared):
         prints them.
     own
         Module of a class of one's own, which is named `FILE.py:Class`; None for the package's.
-    refused_of_stand_ins
-        Methods that need the code of a class of one's own, whatever they are inherited from.
     """
 
     named_by: ClassVar[str] = "law"
@@ -169,7 +167,6 @@ class Component(Declared):
     example: ClassVar[str] = ""
     breaks: ClassVar[Mapping[str, str]] = {}
     own: ClassVar[OwnModule | None] = None
-    refused_of_stand_ins: ClassVar[tuple[str, ...]] = ()
 
     def __init_subclass__(cls, **options: Any) -> None:
         """Give a class of one's own its name, and refuse one of the package that is not complete.
@@ -183,18 +180,14 @@ class Component(Declared):
         super().__init_subclass__(**options)
         cls.own = own_module(cls.__module__)
         if cls.own is not None and cls.may_be_own:
-            cls._call(f"{cls.own.file}:{cls.__name__}")
+            name = f"{cls.own.file}:{cls.__name__}"  # whatever name it has declared
+            others = {key: field for key, field in cls.model_fields.items() if key != cls.named_by}
+            literal: Any = Literal.__getitem__(name)
+            cls.model_fields = {cls.named_by: DeclaredField(literal, (), name), **others}
+            setattr(cls, cls.named_by, name)
             cls.check_own()
         elif cls.names():
             cls.check_complete()
-
-    @classmethod
-    def _call(cls, name: str) -> None:
-        """Name the class, whatever name it has declared."""
-        others = {key: field for key, field in cls.model_fields.items() if key != cls.named_by}
-        literal: Any = Literal.__getitem__(name)
-        cls.model_fields = {cls.named_by: DeclaredField(literal, (), name), **others}
-        setattr(cls, cls.named_by, name)
 
     @classmethod
     def check_own(cls) -> None:
@@ -241,7 +234,7 @@ class Component(Declared):
         """
         entries = super().entries()
         name = {key: entries[key] for key in (self.named_by,) if key in entries}
-        own = own_module(type(self).__module__) or self.own  # the former of executed code
+        own = own_module(type(self).__module__)
         return name | entries | ({} if own is None else own.entries())
 
     @classmethod
@@ -259,18 +252,6 @@ class Component(Declared):
     def names(cls) -> tuple[str, ...]:
         """Return the names that a file can have for this class; none for a base class."""
         return names_of(cls)
-
-    def record(self) -> dict[str, Any]:
-        """Return what a file records of a component of one's own, beside its answers.
-
-        These are plain values for JSON; `restored` turns them into attributes again.
-        """
-        return {}
-
-    @classmethod
-    def restored(cls, record: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the attributes of a stand-in for a recorded component of one's own, by name."""
-        return {name: _as_tuples(value) for name, value in record["answers"].items()}
 
     @classmethod
     def as_mapping(cls, entry: Any) -> Any:
@@ -319,11 +300,6 @@ def components_within(component: Component) -> Iterator[Component]:
         inner = getattr(component, name)
         if isinstance(inner, Component):
             yield from components_within(inner)
-
-
-def _as_tuples(value: Any) -> Any:
-    """Return a value of JSON with tuples in place of lists."""
-    return tuple(map(_as_tuples, value)) if isinstance(value, list) else value
 
 
 @cache

@@ -26,12 +26,11 @@ from typing import (
 )
 
 from agglom_mpi.declaration.own_modules import reduced_class
+from agglom_mpi.declaration.reading import Reading, reading_of
 
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler, TypeAdapter
     from pydantic_core import CoreSchema
-
-    from agglom_mpi.declaration.reading import Reading
 
 FieldPath: TypeAlias = tuple[str | int, ...]
 """Keys and list positions from the top of a file, or of a section, down to a field."""
@@ -56,9 +55,13 @@ def raise_field_errors(problems: Iterable[tuple[FieldPath, str]]) -> None:
 
 
 class Reads(NamedTuple):
-    """Metadata of a field: a function that reads its value before the type is checked."""
+    """Metadata of a field: a function that reads its value before the type is checked.
 
-    read: Callable[[Any], Any]
+    `in_context` it is called with the `Reading`, too.
+    """
+
+    read: Callable[..., Any]
+    in_context: bool = False
 
     def __get_pydantic_core_schema__(
         self, source: Any, handler: "GetCoreSchemaHandler"
@@ -66,21 +69,11 @@ class Reads(NamedTuple):
         """Return the schema of the field with the function before it."""
         from pydantic_core import core_schema
 
-        return core_schema.no_info_before_validator_function(self.read, handler(source))
-
-
-class Checks(NamedTuple):
-    """Metadata of a field: a function that checks its value after the type."""
-
-    check: Callable[[Any], Any]
-
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: "GetCoreSchemaHandler"
-    ) -> "CoreSchema":
-        """Return the schema of the field with the function after it."""
-        from pydantic_core import core_schema
-
-        return core_schema.no_info_after_validator_function(self.check, handler(source))
+        if not self.in_context:
+            return core_schema.no_info_before_validator_function(self.read, handler(source))
+        return core_schema.with_info_before_validator_function(
+            lambda value, info: self.read(value, reading_of(info)), handler(source)
+        )
 
 
 class Strict:
@@ -159,7 +152,7 @@ class Declared(metaclass=DeclaredType):
             self.__dict__.update(self._made({}).__dict__)
 
     @classmethod
-    def checked(cls, values: Mapping[Any, Any], reading: "Reading | None" = None) -> Self:
+    def checked(cls, values: Mapping[Any, Any], reading: Reading | None = None) -> Self:
         """Return the instance of given values; raise a ValueError if they do not fit."""
         return cls._adapter().validate_python(dict(values), context=reading)
 

@@ -1,13 +1,9 @@
 """Types of fields beside numbers with units, and how an entry names a component."""
 
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import Annotated, Any, Final
 
-from agglom_mpi.declaration.declared import Checks, Declared, Reads, Strict
+from agglom_mpi.declaration.declared import Declared, Reads, Strict
 from agglom_mpi.declaration.units import quoted
-
-if TYPE_CHECKING:
-    from pydantic import GetCoreSchemaHandler
-    from pydantic_core import CoreSchema
 
 MAX_EXACT: Final = 2**53
 """Maximum size of a whole number that float64 distinguishes from its neighbours."""
@@ -25,29 +21,26 @@ Flag = Annotated[bool, Strict()]
 """`true` or `false`: no 1, no `yes`."""
 
 
-def _printable(text: str) -> str:
-    if not text.isprintable():
+def _printable(text: Any) -> Any:
+    if isinstance(text, str) and not text.isprintable():
         raise ValueError(
             "holds a character that cannot be printed; allowed: one line of plain text"
         )
     return text
 
 
-Line = Annotated[str, Checks(_printable)]
+Line = Annotated[str, Reads(_printable)]
 """One line of printable text: no line break, null byte or lone surrogate."""
 
 
-class NotEmpty:
-    """Metadata of a `Line` that is not empty."""
+def _not_empty(text: Any) -> Any:
+    if text == "":
+        raise ValueError(f"is {quoted(text)}; must not be empty")
+    return text
 
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: "GetCoreSchemaHandler"
-    ) -> "CoreSchema":
-        """Return the schema of such a line."""
-        from pydantic import Field
 
-        return handler.generate_schema(Annotated[Line, Field(min_length=1)])
-
+NotEmpty = Annotated[Line, Reads(_not_empty)]
+"""A `Line` that is not empty."""
 
 NONE = Reads(lambda value: None if value == "none" else value)
 """Metadata that reads the word `none` as None."""

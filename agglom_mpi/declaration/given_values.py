@@ -7,10 +7,11 @@ from agglom_mpi.declaration.declared import (
     Declared,
     FieldPath,
     Meaning,
+    Reads,
     raise_field_errors,
 )
 from agglom_mpi.declaration.field_types import NotEmpty
-from agglom_mpi.declaration.reading import Reading, ReadsInContext
+from agglom_mpi.declaration.reading import Reading
 from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.declaration.units import quoted, to_si
 from agglom_mpi.formatting import in_unit
@@ -59,19 +60,15 @@ def read_value(variable: Variable, value: Any) -> float:
     return number
 
 
-def read_variable(
-    name: str, value: Any, third_moment: float = 1.0, table: VariableTable = TEN
-) -> tuple[str, float]:
+def read_variable(name: str, value: Any, table: VariableTable = TEN) -> tuple[str, float]:
     """Return a variable's name and value in SI units.
 
     Parameters
     ----------
     name, value
         As a file gives them.
-    third_moment
-        Of the law of sizes: a volume fraction is read as a size ratio, unless it is a variable.
     table
-        The variables of the campaign.
+        The variables of the campaign; a volume fraction that is none is read as a size ratio.
 
     Raises
     ------
@@ -80,7 +77,7 @@ def read_variable(
     """
     component = component_of(name, table)
     if name != component:
-        return component, size_ratio(read_value(VOLUME_FRACTION, value), third_moment)
+        return component, size_ratio(read_value(VOLUME_FRACTION, value), table.third_moment)
     return name, read_value(table[name], value)
 
 
@@ -113,7 +110,7 @@ class EarlierCampaign(Declared):
         Number of best strings.
     """
 
-    file: Annotated[str, NotEmpty(), Meaning("a campaign file")]
+    file: Annotated[NotEmpty, Meaning("a campaign file")]
     strings: Annotated[int, Whole(at_least=1, at_most=10**5)] = 1
 
 
@@ -148,5 +145,7 @@ def _read_string(
             problems.append(((*path, str(name)), str(error)))
 
 
-GivenStrings = Annotated[list[dict[str, float]] | EarlierCampaign, ReadsInContext(_read_strings)]
+GivenStrings = Annotated[
+    list[dict[str, float]] | EarlierCampaign, Reads(_read_strings, in_context=True)
+]
 """Strings to start with: values of searched variables, or the best of another campaign."""

@@ -86,7 +86,6 @@ class Law(Component):
     groups: ClassVar[tuple[Group, ...]] = ()
     constants: ClassVar[tuple[str, ...]] = ()
     is_absent: ClassVar[bool] = False
-    refused_of_stand_ins = ("build",)
     Numbers: ClassVar[Any]
 
     def __init_subclass__(cls, **options: Any) -> None:
@@ -171,14 +170,6 @@ class Law(Component):
             The variables in SI units, by name.
         """
         yield from ()
-
-    @classmethod
-    def restored(cls, record: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the attributes of a stand-in."""
-        found = super().restored(record)
-        if "groups" in found:
-            found["groups"] = tuple(Group(*group) for group in found["groups"])
-        return found
 
     def is_frame_dependent(self) -> bool:
         """Return whether its results depend on the frame of reference.

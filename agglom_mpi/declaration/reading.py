@@ -5,15 +5,14 @@ class, such as `components.class_named`, asks it for the classes of one's own.
 """
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeGuard
 
 from agglom_mpi.declaration.units import quoted
 from agglom_mpi.variables import TEN, VariableTable
 
 if TYPE_CHECKING:
-    from pydantic import GetCoreSchemaHandler, ValidationInfo
-    from pydantic_core import CoreSchema
+    from pydantic import ValidationInfo
 
 OWN_NAME: Final = re.compile(r"([^\W\d]\w*)\.py:([^\W\d]\w*)")
 """Regular expression of the name of a component of one's own, `FILE.py:Class`."""
@@ -25,10 +24,14 @@ SOURCE_VALUES: Final = "source_values"
 """Entry of an identity with the values that this code has read, where there are some."""
 
 OWN_MODULES: Final = "own_modules"
+"""Name of the text, JSON, with the modules of one's own of a file."""
 OWN_COMPONENTS: Final = "own_components"
-"""Names of the two texts, JSON, that a file records of components of one's own."""
+"""Name of a text of files of earlier versions, which described the classes of these modules."""
 OWN_SHA256: Final = "own_sha256"
 """Name of the SHA-256 of these two, one after the other, hexadecimal."""
+
+
+ONLY_BESIDE: Final = "which is read beside a campaign file; this text has none"
 
 
 def names_own(name: object) -> TypeGuard[str]:
@@ -36,13 +39,14 @@ def names_own(name: object) -> TypeGuard[str]:
     return isinstance(name, str) and ".py" in name
 
 
-def sections_of_own(identity: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the sections of an identity that have a component of one's own: `scene.friction`."""
-    for entry, name in identity.items():
-        section = entry.rpartition(".")[0]
-        is_own = isinstance(name, str) and OWN_NAME.fullmatch(name)
-        if is_own and f"{section}.{SOURCE_SHA256}" in identity:
-            yield section
+def own_names(identity: Mapping[str, Any]) -> dict[str, str]:
+    """Return the components of one's own of an identity by section: `scene.friction`."""
+    named = {entry.rpartition(".")[0]: name for entry, name in identity.items() if names_own(name)}
+    return {
+        section: name
+        for section, name in named.items()
+        if OWN_NAME.fullmatch(name) and f"{section}.{SOURCE_SHA256}" in identity
+    }
 
 
 def values_in(identity: Mapping[str, Any], section: str) -> tuple[tuple[str, str], ...]:
@@ -64,20 +68,28 @@ class OwnComponents:
         ValueError
             If there is none, or its code may not run; with the reason.
         """
-        raise ValueError(
-            f"is {quoted(name)}, which is read beside a campaign file; this text has none"
-        )
+        raise ValueError(f"is {quoted(name)}, {ONLY_BESIDE}")
 
 
 NO_OWN: Final = OwnComponents()
 """Finds none."""
 
 
-class DataFiles:
-    """Reads the files that the section `data` names; this one reads none."""
+class NamedFiles:
+    """Reads the files of sizes that a campaign names; this one reads none."""
+
+    def diameters(self, name: str) -> Any:
+        """Return the diameters of a file of grains, which `scene.sizes` names.
+
+        Raises
+        ------
+        ValueError
+            If it cannot be read, with the reason.
+        """
+        raise ValueError(f"is {quoted(name)}, {ONLY_BESIDE}")
 
     def curve(self, place: int, name: str, keys: Any) -> Any:
-        """Return the size distribution of a file.
+        """Return the size distribution of a file, which the section `data` names.
 
         Parameters
         ----------
@@ -93,12 +105,10 @@ class DataFiles:
         ValueError
             If it cannot be read, with the reason.
         """
-        raise ValueError(
-            f"is {quoted(name)}, which is read beside a campaign file; this text has none"
-        )
+        raise ValueError(f"is {quoted(name)}, {ONLY_BESIDE}")
 
 
-NO_FILES: Final = DataFiles()
+NO_FILES: Final = NamedFiles()
 """Reads none."""
 
 
@@ -115,13 +125,13 @@ class Reading(NamedTuple):
     variables
         Variables of its strings.
     files
-        Reads the files of measured data.
+        Reads the files of sizes.
     """
 
     recorded: bool = False
     own: OwnComponents = NO_OWN
     variables: VariableTable = TEN
-    files: DataFiles = NO_FILES
+    files: NamedFiles = NO_FILES
 
 
 PLAIN: Final = Reading()
@@ -131,20 +141,3 @@ PLAIN: Final = Reading()
 def reading_of(info: "ValidationInfo") -> Reading:
     """Return how the text that is validated is read."""
     return info.context if isinstance(info.context, Reading) else PLAIN
-
-
-class ReadsInContext(NamedTuple):
-    """Metadata of a field: a function of value and reading, called before the type check."""
-
-    read: Callable[[Any, Reading], Any]
-
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: "GetCoreSchemaHandler"
-    ) -> "CoreSchema":
-        """Return the schema of the field with the function before it."""
-        from pydantic_core import core_schema
-
-        def read(value: Any, info: "ValidationInfo") -> Any:
-            return self.read(value, reading_of(info))
-
-        return core_schema.with_info_before_validator_function(read, handler(source))

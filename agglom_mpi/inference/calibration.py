@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.formatting import format_digits
-from agglom_mpi.inference.membership import EmulatedBox
+from agglom_mpi.inference.emulated_set import EmulatedSet
 from agglom_mpi.inference.set_points import SetPoints
 
 MIN_HELD_OUT: Final = 100
@@ -105,7 +105,7 @@ class Calibration(NamedTuple):
         }
 
 
-def calibrate(emulated: EmulatedBox, points: SetPoints) -> Calibration:
+def calibrate(emulated: EmulatedSet, points: SetPoints) -> Calibration:
     """Return how well the emulator predicts each string from all the others."""
     predicted = emulated.emulator.held_out
     scores = np.array([(means - m) / d for means, m, d in predicted])
@@ -114,10 +114,10 @@ def calibrate(emulated: EmulatedBox, points: SetPoints) -> Calibration:
     outside = np.maximum(np.maximum(lower - expected, expected - upper), 0.0) / deviation
     nearest = np.sort(outside)[min(MIN_HELD_OUT, len(outside)) - 1]
     near = outside <= max(1.0, float(nearest))
-    regions = [_region("near the set", scores[:, near])]
+    regions = [region_of("near the set", scores[:, near])]
     for name, which in (("below it", expected < lower), ("above it", expected > upper)):
         if np.any(which & ~near):
-            regions.append(_region(name, scores[:, which & ~near]))
+            regions.append(region_of(name, scores[:, which & ~near]))
     threshold = _threshold(lower, upper)
     # The noise of samples is skewed, so its distribution is that of the scores near the set.
     known = np.sort(scores[0, near])
@@ -127,7 +127,7 @@ def calibrate(emulated: EmulatedBox, points: SetPoints) -> Calibration:
     return Calibration(regions, reliability, float(threshold), width)
 
 
-def _bounds(emulated: EmulatedBox, points: SetPoints) -> tuple[float, float]:
+def _bounds(emulated: EmulatedSet, points: SetPoints) -> tuple[float, float]:
     """Return the bounds of the first emulated number in the set, or its range there."""
     if emulated.criterion.is_band:
         return emulated.criterion.bounds()
@@ -144,7 +144,8 @@ def _threshold(lower: float, upper: float) -> float:
     return upper if np.isfinite(upper) else lower
 
 
-def _region(name: str, scores: Floats) -> Region:
+def region_of(name: str, scores: Floats) -> Region:
+    """Return what scores of held-out strings, (numbers, n) standard deviations, say of a region."""
     coverage = float(np.mean(np.abs(scores) < HALF_INTERVAL))
     return Region(name, scores.shape[1], coverage, float(np.sqrt(np.mean(scores**2))))
 

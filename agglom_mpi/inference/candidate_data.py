@@ -1,62 +1,20 @@
 """Data that may be measured next: which quantities at which times, and with which error."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 
 from agglom_mpi.config.arguments import read_amount
 from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.declaration.units import has_offset, to_si, unit_in
-from agglom_mpi.formatting import in_unit, value_with_prefix
-from agglom_mpi.measurements.datum import PARTICLE_WEIGHTS, QUANTITIES, Datum, datum_name, one_name
+from agglom_mpi.formatting import in_unit
+from agglom_mpi.measurements.datum import Datum, datum_name
+from agglom_mpi.measurements.quantities import QUANTITIES, AssumedError
 
-MEASURABLE: Final = tuple(
-    (quantity, weight)
-    for quantity, weights in {
-        "d10": PARTICLE_WEIGHTS,
-        "d50": PARTICLE_WEIGHTS,
-        "d90": PARTICLE_WEIGHTS,
-        "d43": ("number",),
-        "d32": ("number",),
-        # The means by area and mass are d32 and d43, and a mean radius is half a diameter.
-        "mean_diameter": ("number",),
-        "spread": ("number",),
-        "particles_left": ("number",),
-        "largest_mass_fraction": ("number",),
-        "temperature": ("number",),
-    }.items()
-    for weight in weights
-)
-"""Quantities of one number and their weights, each once: none is a function of another one."""
-
-ASSUMED_RELATIVE_ERROR: Final = 0.05
-"""Standard error relative to the predicted value, of quantities like none of the data."""
-ASSUMED_TEMPERATURE_ERROR: Final = 1.0
-"""Standard error of a temperature in K, where the data have none."""
 REPEATED_ERROR: Final = 0.5
 """Standard error of the repetition of a datum relative to that of the datum."""
-
-
-class AssumedError(NamedTuple):
-    """Standard error of a measurement: absolute in SI units, or relative to what is measured."""
-
-    value: float
-    is_relative: bool
-
-    def at(self, predicted: float) -> float:
-        """Return the standard error of a measurement of about the predicted value."""
-        return self.value * abs(predicted) if self.is_relative else self.value
-
-    def text(self, unit: str) -> str:
-        """Return the error for people: `5 %` or `10 µm`."""
-        if self.is_relative:
-            return f"{100.0 * self.value:.3g} %"
-        if unit == "m":
-            return value_with_prefix(self.value, unit)
-        return in_unit(f"{self.value:.3g}", unit)
 
 
 def quantities_to_measure(
@@ -73,12 +31,13 @@ def quantities_to_measure(
     has_heat
         Whether the particles of the scene have a temperature that changes.
     """
-    known = {(*one_name(datum.quantity, datum.weight), datum.time) for datum in measured}
+    known = {(*datum.kind.one_name(datum.weight), datum.time) for datum in measured}
     return [
         Datum.of_value(quantity, 1.0, 1.0, weight, time, datum_name(quantity, weight, time))
         for time in times
-        for quantity, weight in MEASURABLE
-        if (quantity, weight, time) not in known and (has_heat or quantity != "temperature")
+        for quantity, kind in QUANTITIES.items()
+        for weight in kind.next_weights
+        if (quantity, weight, time) not in known and (has_heat or not kind.needs_heat)
     ]
 
 
@@ -100,19 +59,15 @@ def assumed_error(
     """
     if quantity in errors:
         return errors[quantity]
-    kind = _kind(quantity)
-    same = [d for d in measured if len(d.values) == 1 and _kind(d.quantity) == kind]
-    absolute = [math.sqrt(float(datum.covariance[0, 0])) for datum in same]
-    if kind == "temperature":
-        value = float(np.median(absolute)) if absolute else ASSUMED_TEMPERATURE_ERROR
-        return AssumedError(value, is_relative=False)
-    relative = [error / float(d.values[0]) for error, d in zip(absolute, same, strict=True)]
-    value = float(np.median(relative)) if relative else ASSUMED_RELATIVE_ERROR
-    return AssumedError(value, is_relative=True)
-
-
-def _kind(quantity: str) -> str:
-    return "length" if QUANTITIES[quantity].unit == "m" else quantity
+    asked = QUANTITIES[quantity]
+    same = [datum for datum in measured if len(datum.values) == 1 and datum.kind.kind == asked.kind]
+    if not same:
+        return asked.assumed_error
+    is_relative = asked.assumed_error.is_relative
+    found = [float(datum.standard_errors[0]) for datum in same]
+    if is_relative:
+        found = [error / float(d.values[0]) for error, d in zip(found, same, strict=True)]
+    return AssumedError(float(np.median(found)), is_relative)
 
 
 def read_errors(given: Mapping[str, Any] | None) -> dict[str, AssumedError]:
@@ -130,7 +85,7 @@ def read_errors(given: Mapping[str, Any] | None) -> dict[str, AssumedError]:
         If there is no such quantity of one number, or the error is impossible; with the name of
         the quantity first.
     """
-    names = list(dict.fromkeys(quantity for quantity, _ in MEASURABLE))
+    names = [name for name, kind in QUANTITIES.items() if kind.next_weights]
     found = {}
     for name, value in (given or {}).items():
         if name not in names:

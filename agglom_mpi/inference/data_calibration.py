@@ -20,19 +20,14 @@ from scipy.stats import kstest, kstwo
 
 from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.formatting import format_digits
-from agglom_mpi.inference.calibration import (
-    HALF_INTERVAL,
-    MAX_COVERAGE,
-    MIN_COVERAGE,
-)
+from agglom_mpi.inference.calibration import MAX_COVERAGE, MIN_COVERAGE, Region, region_of
 from agglom_mpi.inference.data_emulator import (
     CALIBRATION_STREAM,
     EmulatedData,
     chi_squares,
     log_densities,
 )
-from agglom_mpi.inference.posterior import CENTRAL
-from agglom_mpi.inference.posterior_sampling import WeightedStrings, effective_size
+from agglom_mpi.inference.posterior_sampling import CENTRAL, WeightedStrings, effective_size
 
 DATA_SETS: Final = 200
 """Number of data sets that are made up."""
@@ -61,17 +56,14 @@ class DataCalibration(NamedTuple):
         Share of each posterior below the truth, shape (data sets, d).
     effective_size
         Median effective number of strings of these posteriors.
-    held_out
-        Coverage of the 90 % intervals of held-out strings near the data, by the emulator.
-    strings
-        Number of these strings.
+    near
+        Accuracy of the emulator at the held-out strings nearest to the data.
     """
 
     names: tuple[str, ...]
     ranks: Floats
     effective_size: float
-    held_out: float
-    strings: int
+    near: Region
 
     @property
     def coverage(self) -> dict[str, float]:
@@ -111,10 +103,10 @@ class DataCalibration(NamedTuple):
                 f"90 % ranges of {name} hold {_percent(covered)} of the truths of made-up data, at "
                 f"least {100 * MIN_RANGE_COVERAGE:.0f} % is needed"
             )
-        if self.held_out < MIN_COVERAGE:
+        if self.near.coverage < MIN_COVERAGE:
             found.append(
-                f"90 % intervals of the emulator hold {_percent(self.held_out)} of the "
-                f"{self.strings} held-out strings nearest to the data, at least "
+                f"90 % intervals of the emulator hold {_percent(self.near.coverage)} of the "
+                f"{self.near.strings} held-out strings nearest to the data, at least "
                 f"{100 * MIN_COVERAGE:.0f} % is needed"
             )
         for each, probability in self.uniformity.items():
@@ -141,8 +133,8 @@ class DataCalibration(NamedTuple):
             f"posteriors of data that a string gives {start}: 90 % ranges hold {shares} of the "
             f"truths of {len(self.ranks)} made-up data sets (± {100 * self.standard_error:.2g} %), "
             f"ranks are uniform with p ≥ {min(self.uniformity.values()):.2g}; 90 % intervals of "
-            f"the emulator hold {_percent(self.held_out)} of the {self.strings} nearest held-out "
-            "strings"
+            f"the emulator hold {_percent(self.near.coverage)} of the {self.near.strings} nearest "
+            "held-out strings"
         )
 
     def as_dict(self) -> dict[str, Any]:
@@ -155,8 +147,8 @@ class DataCalibration(NamedTuple):
             "coverage_standard_error": self.standard_error,
             "uniformity": self.uniformity,
             "effective_size": self.effective_size,
-            "held_out_coverage": self.held_out,
-            "held_out_strings": self.strings,
+            "held_out_coverage": self.near.coverage,
+            "held_out_strings": self.near.strings,
         }
 
 
@@ -204,8 +196,8 @@ def _calibration(
         weights /= weights.sum(axis=1, keepdims=True)
         ranks[some] = np.einsum("rm,rmd->rd", weights, places[None] < own[some, None])
         sizes[some] = [effective_size(each) for each in weights]
-    held_out, strings = _held_out(emulated)
-    return DataCalibration(emulated.box.names, ranks, float(np.median(sizes)), held_out, strings)
+    size = float(np.median(sizes))
+    return DataCalibration(emulated.box.names, ranks, size, _nearest_region(emulated))
 
 
 def _percent(share: float) -> str:
@@ -224,7 +216,7 @@ def _truths_and_others(
     weights = drawn.weights ** (1.0 / TEMPERATURE)
     chance = np.minimum(0.5, CALIBRATION_POINTS / weights.sum() * weights)
     other = random.random(len(weights)) < chance
-    failing = emulated.failing.at(emulated.coordinates.of_strings(drawn.strings))
+    failing = emulated.failing(emulated.coordinates.of_strings(drawn.strings))
     alive = np.where(other, 0.0, weights * (1.0 - failing) / (1.0 - chance))
     truths = random.choice(len(alive), count, p=alive / alive.sum())
     return drawn.strings[truths], drawn.strings[other], weights[other] / chance[other]
@@ -266,13 +258,13 @@ def _noise(emulated: EmulatedData, count: int, random: np.random.Generator) -> F
     return found
 
 
-def _held_out(emulated: EmulatedData) -> tuple[float, int]:
-    """Return the coverage of 90 % intervals of held-out strings near the data, and their number."""
+def _nearest_region(emulated: EmulatedData) -> Region:
+    """Return the accuracy of the emulator at the held-out strings nearest to the data."""
     held_out = emulated.emulator.held_out
     means = np.column_stack([predicted for _, predicted, _ in held_out])
     deviations = np.column_stack([deviation for *_, deviation in held_out])
-    scores = np.column_stack([(mean - at) / deviation for mean, at, deviation in held_out])
+    scores = np.array([(mean - at) / deviation for mean, at, deviation in held_out])
     away = emulated.measured - means @ emulated.emulator.mixing.T
     chi = chi_squares(away[None], emulated.factors(deviations))[0]
     near = np.argsort(chi, kind="stable")[:NEAR_STRINGS]
-    return float(np.mean(np.abs(scores[near]) < HALF_INTERVAL)), len(near)
+    return region_of("nearest to the data", scores[:, near])

@@ -7,49 +7,38 @@ differ between strings by less than a tenth of that are not emulated: the data c
 strings apart by them, and their variance counts as an error.
 """
 
-from collections.abc import Sequence
-from typing import Final, NamedTuple
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+from typing import Any, Final
 
 import numpy as np
 
 from agglom_mpi.config.coordinates import coordinates_of
 from agglom_mpi.emulation.emulator import merge_samples
 from agglom_mpi.emulation.gaussian_process import Floats
-from agglom_mpi.emulation.joint_emulator import JointEmulator
-from agglom_mpi.inference.membership import FailingShare
+from agglom_mpi.inference.draw_groups import Observed
+from agglom_mpi.inference.emulated_box import EmulatedBox, EmulatedStrings
+from agglom_mpi.inference.posterior_sampling import MAX_LOGARITHM_AWAY
 from agglom_mpi.inference.searched_box import SearchedBox
 from agglom_mpi.inference.stored_samples import StoredSamples
 from agglom_mpi.inference.string_values import StringValues
 from agglom_mpi.measurements.datum import Datum
 from agglom_mpi.measurements.misfit import ResidualFrame, residual_frame
-from agglom_mpi.random_streams import DATA_POSTERIOR, search_stream
+from agglom_mpi.random_streams import DATA_POSTERIOR
 
 MIN_COMPONENT_VARIANCE: Final = 0.01
 """Minimum variance between strings of an emulated component; that of the measurement is 1."""
 MAX_DENSITIES_AT_ONCE: Final = 4096
 """Maximum number of strings whose covariances are factored together."""
 
-EMULATOR_STREAM, FAILURE_STREAM, SAMPLING_STREAM, CALIBRATION_STREAM, PREDICTIVE_STREAM = range(5)
-"""Random streams of a posterior of data."""
+COARSE_POINTS: Final = 1 << 11
+"""Number of even points of the box that show how near to the data strings come."""
+
+CALIBRATION_STREAM, PREDICTIVE_STREAM = 3, 4
+"""Further random streams of a posterior of data."""
 
 
-class EmulatedStrings(NamedTuple):
-    """Emulated components of strings.
-
-    Attributes
-    ----------
-    means, deviations
-        Of the mixed components, shape (n, k) each.
-    failing
-        Probability that samples fail, shape (n,).
-    """
-
-    means: Floats
-    deviations: Floats
-    failing: Floats
-
-
-class EmulatedData:
+class EmulatedData(EmulatedBox):
     """Measured data, and what any string of the search box predicts for them.
 
     Parameters
@@ -65,14 +54,9 @@ class EmulatedData:
 
     Attributes
     ----------
-    box : SearchedBox
-    coordinates : Coordinates
-        Coordinates of the emulator.
     data : tuple of Datum
     frame : ResidualFrame
         Directions in which data and predictions are compared, scaled by the errors.
-    emulator : JointEmulator
-        Emulator of the k components.
     components : ndarray
         Directions of the kept components in the frame, orthonormal, shape (p, k).
     left_out : ndarray
@@ -83,8 +67,6 @@ class EmulatedData:
         Mean prediction of all strings in the frame, shape (p,).
     samples : ndarray
         Kept components of each sample, shape (n, k).
-    points : ndarray
-        Coordinates of each sample, shape (n, c).
     measured : ndarray
         Kept components of the data, shape (k,).
     left_out_measured : ndarray
@@ -93,40 +75,29 @@ class EmulatedData:
         Least and largest mean prediction of a string for each value of the data, shape (2, Q).
     lengths : tuple of float
         Smallest and largest diameter of a particle in m.
-    failing : FailingShare
     """
 
     def __init__(
         self, box: SearchedBox, data: Sequence[Datum], values: StringValues, stored: StoredSamples
     ) -> None:
-        self.box, self.data = box, tuple(data)
-        self.coordinates = coordinates_of(box.campaign)
+        self.data = tuple(data)
         self.frame: ResidualFrame = residual_frame(self.data)
-        self.points = self.coordinates.of_strings(values.strings)
+        points = coordinates_of(box.campaign).of_strings(values.strings)
         framed = values.values @ self.frame.basis
         self._typical = values.values.mean(axis=0)
         self.lengths = values.lengths
-        self._set_components(framed)
-        columns = [merge_samples(self.points, column).means for column in values.values.T]
+        self._set_components(points, framed)
+        columns = [merge_samples(points, column).means for column in values.values.T]
         self.reached = np.array([(means.min(), means.max()) for means in columns]).T
         self.samples = (framed - self.centre) @ self.components
-        groups = len(self.coordinates.groups)
-        self.emulator = JointEmulator(
-            lambda numbers: numbers,
-            self.points,
-            self.samples,
-            self.stream(EMULATOR_STREAM),
-            groups,
-        )
-        tried = self.coordinates.of_strings(stored.tried)
-        self.failing = FailingShare(tried, stored.failed, self.stream(FAILURE_STREAM), groups)
+        super().__init__(box, values.strings, self.samples, stored, DATA_POSTERIOR)
         self.measured = self.numbers_of(self.frame.measured)
         away = self.frame.measured @ self.frame.basis - self.centre
         self.left_out_measured = np.asarray(away @ self.left_out)
 
-    def _set_components(self, framed: Floats) -> None:
+    def _set_components(self, points: Floats, framed: Floats) -> None:
         """Find the principal components of the strings' means, (n, p) samples in the frame."""
-        _, which, count = np.unique(self.points, axis=0, return_inverse=True, return_counts=True)
+        _, which, count = np.unique(points, axis=0, return_inverse=True, return_counts=True)
         which = which.ravel()
         means = np.zeros((len(count), framed.shape[1]))
         np.add.at(means, which, framed)
@@ -143,10 +114,6 @@ class EmulatedData:
         self.left_out = directions[:, ~kept]
         self.left_out_variance = np.maximum(variances[~kept], 0.0)
 
-    def stream(self, purpose: int) -> np.random.Generator:
-        """Return a random stream of the campaign for one of the purposes above."""
-        return search_stream(self.box.campaign.seed, DATA_POSTERIOR, purpose)
-
     # Data, components and values
 
     def numbers_of(self, values: Floats) -> Floats:
@@ -161,12 +128,6 @@ class EmulatedData:
         return np.asarray(rest + (framed + self.centre) @ back)
 
     # Strings
-
-    def at(self, strings: Floats) -> EmulatedStrings:
-        """Return what is known of strings, (n, k) in SI units."""
-        points = self.coordinates.of_strings(strings)
-        means, deviations = self.emulator.mixed(points)
-        return EmulatedStrings(means, deviations, self.failing.at(points))
 
     def covariances(self, deviations: Floats) -> Floats:
         """Return the covariances of the emulated components of strings, (n, k, k).
@@ -214,20 +175,9 @@ class EmulatedData:
         )
         return away + self.left_out @ self.left_out_measured, covariances + rest
 
-    def near(self, strings: Floats, best: float, reach: float, deviation: Floats) -> Floats:
-        """Return those strings that no component alone rules out.
-
-        Parameters
-        ----------
-        strings
-            Shape (n, k).
-        best
-            χ² of the best string that is known.
-        reach
-            By how much χ² may be larger.
-        deviation
-            Largest standard deviation of each mixed component, shape (k,).
-        """
+    def near(self, strings: Floats) -> Floats:
+        """Return those of strings, (n, k), that no component alone rules out."""
+        best, deviation = self._nearest
         mixing = self.emulator.mixing
         largest = 1.0 + (mixing**2) @ deviation**2
         points, means = self.coordinates.of_strings(strings), np.empty((len(strings), 0))
@@ -235,9 +185,81 @@ class EmulatedData:
             # The mixing is lower triangular: component i needs the first i + 1 processes alone.
             means = np.column_stack((means, process.mean(points)))
             away = self.measured[i] - means @ mixing[i, : i + 1]
-            kept = away**2 <= (best + reach) * largest[i]
+            kept = away**2 <= (best + 2.0 * MAX_LOGARITHM_AWAY) * largest[i]
             strings, points, means = strings[kept], points[kept], means[kept]
         return strings
+
+    @cached_property
+    def _nearest(self) -> tuple[float, Floats]:
+        """χ² of the best of some even points, and the largest deviation of each number there."""
+        known = self.at(self.box.even_strings(COARSE_POINTS))
+        away = self.measured - known.means @ self.emulator.mixing.T
+        best = float(chi_squares(away[None], self.factors(known.deviations)).min())
+        return best, known.deviations.max(axis=0)
+
+    # What a posterior asks of what was measured
+
+    @property
+    def given(self) -> str:
+        """The measurement, in a few words."""
+        count = len(self.data)
+        return f"all {count} measured data" if count > 1 else "the measured datum"
+
+    @property
+    def criterion_text(self) -> str:
+        """What draws are compatible with."""
+        return f"data: {', '.join(datum.name for datum in self.data)}"
+
+    def entries(self) -> dict[str, Any]:
+        """Return what was measured as plain values: nothing, as it stands with the predictions."""
+        return {}
+
+    def observed(self) -> Iterator[Observed]:
+        """Yield the data for an ArviZ file."""
+        for i, datum in enumerate(self.data):
+            meaning: dict[str, Any] = {"long_name": datum.name, "units": datum.kind.unit}
+            if datum.edges is not None:
+                meaning["edges"] = datum.edges
+            name = f"datum_{i}_{datum.quantity}"
+            yield Observed(name, f"value_of_{i}", datum.values, datum.standard_errors, meaning)
+
+    def measurements(
+        self, strings: Floats, random: np.random.Generator, given: bool
+    ) -> list[Floats]:
+        """Return one further measurement of each datum for strings, (n, k): a list of (n, q).
+
+        `given` says whether the measured values are known.
+        """
+        components, left_out = self.drawn_components(strings, random, given)
+        components = components + random.normal(size=components.shape)
+        left_out = left_out + random.normal(size=left_out.shape)
+        values = self.values_of(components, left_out)
+        return [values[:, rows] for rows in self.frame.rows]
+
+    def drawn_components(
+        self, strings: Floats, random: np.random.Generator, given: bool
+    ) -> tuple[Floats, Floats]:
+        """Return components drawn at strings: emulated ones, (n, k), and those left out.
+
+        The error of the emulator at a string is the same for every measurement. Where the measured
+        data are `given`, they narrow it down, too.
+        """
+        known = self.at(strings)
+        mean = known.means @ self.emulator.mixing.T
+        own = self.covariances(known.deviations)
+        rest, spread = np.zeros(len(self.left_out_variance)), self.left_out_variance
+        if given:
+            one = np.eye(own.shape[1])
+            gain = np.linalg.solve(own + one, own).transpose(0, 2, 1)
+            mean = mean + np.einsum("nkl,nl->nk", gain, self.measured - mean)
+            # V − V (V + 1)⁻¹ V = V (V + 1)⁻¹, as the measurement's covariance is 1.
+            own = np.asarray(gain, np.float64)
+            rest = spread / (1.0 + spread) * self.left_out_measured
+            spread = spread / (1.0 + spread)
+        variances, directions = np.linalg.eigh(own)
+        scaled = np.sqrt(np.maximum(variances, 0.0)) * random.normal(size=variances.shape)
+        left_out = rest + np.sqrt(spread) * random.normal(size=(len(strings), len(spread)))
+        return mean + np.einsum("nkl,nl->nk", directions, scaled), left_out
 
 
 def log_densities(away: Floats, factors: Floats, failing: Floats) -> Floats:

@@ -33,21 +33,6 @@ CHAINS: Final = 4
 """Number of chains of independent draws: ArviZ compares several, each with at least four draws."""
 
 
-class EqualDraws(NamedTuple):
-    """Strings of equal weight.
-
-    Attributes
-    ----------
-    strings
-        In SI units, shape (chains, draws, k).
-    stats
-        Numbers of each draw by name, shape (chains, draws), and what each means.
-    """
-
-    strings: Floats
-    stats: dict[str, tuple[Floats, str]]
-
-
 class Observed(NamedTuple):
     """A measured quantity.
 
@@ -70,46 +55,36 @@ class Observed(NamedTuple):
     attributes: dict[str, Any]
 
 
-class Predicted(NamedTuple):
-    """Measured quantities, and further measurements of them.
-
-    Attributes
-    ----------
-    observed
-        The quantities.
-    measurements
-        Returns one further measurement of each quantity for strings, (n, k): a list of (n, q). The
-        second argument says whether the measured values are known, which narrows the emulator's
-        error down, too.
-    """
-
-    observed: Sequence[Observed]
-    measurements: Callable[[Floats, bool], list[Floats]]
-
-
-def require_xarray() -> None:
-    """Raise a MissingLibraryError unless xarray is installed."""
-    require_library("xarray", "arviz", "draws for ArviZ")
-
-
-def set_groups(box: SearchedBox, draws: EqualDraws, attributes: Mapping[str, Any]) -> Groups:
-    """Return `posterior`, `sample_stats` and `prior` of draws.
+def set_groups(
+    box: SearchedBox,
+    strings: Floats,
+    stats: Mapping[str, tuple[Floats, str]],
+    attributes: Mapping[str, Any],
+) -> Groups:
+    """Return `posterior`, `sample_stats` and `prior` of draws of equal weight.
 
     Parameters
     ----------
     box
         The search box.
-    draws
-        The draws.
+    strings
+        The draws in SI units, shape (chains, draws, k).
+    stats
+        Numbers of each draw by name, shape (chains, draws), and what each means.
     attributes
         What is known of the draws as a whole: attributes of the `posterior`.
     """
-    require_xarray()
-    prior = prior_strings(box)
+    require_library("xarray", "arviz", "draws for ArviZ")
+    numbers = {
+        name: (("chain", "draw"), values, {"units": "1", "long_name": meaning})
+        for name, (values, meaning) in stats.items()
+    }
     return {
-        "posterior": _variables(box, draws.strings, attributes),
-        "sample_stats": _numbers(draws.stats),
-        "prior": _variables(box, prior, {"draws_are": "even points of the search box"}),
+        "posterior": _variables(box, strings, attributes),
+        "sample_stats": _dataset(numbers),
+        "prior": _variables(
+            box, prior_strings(box), {"draws_are": "even points of the search box"}
+        ),
     }
 
 
@@ -141,7 +116,12 @@ def independent_draws(weights: Floats, most: int, seed: int) -> NDArray[np.int64
 
 
 def posterior_groups(
-    box: SearchedBox, draws: EqualDraws, attributes: Mapping[str, Any], predicted: Predicted
+    box: SearchedBox,
+    strings: Floats,
+    stats: Mapping[str, tuple[Floats, str]],
+    attributes: Mapping[str, Any],
+    observed: Sequence[Observed],
+    measurements: Callable[[Floats, bool], list[Floats]],
 ) -> Groups:
     """Return the groups of `set_groups`, and those of what was measured.
 
@@ -151,20 +131,23 @@ def posterior_groups(
 
     Parameters
     ----------
-    box, draws, attributes
+    box, strings, stats, attributes
         As for `set_groups`.
-    predicted
-        What was measured, and what predicts it.
+    observed
+        What was measured.
+    measurements
+        Returns one further measurement of each quantity for strings, (n, k): a list of (n, q). The
+        second argument says whether the measured values are known, which narrows the emulator's
+        error down, too.
     """
-    groups = set_groups(box, draws, attributes)
+    groups = set_groups(box, strings, stats, attributes)
     drawn = {
-        "posterior_predictive": (draws.strings, True),
+        "posterior_predictive": (strings, True),
         "prior_predictive": (prior_strings(box), False),
     }
-    observed = predicted.observed
-    for group, (strings, given) in drawn.items():
-        values = predicted.measurements(strings.reshape(-1, strings.shape[-1]), given)
-        shape = (*strings.shape[:2], -1)
+    for group, (some, given) in drawn.items():
+        values = measurements(some.reshape(-1, some.shape[-1]), given)
+        shape = (*some.shape[:2], -1)
         groups[group] = _measured(
             observed, [each.reshape(shape) for each in values], ("chain", "draw")
         )
@@ -244,15 +227,6 @@ def _variables(box: SearchedBox, strings: Floats, attributes: Mapping[str, Any])
         for each in box.own
     }
     return _dataset(columns, attributes)
-
-
-def _numbers(stats: Mapping[str, tuple[Floats, str]]) -> "xr.Dataset":
-    return _dataset(
-        {
-            name: (("chain", "draw"), values, {"units": "1", "long_name": meaning})
-            for name, (values, meaning) in stats.items()
-        }
-    )
 
 
 def _dataset(

@@ -58,11 +58,6 @@ class Candidate(NamedTuple):
     covariances: Floats
     error: Floats
 
-    @classmethod
-    def of_number(cls, means: Floats, deviations: Floats, error: float) -> "Candidate":
-        """Return a quantity of one number, from its means and standard deviations, (n,) each."""
-        return cls(means[:, None], deviations[:, None, None] ** 2, np.array([[error**2]]))
-
 
 class ExpectedVolume(NamedTuple):
     """Mean volume after a measurement, as a share of the box, and its Monte-Carlo error."""

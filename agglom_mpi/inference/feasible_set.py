@@ -6,14 +6,15 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from agglom_mpi.config.own_variables import Parameters
+from agglom_mpi.config.given_strings import Parameters
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.errors import UserError, require_library
 from agglom_mpi.inference.calibration import Calibration, calibrate
-from agglom_mpi.inference.mean_posterior import MeanPosterior, mean_posterior
-from agglom_mpi.inference.membership import VOLUME_STREAM, EmulatedBox
+from agglom_mpi.inference.emulated_set import VOLUME_STREAM, EmulatedSet
+from agglom_mpi.inference.mean_posterior import mean_posterior
 from agglom_mpi.inference.nearest import NearestString, nearest_string
+from agglom_mpi.inference.posterior import Posterior
 from agglom_mpi.inference.searched_box import SearchedBox
 from agglom_mpi.inference.set_directions import SetVariable, set_directions, set_variables
 from agglom_mpi.inference.set_points import (
@@ -88,7 +89,7 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
                 f"{data.path}: completed samples of {self.strings} different strings; at least "
                 f"{MIN_STRINGS} are needed for a feasible set"
             )
-        self.emulated = EmulatedBox(SearchedBox(campaign), criterion, stored)
+        self.emulated = EmulatedSet(SearchedBox(campaign), criterion, stored)
         self.criterion = self.emulated.criterion
         self.points: SetPoints = spread_points(self.emulated)
         self.allowed = self.points.allowed
@@ -157,7 +158,7 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
     @property
     def failing(self) -> int:
         """Number of strings whose samples fail, which are no members."""
-        return self.emulated.failing.count
+        return self.emulated.failing_strings
 
     @property
     def bounds(self) -> tuple[float, float]:
@@ -252,7 +253,7 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
         """Each searched variable: its range in the set, and whether it is free or decided."""
         return list(self._variables)
 
-    def posterior(self, measured: float | str, error: float | str) -> MeanPosterior:
+    def posterior(self, measured: float | str, error: float | str) -> Posterior:
         """Return the posterior of the variables, given a measured mean and its standard error.
 
         An error in percent, such as `"2%"`, is relative to the measured mean. The prior is uniform

@@ -5,7 +5,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from agglom_mpi.formatting import in_unit, value_with_error
-from agglom_mpi.inference.membership import EmulatedBox
+from agglom_mpi.inference.emulated_set import EmulatedSet
 
 MAX_FAILING: Final = 0.5
 """Maximum probability of failure of the nearest string."""
@@ -76,11 +76,11 @@ def quantity_name(name: str) -> str:
     return QUANTITY_NAMES.get(name, name)
 
 
-def nearest_string(emulated: EmulatedBox) -> NearestString:
+def nearest_string(emulated: EmulatedSet) -> NearestString:
     """Return the string of the box that comes nearest to the members of a set."""
     candidates = emulated.near_best()
     points = emulated.coordinates.of_strings(candidates)
-    alive = emulated.failing.at(points) <= MAX_FAILING
+    alive = emulated.failing(points) <= MAX_FAILING
     candidates = candidates[alive] if alive.any() else candidates
     distances = emulated.criterion.distance(emulated.mean_only(candidates))
     string = candidates[[int(np.argmin(distances))]]

@@ -17,7 +17,6 @@ from agglom_mpi.errors import require_library
 from agglom_mpi.formatting import ROUNDING, value_with_error
 from agglom_mpi.inference.candidate_data import (
     REPEATED_ERROR,
-    AssumedError,
     assumed_error,
     quantities_to_measure,
     read_errors,
@@ -34,7 +33,8 @@ from agglom_mpi.inference.expected_volume import (
 from agglom_mpi.inference.posterior_sampling import BoxPart, WeightedStrings
 from agglom_mpi.inference.searched_box import SearchedBox
 from agglom_mpi.inference.string_values import string_values
-from agglom_mpi.measurements.datum import QUANTITIES, Datum, within_limits
+from agglom_mpi.measurements.datum import Datum
+from agglom_mpi.measurements.quantities import AssumedError
 from agglom_mpi.random_streams import NEXT_MEASUREMENT, search_stream
 from agglom_mpi.statistics import weighted_quantiles
 
@@ -100,7 +100,7 @@ class NextMeasurement(NamedTuple):
         """Its error for people: `± 5 %`, or `half of its error`."""
         if self.error is None:
             return "half of its error"
-        return "± " + self.error.text(QUANTITIES[self.datum.quantity].unit)
+        return "± " + self.error.text(self.datum.kind.unit)
 
     @property
     def volume_text(self) -> str:
@@ -144,12 +144,12 @@ class NextMeasurements(NamedTuple):
             {
                 "measurement": each.name,
                 "quantity": each.datum.quantity,
-                "weight": each.datum.weight if QUANTITIES[each.datum.quantity].has_weight else "",
+                "weight": each.datum.own_weight or "",
                 "time": math.inf if each.datum.time is None else each.datum.time,
                 "repeats": each.repeats,
                 "predicted": each.predicted,
                 "error": each.standard_error,
-                "unit": QUANTITIES[each.datum.quantity].unit,
+                "unit": each.datum.kind.unit,
                 "volume": self.volume,
                 "expected_volume": each.after.mean,
                 "standard_error": each.after.standard_error,
@@ -249,7 +249,7 @@ def _new_quantities(
     stated: Mapping[str, AssumedError],
 ) -> Iterator[NextMeasurement]:
     """Yield each quantity of one number that is not measured and differs between strings."""
-    campaign, layout = of.box.campaign, file.census
+    campaign, layout = of.box.campaign, file.sizes.census
     assert layout is not None
     times = [None if time == math.inf else time for time in layout.times]
     new = quantities_to_measure(times, of.data, not campaign.scene.heating.is_absent)
@@ -266,7 +266,7 @@ def _new_quantities(
         random = _stream(of.box, EMULATOR_STREAM)
         emulator = CandidateEmulator(*samples, number, random, groups)
         candidate = data.expected(emulator.at(at), np.zeros((1, 1)))
-        means = within_limits(datum.quantity, candidate.means, values.lengths)
+        means = datum.kind.within_limits(candidate.means, values.lengths)
         [value] = weighted_quantiles(means[:, 0], points.weights, (0.5,))
         assumed = assumed_error(datum.quantity, of.data, stated)
         error = assumed.at(value)

@@ -1,39 +1,46 @@
-"""Posterior of the variables of a campaign: what is the same whatever was measured."""
+"""Posterior of the variables of a campaign, given a measured mean or all of its data."""
 
-from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from agglom_mpi.config.coordinates import Coordinates
 from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.errors import UserError
+from agglom_mpi.inference.data_calibration import DataCalibration
+from agglom_mpi.inference.data_emulator import EmulatedData
 from agglom_mpi.inference.draw_groups import (
     DEFAULT_DRAWS,
-    EqualDraws,
     Groups,
-    Predicted,
     arviz_data,
     in_chains,
     independent_draws,
     posterior_groups,
     root_attributes,
 )
-from agglom_mpi.inference.posterior_sampling import MIN_SIZE, WeightedStrings
-from agglom_mpi.inference.searched_box import SearchedBox
+from agglom_mpi.inference.measured_mean import MeasuredMean
+from agglom_mpi.inference.next_measurement import NextMeasurements, next_measurements
+from agglom_mpi.inference.posterior_sampling import (
+    CENTRAL,
+    MIN_SIZE,
+    REPORTED_QUANTILES,
+    WeightedStrings,
+)
+from agglom_mpi.inference.predictive import PredictedDatum, predict_data
 from agglom_mpi.inference.set_directions import MIN_FREE_SHARE, name_ends, touched_ends
+from agglom_mpi.measurements.misfit import UNLIKELY
 from agglom_mpi.statistics import weighted_quantiles
 
 if TYPE_CHECKING:
     import pandas as pd
 
-REPORTED_QUANTILES: Final = (0.025, 0.25, 0.5, 0.75, 0.975)
-"""Reported quantiles."""
-CENTRAL: Final = (0.05, 0.95)
-"""Quantiles at the ends of the central 90 %."""
+    from agglom_mpi.storage.reader import CampaignData
+
+IMPOSSIBLE: Final = 1e-3
+"""Predictive p-value of all data below which no string of the box fits them."""
 PRIOR_WIDTH_POINTS: Final = 1 << 13
 """Number of even points of the box that show how wide the prior of each variable is."""
 
@@ -42,30 +49,42 @@ class PosteriorError(UserError, ValueError):
     """A posterior that cannot be computed, with the reason."""
 
 
-class Emulated(Protocol):
-    """Box and coordinates of the emulator that a posterior rests on."""
-
-    box: SearchedBox
-    coordinates: Coordinates
-
-
-EmulatedKind = TypeVar("EmulatedKind", bound=Emulated)
-
-
 @dataclass(frozen=True, eq=False, repr=False)
-class Posterior(ABC, Generic[EmulatedKind]):
+class Posterior:
     """Weighted strings that stand for the posterior.
+
+    `open_campaign(path).posterior()` returns that of all data of a campaign, with its check and its
+    predictions; `feasible_set(tolerance).posterior(measured, error)` that of a measured mean.
 
     Attributes
     ----------
     of
-        The emulator that it rests on, with the search box.
+        What was measured, with the emulator and the search box.
     drawn
         The strings.
+    calibration
+        Whether such posteriors contain the truth as often as they claim, by made-up data; None of a
+        measured mean, whose set is calibrated.
+    file
+        The campaign file with the samples; None of a posterior that was put together without one.
     """
 
-    of: EmulatedKind
+    of: EmulatedData | MeasuredMean
     drawn: WeightedStrings
+    calibration: DataCalibration | None = None
+    file: "CampaignData | None" = None
+
+    def __repr__(self) -> str:
+        ranges = []
+        for each in self.of.box.own:
+            low, high = self.quantiles(each.name, CENTRAL)
+            ranges.append(f"{each.name} {low:.4g} to {high:.4g} {each.unit}")
+        doubt = f"; {self.warning}" if self.warning else ""
+        return f"<Posterior of {self._name!r}, 90 %: {', '.join(ranges)}{doubt}>"
+
+    @property
+    def _name(self) -> str:
+        return str(self.of.box.campaign.name)
 
     @property
     def strings(self) -> Floats:
@@ -95,21 +114,25 @@ class Posterior(ABC, Generic[EmulatedKind]):
     @property
     def warning(self) -> str:
         """Reasons for which the ranges may be wrong; empty if there are none."""
-        return "; ".join(self._warnings())
-
-    def _warnings(self) -> list[str]:
-        """Return what `warning` joins."""
+        found = []
+        if self.calibration is not None:
+            found += [] if self.calibration.passed else [self.calibration.text]
+            if self.p_value < UNLIKELY:
+                found.append(
+                    f"{self.misfit_text}: the ranges are those of the best compromise, which may "
+                    "miss the truth, and too narrow"
+                )
         own = ((each, self.touches[each.name]) for each in self.of.box.own)
         touched = ", ".join(name_ends(each, ends) for each, ends in own if ends)
-        found = [f"the posterior touches {touched}, where its ranges end with the box"]
-        found = found if touched else []
+        if touched:
+            found.append(f"the posterior touches {touched}, where its ranges end with the box")
         if self.effective_size < MIN_SIZE:
             found.append(
                 f"the effective size is {self.effective_size:.0f}, too small to trust the tails: "
                 "the measurement leaves little of the box; pip install emcee for a Markov chain, "
                 "or search a narrower box"
             )
-        return found
+        return "; ".join(found)
 
     @cached_property
     def touches(self) -> dict[str, tuple[str, ...]]:
@@ -161,29 +184,112 @@ class Posterior(ABC, Generic[EmulatedKind]):
         else:
             chosen = in_chains(independent_draws(self.weights, draws, seed))
         meaning = "weight of the string before it was drawn; the draws need no weights"
-        stats = {"weight": (self.weights[chosen], meaning)}
         attributes = {
             "draws_are": f"the posterior, given {self.given}",
             "effective_size": self.effective_size,
             "method": self.method,
             "warning": self.warning,
         }
-        equal = EqualDraws(self.strings[chosen], stats)
         random = np.random.default_rng([seed, 1])
-        return posterior_groups(self.of.box, equal, attributes, self.predicted(random))
+        return posterior_groups(
+            self.of.box,
+            self.strings[chosen],
+            {"weight": (self.weights[chosen], meaning)},
+            attributes,
+            list(self.of.observed()),
+            lambda strings, given: self.of.measurements(strings, random, given),
+        )
 
     @property
-    @abstractmethod
     def given(self) -> str:
         """The measurement, in a few words."""
+        return self.of.given
 
-    @abstractmethod
-    def predicted(self, random: np.random.Generator) -> Predicted:
-        """Return the measured quantities, and what predicts measurements of them."""
-
-    @abstractmethod
     def attributes(self) -> dict[str, Any]:
         """Return the attributes of an ArviZ file as a whole."""
+        found = root_attributes(self.of.box.campaign, self.of.criterion_text)
+        return found if self.calibration is None else found | {"calibration": self.calibration.text}
+
+    # How well data and predictions agree
+
+    @property
+    def misfit_text(self) -> str:
+        """How badly the data fit the strings of the box, without a full stop."""
+        names = [each.datum.name for each in self.predictions if each.disagrees]
+        which = f"; {', '.join(names)} of {len(self.predictions)} disagree" if names else ""
+        strings = "no string" if self.p_value < IMPOSSIBLE else "hardly any string"
+        return f"{strings} of the box fits the data, p = {self.p_value:.2g}{which}"
+
+    @property
+    def p_value(self) -> float:
+        """Posterior predictive p-value of all data together; near 0 where no string fits them."""
+        return self._predictions[1]
+
+    @property
+    def predictions(self) -> list[PredictedDatum]:
+        """Predictions of the posterior for each datum, in the order of the data."""
+        return list(self._predictions[0])
+
+    @cached_property
+    def _predictions(self) -> tuple[list[PredictedDatum], float]:
+        return predict_data(self.emulated_data, self.drawn)
+
+    @property
+    def emulated_data(self) -> EmulatedData:
+        """The emulated data.
+
+        Raises
+        ------
+        PosteriorError
+            If a mean was measured, which has no censuses.
+        """
+        if not isinstance(self.of, EmulatedData):
+            raise PosteriorError(f"{self._name}: {self.given} has no predictions for data")
+        return self.of
+
+    def what_to_measure_next(self, errors: Mapping[str, Any] | None = None) -> "pd.DataFrame":
+        """Return what each further measurement would leave of the box; takes a minute.
+
+        Further measurements are all quantities of one number at all times of the data that are not
+        measured yet, and each datum once more with half of its error. Their values are simulated
+        by the emulator: no new samples are needed.
+
+        Parameters
+        ----------
+        errors
+            Standard errors by quantity: relative to the value as `"3%"`, or absolute in SI units or
+            with a unit, as `{"d90": "3%", "temperature": "2 K"}`. By default a quantity has the
+            relative error of the data of its kind, or else 5 %; a temperature has the absolute
+            error of the measured one, or else 1 K.
+
+        Returns
+        -------
+        pandas.DataFrame
+            One row for each measurement, the most informative one first. `volume` is the share of
+            the box in the smallest region with 90 % of the posterior as it is, `expected_volume`
+            that after the measurement, and `standard_error` the Monte-Carlo error of the latter.
+
+        Raises
+        ------
+        ArgumentError
+            If there is no such quantity, or an error is impossible.
+        PosteriorError
+            If no string fits the data.
+        """
+        return self.next_measurements(errors).table
+
+    def next_measurements(self, errors: Mapping[str, Any] | None = None) -> NextMeasurements:
+        """Return the same as `what_to_measure_next` for a report."""
+        if self.file is None:
+            raise PosteriorError("further measurements need the samples of a campaign file")
+        if self.p_value < IMPOSSIBLE:
+            raise PosteriorError(
+                f"{self._name}: {self.misfit_text}; what a further measurement would give is not "
+                "known before the data, their errors, the box or the laws of the scene are mended"
+            )
+        return next_measurements(self.file, self.emulated_data, self.drawn, errors)
+
+    # The variables
 
     def quantiles(
         self, name: str, shares: tuple[float, ...] = REPORTED_QUANTILES
@@ -244,10 +350,11 @@ class Posterior(ABC, Generic[EmulatedKind]):
         Rows and columns of both matrices of correlations are in the order of `variables`.
         `contraction` is the width of the central 90 % relative to the prior's, `touches` the ends
         of the box at which ranges end with it, and `volume` the share of the box in the smallest
-        region with 90 % of the posterior.
+        region with 90 % of the posterior. Beside these are the `measured` mean and its `error`, or
+        of data `p_value`, what is predicted for each in `data`, and the `calibration`.
         """
         names = self.of.box.names
-        return {
+        found = self.of.entries() | {
             "effective_size": self.effective_size,
             "strings": len(self.weights),
             "method": self.method,
@@ -261,6 +368,11 @@ class Posterior(ABC, Generic[EmulatedKind]):
             "correlations": self.correlations.tolist(),
             "partial_correlations": self.partial_correlations.tolist(),
         }
-
-    def _root_attributes(self, criterion: str) -> dict[str, Any]:
-        return root_attributes(self.of.box.campaign, criterion)
+        if self.calibration is None:
+            return found
+        return found | {
+            "p_value": self.p_value,
+            "data": [each.as_dict() for each in self.predictions],
+            "components": int(self.emulated_data.components.shape[1]),
+            "calibration": self.calibration.as_dict(),
+        }

@@ -14,6 +14,10 @@ from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.inference.expected_volume import REGION_WEIGHT, region_volumes
 from agglom_mpi.inference.searched_box import SearchedBox
 
+REPORTED_QUANTILES: Final = (0.025, 0.25, 0.5, 0.75, 0.975)
+"""Reported quantiles."""
+CENTRAL: Final = (0.05, 0.95)
+"""Quantiles at the ends of the central 90 %."""
 PRIOR_POINTS: Final = 1 << 14
 """Number of points of the prior to begin with."""
 MAX_PRIOR_POINTS: Final = 1 << 17

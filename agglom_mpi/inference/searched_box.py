@@ -6,11 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.config.arguments import read_count
-from agglom_mpi.config.own_variables import OwnVariable, Parameters, own_variables, read_searched
+from agglom_mpi.config.given_strings import Parameters, read_searched
 from agglom_mpi.config.yaml_source import ArgumentError
 from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.errors import require_library
 from agglom_mpi.search.space import SearchSpace
+from agglom_mpi.variables import Variable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,8 +34,8 @@ class SearchedBox:
     Attributes
     ----------
     campaign : Campaign
-    own : tuple of OwnVariable
-        The d searched variables.
+    own : tuple of Variable
+        The d searched variables by the names of the file.
     names : tuple of str
         Their names.
     space : SearchSpace
@@ -43,9 +44,9 @@ class SearchedBox:
 
     def __init__(self, campaign: "Campaign") -> None:
         self.campaign = campaign
-        self.own: tuple[OwnVariable, ...] = own_variables(campaign.variables)
+        self.own: tuple[Variable, ...] = campaign.variables.own
         self.names = tuple(variable.name for variable in self.own)
-        self.space: SearchSpace = campaign.variables.space()
+        self.space: SearchSpace = SearchSpace.of(campaign.variables)
 
     def strings(self, parameters: Parameters) -> Floats:
         """Return strings, (n, k), given as for `FeasibleSet.probability`."""

@@ -4,9 +4,9 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.config.groups import Group
+from agglom_mpi.config.coordinates import Group
 from agglom_mpi.emulation.gaussian_process import Floats
-from agglom_mpi.inference.membership import EmulatedBox
+from agglom_mpi.inference.emulated_set import EmulatedSet
 from agglom_mpi.inference.set_points import OUTER_PROBABILITY, SetPoints
 from agglom_mpi.statistics import weighted_quantiles
 
@@ -71,7 +71,7 @@ class SetVariable(NamedTuple):
     touches: tuple[str, ...]
 
 
-def set_variables(emulated: EmulatedBox, points: SetPoints) -> list[SetVariable]:
+def set_variables(emulated: EmulatedSet, points: SetPoints) -> list[SetVariable]:
     """Return the searched variables of a set, in their order; none if the set is empty."""
     mass = points.mass
     if mass.sum() <= 0.0:
@@ -123,7 +123,7 @@ def name_ends(variable: Any, ends: tuple[str, ...]) -> str:
     return f"{shown} of {variable.name}"
 
 
-def _kept_shares(emulated: EmulatedBox, points: SetPoints) -> Floats:
+def _kept_shares(emulated: EmulatedSet, points: SetPoints) -> Floats:
     """Return the share of its range over which each variable may be moved, on average, (d,)."""
     members, space = points.even_members(MOVED_MEMBERS), emulated.box.space
     start = space.to_unit(members)
@@ -139,7 +139,7 @@ def _kept_shares(emulated: EmulatedBox, points: SetPoints) -> Floats:
     return np.array(shares)
 
 
-def set_directions(emulated: EmulatedBox, points: SetPoints) -> "pd.DataFrame":
+def set_directions(emulated: EmulatedSet, points: SetPoints) -> "pd.DataFrame":
     """Return the active directions of a set (Constantine 2015); see `FeasibleSet.directions`."""
     import pandas as pd
 
@@ -195,7 +195,7 @@ def rounded(exponent: float) -> float:
     return quarter if is_quarter else third
 
 
-def _slopes(emulated: EmulatedBox, points: SetPoints) -> Floats:
+def _slopes(emulated: EmulatedSet, points: SetPoints) -> Floats:
     """Return slopes along each variable's logarithm at members, in units of the box, (n, d)."""
     coordinates = emulated.coordinates
     own = coordinates.own(points.even_members(SLOPE_MEMBERS))

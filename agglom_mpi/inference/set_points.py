@@ -6,7 +6,7 @@ import numpy as np
 
 from agglom_mpi.config.allowed_share import allowed_share
 from agglom_mpi.emulation.gaussian_process import Floats
-from agglom_mpi.inference.membership import BOX_POINTS, EmulatedBox
+from agglom_mpi.inference.emulated_set import BOX_POINTS, EmulatedSet
 from agglom_mpi.inference.searched_box import MAX_RANDOM_POINTS, MIN_EVEN_POINTS
 
 INNER_PROBABILITY, OUTER_PROBABILITY = 0.95, 0.05
@@ -65,7 +65,7 @@ class SetPoints(NamedTuple):
         """Return the share of the allowed part whose probability is at least this."""
         return float((self.probability >= least) @ self.weights)
 
-    def draw(self, emulated: EmulatedBox, count: int, random: np.random.Generator) -> Floats:
+    def draw(self, emulated: EmulatedSet, count: int, random: np.random.Generator) -> Floats:
         """Draw strings from the set, (count, k): each point is kept with its probability.
 
         Raises
@@ -98,7 +98,7 @@ class SetPoints(NamedTuple):
         return self.strings[np.minimum(chosen, len(self.strings) - 1)]
 
 
-def spread_points(emulated: EmulatedBox) -> SetPoints:
+def spread_points(emulated: EmulatedSet) -> SetPoints:
     """Return points over the box, or over a smaller box around the set where the set is small."""
     box, space = emulated.box, emulated.box.space
     lower, upper = np.zeros(space.dimensions), np.ones(space.dimensions)

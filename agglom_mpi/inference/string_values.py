@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.inference.stored_samples import StoredSamples, stored_samples
-from agglom_mpi.measurements.datum import Datum, data_times
+from agglom_mpi.measurements.datum import Datum, data_times, predictions
 from agglom_mpi.measurements.layout import CENSUS_COLUMNS, CensusLayout
-from agglom_mpi.measurements.prediction import predictions
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
 if TYPE_CHECKING:
@@ -68,7 +67,7 @@ def string_values(
     ValueError
         If the campaign stores no censuses, or none at the time of a datum.
     """
-    campaign, layout = recorded_campaign(file), file.census
+    campaign, layout = recorded_campaign(file), file.sizes.census
     if layout is None:
         raise ValueError(f"{file.path}: its samples have no censuses, as it has no section data")
     places = _places(layout, data)

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from agglom_mpi.config.arguments import read_amount, read_fraction, shown
 from agglom_mpi.config.user_function import function_of_means
 from agglom_mpi.search.objectives.objective import Objective
+from agglom_mpi.storage.recorded_campaign import allowed_function, recorded_component
 
 if TYPE_CHECKING:
     from agglom_mpi.storage.reader import CampaignData
@@ -18,8 +19,8 @@ def recorded_objective(data: "CampaignData") -> Objective:
     UnknownComponentError
         If its name is unknown.
     """
-    objective = Objective.of_entries(data.section("objective"), data.reading)
-    return objective.with_code(function_of_means(data.allowed, objective.code_of_means))
+    objective = recorded_component(data, "objective", Objective.of_entries)
+    return objective.with_code(function_of_means(allowed_function(data), objective.code_of_means))
 
 
 def read_tolerance(objective: Objective, tolerance: float | str) -> float:

@@ -1,6 +1,6 @@
-"""What was measured: one number, or the shares of size classes, with the covariance of its errors.
+"""What was measured, with the covariance of its errors, and what the samples of a string predict.
 
-All values are in SI units. `config.size_curve` makes shares and their covariance of what
+All values are in SI units. `files.size_curve` makes shares and their covariance of what
 laboratories report: a cumulative curve, a histogram, or single diameters.
 """
 
@@ -13,44 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.formatting import value_with_prefix
+from agglom_mpi.measurements.census import Census
+from agglom_mpi.measurements.quantities import PARTICLE_WEIGHTS, QUANTITIES, MeasuredQuantity
+from agglom_mpi.measurements.sample_sums import SampleSums
 
 Floats = NDArray[np.float64]
-
-PARTICLE_WEIGHTS: Final = ("number", "area", "mass")
-"""What a particle counts by in a distribution: 1, its surface, or its mass."""
-
-
-class MeasuredQuantity(NamedTuple):
-    """A quantity that can be measured: its SI unit, whether it has a weight, and its maximum."""
-
-    unit: str
-    has_weight: bool
-    summary: str
-    most: float = math.inf
-
-
-QUANTITIES: Final = {
-    "sizes": MeasuredQuantity("1", True, "shares of classes of diameter"),
-    "d10": MeasuredQuantity("m", True, "diameter below which 10 % lie"),
-    "d50": MeasuredQuantity("m", True, "median diameter"),
-    "d90": MeasuredQuantity("m", True, "diameter below which 90 % lie"),
-    "d43": MeasuredQuantity("m", False, "De Brouckere mean diameter D[4,3]"),
-    "d32": MeasuredQuantity("m", False, "Sauter mean diameter D[3,2]"),
-    "mean_diameter": MeasuredQuantity("m", True, "mean diameter"),
-    "mean_radius": MeasuredQuantity("m", True, "mean radius"),
-    "spread": MeasuredQuantity(
-        "1", False, "standard deviation of the diameters relative to their mean, by number"
-    ),
-    "particles_left": MeasuredQuantity(
-        "1", False, "number of particles relative to that of the grains at the start", 1.0
-    ),
-    "largest_mass_fraction": MeasuredQuantity(
-        "1", False, "mass of the largest particle relative to the total mass", 1.0
-    ),
-    "temperature": MeasuredQuantity("K", False, "mean temperature by mass"),
-}
-"""The quantities by name."""
-
 
 MAX_SUM_ERROR: Final = 1e-6
 """Largest difference between the sum of the shares of a datum and 1."""
@@ -131,9 +98,24 @@ class Datum:
             raise ValueError("error 0; must be above 0")
         self._check_edges()
 
+    @property
+    def kind(self) -> MeasuredQuantity:
+        """The quantity with its unit and limits."""
+        return QUANTITIES[self.quantity]
+
+    @property
+    def own_weight(self) -> str | None:
+        """The weight; None of a quantity without one."""
+        return self.weight if self.kind.has_weight else None
+
+    @property
+    def standard_errors(self) -> Floats:
+        """Standard error of each value, shape (q,)."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
     def _check_edges(self) -> None:
         size = len(self.values)
-        if self.quantity != "sizes":
+        if not self.kind.is_curve:
             if self.edges is not None or size != 1:
                 raise ValueError(f"{self.quantity} has one value and no edges")
             return
@@ -154,33 +136,48 @@ def datum_name(quantity: str, weight: str, time: float | None) -> str:
     return f"{quantity}{by} at {when}"
 
 
-def one_name(quantity: str, weight: str) -> tuple[str, str]:
-    """Return quantity and weight by the one name of all that are proportional to each other.
-
-    A mean radius is half of a diameter, and the mean diameters by area and by mass are D[3,2] and
-    D[4,3]. A quantity without a weight is by number.
-    """
-    if quantity in ("mean_radius", "mean_diameter"):
-        quantity = {"area": "d32", "mass": "d43"}.get(weight, "mean_diameter")
-    return quantity, weight if QUANTITIES[quantity].has_weight else "number"
-
-
-def within_limits(quantity: str, values: Floats, lengths: tuple[float, float]) -> Floats:
-    """Return predicted values, (n, q), moved to the nearest ones that are possible.
-
-    `lengths` are the smallest and the largest diameter of a particle in m. Shares keep their sum.
-    """
-    if QUANTITIES[quantity].unit == "m":
-        factor = 0.5 if quantity == "mean_radius" else 1.0
-        return np.clip(values, factor * lengths[0], factor * lengths[1])
-    found = np.clip(values, 0.0, QUANTITIES[quantity].most)
-    if quantity == "sizes":
-        found *= values.sum(axis=1, keepdims=True) / found.sum(axis=1, keepdims=True)
-    return found
-
-
 def data_times(data: Sequence[Datum]) -> tuple[float | None, ...]:
     """Return the different times of data, ascending and the end last: the T times of a `Census`."""
     times = {datum.time for datum in data}
     ends: tuple[None, ...] = (None,) if None in times else ()
     return (*sorted(time for time in times if time is not None), *ends)
+
+
+class Predictions(NamedTuple):
+    """Predictions of a string for all values of some data, one after the other.
+
+    Attributes
+    ----------
+    pooled
+        By all samples, shape (Q,).
+    left_out
+        Without one sample each, shape (n, Q); nan with a single sample.
+    """
+
+    pooled: Floats
+    left_out: Floats
+
+
+def predictions(census: Census, data: Sequence[Datum]) -> Predictions:
+    """Return what all samples of a string, and all but one, predict for each value of data.
+
+    Parameters
+    ----------
+    census
+        At least one sample, at the times of `data_times(data)`.
+    data
+        In any order.
+    """
+    times = data_times(data)
+    if census.counts.shape[1] != len(times):
+        raise ValueError(f"a census at {census.counts.shape[1]} times of data at {len(times)}")
+    sums = [SampleSums(census, index) for index in range(len(times))]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = [
+            each.kind.predict(sums[times.index(each.time)], each.weight, each.edges)
+            for each in data
+        ]
+    rows = np.column_stack(found)
+    if census.samples == 1:
+        rows[1] = math.nan
+    return Predictions(rows[0], rows[1:])

@@ -20,8 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.measurements.census import Census
-from agglom_mpi.measurements.datum import Datum
-from agglom_mpi.measurements.prediction import predictions
+from agglom_mpi.measurements.datum import Datum, predictions
 
 Floats = NDArray[np.float64]
 
@@ -293,7 +292,7 @@ def residual_frame(data: tuple[Datum, ...]) -> ResidualFrame:
 def _basis(datum: Datum) -> Floats:
     """Return the directions of a datum that are compared, over its error, shape (q, p)."""
     covariance = datum.covariance
-    if datum.quantity == "sizes":
+    if datum.kind.is_curve:
         size = len(covariance)
         centring = np.eye(size) - 1.0 / size
         covariance = centring @ covariance @ centring

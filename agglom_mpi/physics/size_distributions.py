@@ -6,16 +6,13 @@ calculated once.
 """
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from statistics import NormalDist
-from typing import Any, Final, TypeAlias
+from typing import Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-
-from agglom_mpi.errors import CodeNotAllowedError
 
 Floats = npt.NDArray[np.float64]
 
@@ -224,62 +221,6 @@ class ListedDistribution(SizeDistribution):
         if self.by_volume:
             return super().classes
         return np.quantile(self.ratios, _MIDDLES), np.full(MAX_CLASSES, 1.0 / MAX_CLASSES)
-
-
-RECORDED_SHARES: Final = tuple(range(1, 100))
-"""Shares in percent whose quantiles are recorded of a distribution of one's own."""
-
-
-def recorded_distribution(law: "SizeLaw") -> dict[str, Any]:
-    """Return the moments, quantiles and classes of a distribution as plain values for JSON."""
-    if law is None:
-        return {}
-    return {
-        "moments": [float(law.moment(power)) for power in range(7)],
-        "quantiles": [
-            [float(law.quantile(share / 100.0, by_volume)) for share in RECORDED_SHARES]
-            for by_volume in (False, True)
-        ],
-        "classes": [np.asarray(part, float).tolist() for part in law.classes],
-        "is_equal": bool(law.is_equal),
-    }
-
-
-class RecordedDistribution(SizeDistribution):
-    """A distribution of one's own as a file records it; it draws nothing.
-
-    Parameters
-    ----------
-    record
-        As from `recorded_distribution`.
-    """
-
-    def __init__(self, record: Mapping[str, Any]) -> None:
-        self._record = record
-
-    def draw(self, random: np.random.Generator, count: int) -> Floats:
-        """Raise a CodeNotAllowedError: that needs the code of the distribution."""
-        raise CodeNotAllowedError("sizes are drawn by code of one's own; --allow-code runs it")
-
-    def moment(self, power: int) -> float:
-        """Return the recorded moment."""
-        return float(self._record["moments"][power])
-
-    def quantile(self, share: float, by_volume: bool = False) -> float:
-        """Return the quantile, between recorded ones by interpolation."""
-        shares = np.array(RECORDED_SHARES) / 100.0
-        return float(np.interp(share, shares, self._record["quantiles"][by_volume]))
-
-    @cached_property
-    def is_equal(self) -> bool:
-        """Whether all grains are equal."""
-        return bool(self._record["is_equal"])
-
-    @cached_property
-    def classes(self) -> tuple[Floats, Floats]:
-        """Recorded radii and shares."""
-        radii, shares = self._record["classes"]
-        return np.array(radii), np.array(shares)
 
 
 SizeLaw: TypeAlias = SizeDistribution | None

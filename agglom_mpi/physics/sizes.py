@@ -1,7 +1,7 @@
 """Laws of the grains' sizes at the start, as a scene names them by `sizes`."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import suppress
 from functools import cached_property
 from typing import Annotated, Any, ClassVar, Final, Literal, TypeAlias
@@ -24,11 +24,9 @@ from agglom_mpi.formatting import pluralise, value_with_prefix
 from agglom_mpi.physics.size_distributions import (
     ListedDistribution,
     LognormalDistribution,
-    RecordedDistribution,
     SizeLaw,
     UniformDistribution,
     VolumeUniformDistribution,
-    recorded_distribution,
 )
 
 LENGTH_KEYS: Final = ("median", "smallest", "largest")
@@ -73,15 +71,6 @@ class Sizes(Component):
     def mean_diameter(self) -> float | None:
         """Mean diameter in m; None where the law is of sizes relative to the mean."""
         raise NotImplementedError
-
-    def record(self) -> dict[str, Any]:
-        """Return what a file records of a law of one's own: its distribution by numbers."""
-        return {"distribution": recorded_distribution(self.size_law)}
-
-    @classmethod
-    def restored(cls, record: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the attributes of a stand-in."""
-        return super().restored(record) | {"size_law": RecordedDistribution(record["distribution"])}
 
     @cached_property
     def size_law(self) -> SizeLaw:

@@ -256,7 +256,7 @@ def poll_costs(
             coordinator = Coordinator(experiment, file, writer, _Unseen())
             inversion, dtype = (
                 coordinator.inversion,
-                samples_schema(file.quantities, file.census).dtype,
+                samples_schema(file.sizes.quantities, file.sizes.census).dtype,
             )
             coordinator.replay(StopRequest())
             pool = InstantRanks(workload, inversion, dtype, ranks, drawn)

@@ -150,7 +150,7 @@ def read_recorded_samples(path: str, campaign: Campaign) -> PilotSamples:
     if not len(rows):
         raise CampaignError(Problem(path, None, "", "has no samples yet"))
     rows["string"] = np.searchsorted(strings["string"], rows["string"])
-    table = campaign.variables.table
+    table = campaign.variables
     parameters = table.of_other(parameters_of(strings), file.variables)
     return PilotSamples(rows, parameters, tuple(_differences(file.identity, campaign.identity())))
 

@@ -12,6 +12,7 @@ from agglom_mpi.formatting import pluralise
 from agglom_mpi.storage.compact import write_compact
 from agglom_mpi.storage.files import atomic_file, require_absent
 from agglom_mpi.storage.reader import CampaignData, read_campaign, read_inversion
+from agglom_mpi.storage.recorded_campaign import code_note
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -129,7 +130,7 @@ def export(
         yield f"{exports.json}: {pluralise(exports.json.stat().st_size, 'byte')}"
     if selection is not None:
         yield from write_samples(file, samples, selection.frames)
-    yield from (*file.left_out_lines(), *file.unused_notes)
+    yield from (*filter(None, [code_note(file)]), *file.unused_notes)
 
 
 def _refuse_tolerance(file: CampaignData, draws: "SetRequest") -> None:
@@ -167,7 +168,12 @@ def require_directory(path: Path) -> None:
 
 
 def names_of(file: CampaignData) -> tuple[str, ...]:
-    """Return the names of the tables of a file: more where it has samples of several volumes."""
+    """Return the names of the tables of a file: more where it has samples of several volumes.
+
+    Without its code that may not run, it has none of estimates.
+    """
+    if code_note(file):
+        return tuple(name for name in TABLES if name != "estimates")
     return (*OF_VOLUMES, *TABLES) if file.volumes else TABLES
 
 

@@ -19,6 +19,7 @@ from agglom_mpi.display.run_display import Display
 from agglom_mpi.errors import FAILURE, FINISHED, INTERRUPTED, STOPPED
 from agglom_mpi.outcome import FAILED
 from agglom_mpi.search.decisions import GenerationSummary
+from agglom_mpi.storage.lock import live_status
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
@@ -140,7 +141,7 @@ class FileProgress:
             progress = progress._replace(rate=len(ours) / elapsed, busy=busy)
         progress = self._in_phase(progress, ours, elapsed)
         if silent and status.state == "running":
-            note = silence_note(changed, now, killed=data.live_status().state != "running")
+            note = silence_note(changed, now, killed=live_status(data).state != "running")
             progress = progress._replace(note=note, remaining=None)
         return progress
 

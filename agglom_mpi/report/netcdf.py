@@ -13,7 +13,6 @@ from agglom_mpi.formatting import pluralise
 from agglom_mpi.inference.data_posterior import data_posterior
 from agglom_mpi.inference.draw_groups import (
     DEFAULT_DRAWS,
-    EqualDraws,
     Groups,
     in_chains,
     root_attributes,
@@ -22,6 +21,7 @@ from agglom_mpi.inference.draw_groups import (
 from agglom_mpi.inference.feasible_set import FeasibleSet, feasible_set
 from agglom_mpi.report.set_files import SetRequest, is_of_data
 from agglom_mpi.storage.files import atomic_file
+from agglom_mpi.storage.lock import live_status
 from agglom_mpi.version import __version__
 
 if TYPE_CHECKING:
@@ -115,10 +115,10 @@ def _attributes(data: "CampaignData") -> dict[str, str | int]:
     """Return what is known of the file as a whole."""
     return {
         "title": data.title,
-        "seed": data.seed,
+        "seed": int(data.attributes["seed"]),
         "campaign": data.campaign_text,
         "campaign_sha256": str(data.attributes["campaign_sha256"]),
-        "state": data.live_status().state,
+        "state": live_status(data).state,
         "fresh_from": data.fresh_from,
         "with_unused": int(data.with_unused),
         "source": f"agglom_mpi {__version__}",
@@ -201,7 +201,7 @@ def members(found: FeasibleSet) -> Groups:
     strings = in_chains(found.emulated.box.strings(drawn))
     text = "members of the feasible set, uniform in the box; no measured mean is given"
     attributes = {"draws_are": text, "criterion": found.criterion.text}
-    return set_groups(found.emulated.box, EqualDraws(strings, stats), attributes)
+    return set_groups(found.emulated.box, strings, stats, attributes)
 
 
 def write_groups(path: Path, groups: Groups, attributes: Mapping[str, Any]) -> None:

@@ -8,9 +8,8 @@ from rich.console import Group, RenderableType
 from agglom_mpi.analysis.shown_units import shown_unit
 from agglom_mpi.display.table import Column, Table
 from agglom_mpi.formatting import format_digits, in_unit, pluralise, without_nan
-from agglom_mpi.inference.data_posterior import DataPosterior
 from agglom_mpi.inference.next_measurement import NextMeasurement, NextMeasurements
-from agglom_mpi.measurements.datum import QUANTITIES
+from agglom_mpi.inference.posterior import Posterior
 from agglom_mpi.report.set_files import check_new, write_table
 
 
@@ -43,7 +42,7 @@ class PosteriorRequest(NamedTuple):
         """
         check_new(self.table, made)
 
-    def found(self, posterior: DataPosterior) -> NextMeasurements | None:
+    def found(self, posterior: Posterior) -> NextMeasurements | None:
         """Return what to measure next, if that is asked for, and write the table."""
         if not self.what_next:
             return None
@@ -90,8 +89,7 @@ def _value(each: NextMeasurement, text: str) -> str:
     """Return the value that is expected; nothing for shares of sizes."""
     if len(each.datum.values) > 1:
         return ""
-    quantity = each.datum.quantity
-    factor, unit = shown_unit(text, quantity, QUANTITIES[quantity].unit, each.predicted)
+    factor, unit = shown_unit(text, each.datum.quantity, each.datum.kind.unit, each.predicted)
     return in_unit(f"{each.predicted / factor:.4g}", unit)
 
 

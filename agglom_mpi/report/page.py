@@ -21,7 +21,9 @@ from agglom_mpi.report.sections.published import Published
 from agglom_mpi.report.sections.section import Page
 from agglom_mpi.report.set_files import SetRequest, write_files
 from agglom_mpi.storage.files import replace_file
+from agglom_mpi.storage.lock import live_status
 from agglom_mpi.storage.reader import CampaignData
+from agglom_mpi.storage.recorded_campaign import require_code
 
 NAME: Final = "report.html"
 TEMPLATE: Final = "report.html.j2"
@@ -70,6 +72,7 @@ def write_report(
         If it cannot be written.
     """
     begun = time.perf_counter()
+    require_code(file)
     require_library("matplotlib", "report", "figures")
     require_library("jinja2", "report", "web pages")
     require_directory(directory)
@@ -81,7 +84,7 @@ def write_report(
         seconds=RESIMULATION_SECONDS if simulate else 0.0, sensitivity=sensitivity
     )
     directory.mkdir(parents=True, exist_ok=True)
-    if simulate and file.may_simulate and not all_stored(file) and rank_strings(file).order:
+    if simulate and not all_stored(file) and rank_strings(file).order:
         yield RESIMULATION_MESSAGE
     page = Page(file, directory, options, published)
     replace_file(directory / NAME, render(page).encode())
@@ -137,7 +140,7 @@ def render(page: Page) -> str:
     return environment.get_template(TEMPLATE).render(
         title=data.title or data.path.stem,
         file_name=data.path.name,
-        status=data.live_status(),
+        status=live_status(data),
         summary=summary,
         sections=list(page.sections()),
     )

@@ -151,15 +151,17 @@ def write_samples(
 
 def _resimulated(file: CampaignData, selected: SelectedSample, frames: int) -> tuple[Frames, str]:
     """Return frames of a resimulated sample, and a text on their origin."""
+    from agglom_mpi.verbs.simulate import simulate
+
     campaign, row = recorded_campaign(file), recorded_sample(file, selected.string, selected.sample)
     number = campaign.first_sample(selected.string) + selected.sample
     parameters = recorded_parameters(file, selected.string)
     try:
-        outcome = campaign.simulate(parameters, number, frames=frames)
+        outcome = simulate(campaign, parameters, number, frames=frames)
     except RuntimeError as error:
         raise mistaken(file.path, "--sample", f"cannot be shown: {error}") from error
     assert outcome.frames is not None
-    agrees = is_same(row, outcome.record, file.format_version)
+    agrees = is_same(row, outcome.record, file.sizes.version)
     return outcome.frames, f"simulated again, {AGREEMENT[agrees]}"
 
 

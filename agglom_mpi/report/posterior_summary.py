@@ -8,10 +8,11 @@ from rich.console import Group, RenderableType
 from agglom_mpi.analysis.shown_units import shown_unit, unit_of_datum
 from agglom_mpi.display.table import Column, Facts, Table
 from agglom_mpi.formatting import axis_label, format_digits, format_percent, in_unit, label_of
-from agglom_mpi.inference.data_posterior import DataPosterior, PredictedDatum
-from agglom_mpi.inference.mean_posterior import MeanPosterior
+from agglom_mpi.inference.measured_mean import MeasuredMean
 from agglom_mpi.inference.nearest import quantity_name
-from agglom_mpi.inference.posterior import CENTRAL, REPORTED_QUANTILES, Posterior
+from agglom_mpi.inference.posterior import Posterior
+from agglom_mpi.inference.posterior_sampling import CENTRAL, REPORTED_QUANTILES
+from agglom_mpi.inference.predictive import PredictedDatum
 from agglom_mpi.inference.searched_box import SearchedBox
 
 SHOWN_PAIRS: Final = 6
@@ -32,13 +33,14 @@ def measure_text(box: SearchedBox) -> str:
     return f"uniform in {', '.join(parts)}{rest}"
 
 
-def posterior_text(posterior: MeanPosterior) -> RenderableType:
+def posterior_text(posterior: Posterior) -> RenderableType:
     """Return the posterior of a measured mean as text and tables."""
-    quantity = quantity_name(posterior.of.criterion.quantities[0])
-    measured = f"{posterior.measured:g} ± {posterior.error:g}"
+    of = posterior.of
+    assert isinstance(of, MeasuredMean)
+    quantity, measured = quantity_name(of.quantity), f"{of.measured:g} ± {of.error:g}"
     lines: list[RenderableType] = [
         f"posterior, given a measured {quantity} of {measured}",
-        f"prior {measure_text(posterior.of.box)}; {_size(posterior)}",
+        f"prior {measure_text(of.box)}; {_size(posterior)}",
         *_tables(posterior),
     ]
     if posterior.warning:
@@ -46,38 +48,34 @@ def posterior_text(posterior: MeanPosterior) -> RenderableType:
     return Group(*lines)
 
 
-def data_posterior_text(posterior: DataPosterior) -> RenderableType:
+def data_posterior_text(posterior: Posterior) -> RenderableType:
     """Return the posterior of all data as text and tables; its verdict stands above the numbers."""
     share = format_percent(posterior.volume, 3)
-    facts = Facts(
-        [
-            ("prior", measure_text(posterior.of.box)),
-            ("strings", _size(posterior)),
-            (
-                "share of the box",
-                f"{share} has 90 % of the posterior",
-            ),
-            ("check", posterior.calibration.text),
-        ]
-    )
-    lines: list[RenderableType] = [f"posterior, given {posterior.given}", facts]
+    facts = [
+        ("prior", measure_text(posterior.of.box)),
+        ("strings", _size(posterior)),
+        ("share of the box", f"{share} has 90 % of the posterior"),
+    ]
+    if posterior.calibration is not None:
+        facts.append(("check", posterior.calibration.text))
+    lines: list[RenderableType] = [f"posterior, given {posterior.given}", Facts(facts)]
     if posterior.warning:
         lines.append(f"warning: {posterior.warning}")
     rows = [_compared(each, posterior.of.box.campaign.text) for each in posterior.predictions]
     lines += [*_tables(posterior), Table(DATA_COLUMNS, rows)]
-    if len(posterior.of.data) > 1:
+    if len(posterior.predictions) > 1:
         lines.append(f"all data together: p = {posterior.p_value:.2g}")
     return Group(*lines)
 
 
-def _size(posterior: Posterior[Any]) -> str:
+def _size(posterior: Posterior) -> str:
     return (
         f"effective size {posterior.effective_size:,.0f} of {len(posterior.weights):,} "
         f"({posterior.method})"
     )
 
 
-def _tables(posterior: Posterior[Any]) -> list[RenderableType]:
+def _tables(posterior: Posterior) -> list[RenderableType]:
     """Return the table of the variables, and that of the largest partial correlations."""
     rows, text = [], posterior.of.box.campaign.text
     for each in posterior.of.box.own:

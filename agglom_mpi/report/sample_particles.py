@@ -195,11 +195,13 @@ def _resimulated_radii(
     data: CampaignData, string: int, rows: np.ndarray
 ) -> tuple[list[Floats], bool]:
     """Return the radii of resimulated samples, and whether all equal the recorded ones."""
+    from agglom_mpi.verbs.simulate import simulate
+
     campaign = recorded_campaign(data)
     parameters, first = data.parameters[string], campaign.first_sample(string)
-    outcomes = [campaign.simulate(parameters, first + int(row["sample"])) for row in rows]
+    outcomes = [simulate(campaign, parameters, first + int(row["sample"])) for row in rows]
     same = all(
-        is_same(row, each.record, data.format_version)
+        is_same(row, each.record, data.sizes.version)
         for row, each in zip(rows, outcomes, strict=True)
     )
     return [outcome.radii for outcome in outcomes], same
@@ -268,10 +270,12 @@ def frames_of(
 
 
 def _resimulated_frames(data: CampaignData, string: int, sample: int) -> Frames:
+    from agglom_mpi.verbs.simulate import simulate
+
     campaign, parameters = recorded_campaign(data), data.parameters[string]
     end = end_time(*campaign.at(parameters))
     number = campaign.first_sample(string) + sample
-    outcome = campaign.simulate(parameters, number, frames=end * np.array(FRAME_TIMES))
+    outcome = simulate(campaign, parameters, number, frames=end * np.array(FRAME_TIMES))
     assert outcome.frames is not None
     return outcome.frames
 

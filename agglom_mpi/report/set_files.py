@@ -19,7 +19,7 @@ from agglom_mpi.storage.recorded_campaign import recorded_campaign
 if TYPE_CHECKING:
     import pandas as pd
 
-    from agglom_mpi.inference.mean_posterior import MeanPosterior
+    from agglom_mpi.inference.posterior import Posterior
     from agglom_mpi.storage.reader import CampaignData
 
 DEFAULT_TOLERANCE: Final = 0.05
@@ -67,7 +67,7 @@ class SetRequest(NamedTuple):
         for path in (self.draws, self.grid):
             check_new(path, made)
 
-    def posterior_of(self, found: FeasibleSet) -> "MeanPosterior | None":
+    def posterior_of(self, found: FeasibleSet) -> "Posterior | None":
         """Return the posterior that is asked for, None if none is, or the set is not known."""
         if self.measured is None or self.error is None or not found.calibration.passed:
             return None
@@ -121,10 +121,10 @@ def write_json(path: Path, data: "CampaignData", request: SetRequest | None) -> 
 
 def is_of_data(data: "CampaignData", request: SetRequest | None) -> bool:
     """Return whether the posterior of a campaign's data is meant: no measured mean is given."""
-    return data.census is not None and (request is None or request.measured is None)
+    return data.sizes.census is not None and (request is None or request.measured is None)
 
 
-def write_files(request: SetRequest, found: FeasibleSet, posterior: "MeanPosterior | None") -> None:
+def write_files(request: SetRequest, found: FeasibleSet, posterior: "Posterior | None") -> None:
     """Write the CSV files that are asked for, where the set is known."""
     if not found.calibration.passed:
         return

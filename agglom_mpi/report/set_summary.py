@@ -10,8 +10,8 @@ from agglom_mpi.analysis.shown_units import shown_unit
 from agglom_mpi.config.allowed_share import allowed_share
 from agglom_mpi.display.table import Column, Facts, Table
 from agglom_mpi.formatting import axis_label, format_percent, value_with_error
+from agglom_mpi.inference.emulated_set import BOX_POINTS
 from agglom_mpi.inference.feasible_set import FeasibleSet
-from agglom_mpi.inference.membership import BOX_POINTS
 from agglom_mpi.inference.set_directions import name_ends, rounded
 from agglom_mpi.inference.set_points import INNER_PROBABILITY, OUTER_PROBABILITY
 from agglom_mpi.report.posterior_summary import measure_text, posterior_text
@@ -19,7 +19,7 @@ from agglom_mpi.report.posterior_summary import measure_text, posterior_text
 if TYPE_CHECKING:
     import pandas as pd
 
-    from agglom_mpi.inference.mean_posterior import MeanPosterior
+    from agglom_mpi.inference.posterior import Posterior
 
 MIN_SHOWN_SHARE: Final = 0.01
 """Minimum share of a direction that is shown."""
@@ -40,7 +40,7 @@ def samples_to_halve(of: FeasibleSet) -> int:
     return 3 * of.samples
 
 
-def set_text(of: FeasibleSet, posterior: "MeanPosterior | None" = None) -> RenderableType:
+def set_text(of: FeasibleSet, posterior: "Posterior | None" = None) -> RenderableType:
     """Return what `agglom report --feasible-set` prints."""
     heading = f"feasible set: {of.criterion.text}"
     if not of.calibration.passed:
@@ -236,7 +236,7 @@ def set_warnings(of: FeasibleSet) -> Iterator[str]:
             yield f"warning: the set touches {ends} and may continue outside of the box"
 
 
-def set_as_dict(of: FeasibleSet, posterior: "MeanPosterior | None" = None) -> dict[str, Any]:
+def set_as_dict(of: FeasibleSet, posterior: "Posterior | None" = None) -> dict[str, Any]:
     """Return a set as plain values for JSON; without a set where it is not calibrated.
 
     Keys at the top are `criterion`, `tolerance`, the numbers of `samples` and `strings` of the

@@ -18,7 +18,6 @@ from agglom_mpi.analysis.resimulation import (
 )
 from agglom_mpi.analysis.run_warnings import EARLY, EARLY_SAMPLES, early_changes, few_left
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.config.estimate import StringEstimate, estimate_of
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import warn
 from agglom_mpi.errors import FAILURE, FINISHED, require_library
@@ -27,6 +26,8 @@ from agglom_mpi.physics.scales import half_width
 from agglom_mpi.simulation.frames import Frames
 from agglom_mpi.simulation.sample import Outcome
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
+from agglom_mpi.verbs.estimate import StringEstimate, estimate_of
+from agglom_mpi.verbs.simulate import changes_until, simulate
 
 if TYPE_CHECKING:
     from agglom_mpi.storage.reader import CampaignData
@@ -165,10 +166,10 @@ def _simulate(
     campaign, parameters = selected.campaign, selected.parameters
     completed, failures = {}, []
     with suppress(RuntimeError):
-        campaign.simulate(parameters, numbers[0], engine, frames)  # compiles, not to be timed
+        simulate(campaign, parameters, numbers[0], engine, frames)  # compiles, not to be timed
     for number in numbers:
         try:
-            completed[number] = campaign.simulate(parameters, number, engine, frames)
+            completed[number] = simulate(campaign, parameters, number, engine, frames)
         except RuntimeError as error:
             failures.append(str(error))
     return completed, failures
@@ -178,8 +179,6 @@ def _early_changes(
     selected: SelectedString, completed: Mapping[int, Outcome], engine: Any
 ) -> list[str]:
     """Return a line if all changes of the first samples are early; looks until one is not."""
-    from agglom_mpi.config.simulate import changes_until
-
     first = list(completed.items())[:EARLY_SAMPLES]
     changes = 0
     for number, outcome in first:
@@ -212,7 +211,7 @@ def _recorded_string(request: SimulationRequest) -> SelectedString:
     parameters = recorded_parameters(file, request.string)
     first = campaign.first_sample(request.string or 0)
     row = _recorded_row(request, file)
-    return SelectedString(campaign, parameters, first, row, file.format_version)
+    return SelectedString(campaign, parameters, first, row, file.sizes.version)
 
 
 def _recorded_row(request: SimulationRequest, file: "CampaignData") -> np.void | None:

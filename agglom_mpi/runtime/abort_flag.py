@@ -1,8 +1,8 @@
-"""How samples are ended early by another thread than the one that simulates them."""
+"""The sample under way: how another thread ends it early, and measures how long it takes."""
 
 import math
 import time
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,3 +91,65 @@ class AbortFlag:
     def _late(self) -> bool:
         begun, most = float(self.begun[0]), self.max_seconds
         return most is not None and time.monotonic() - begun > most
+
+
+LONGEST_STEP: Final = 1.0
+"""Maximum time, s, that passes between two readings: whoever reads the clock often was held up."""
+
+
+class ActiveClock:
+    """Monotonic clock that stands still while its process cannot read it.
+
+    A process that is stopped, or whose file system stalls, has not listened in that time: nobody
+    was silent then, and no sample took longer.
+    """
+
+    def __init__(self) -> None:
+        self._last = self._seconds = time.monotonic()
+
+    def read(self) -> float:
+        """Return the time in s; it advances by at most `LONGEST_STEP` since the last reading."""
+        now = time.monotonic()
+        self._seconds += min(now - self._last, LONGEST_STEP)
+        self._last = now
+        return self._seconds
+
+
+class SampleUnderWay(NamedTuple):
+    """A sample that has begun and is not finished.
+
+    Attributes
+    ----------
+    string, sample
+        Its numbers.
+    seconds
+        Time since it began, without the time in which the rank was stopped, s.
+    """
+
+    string: int
+    sample: int
+    seconds: float
+
+
+class SampleClock:
+    """Measures how long the sample under way takes.
+
+    Parameters
+    ----------
+    flag
+        Names the sample under way.
+    """
+
+    def __init__(self, flag: AbortFlag) -> None:
+        self._flag = flag
+        self._clock = ActiveClock()
+        self._seen: tuple[tuple[int, int], float] | None = None
+        self._since = 0.0
+
+    def read(self) -> SampleUnderWay | None:
+        """Return the sample under way, None between samples; to be called often."""
+        now, named = self._clock.read(), self._flag.under_way
+        seen = None if named is None else (named, float(self._flag.begun[0]))
+        if seen != self._seen:
+            self._seen, self._since = seen, now
+        return None if named is None else SampleUnderWay(*named, now - self._since)

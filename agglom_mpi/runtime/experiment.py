@@ -99,7 +99,7 @@ class Experiment(ABC):
     @property
     def variables(self) -> VariableTable:
         """Variables of its strings."""
-        return self.campaign.variables.table
+        return self.campaign.variables
 
     @property
     @abstractmethod

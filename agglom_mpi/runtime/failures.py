@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from agglom_mpi.analysis.failed_samples import cause_of
 from agglom_mpi.outcome import FAILED, REASONS, FailureReason
+from agglom_mpi.runtime.abort_flag import SampleUnderWay
 from agglom_mpi.runtime.messages import storable
 from agglom_mpi.runtime.recorder import ProgressListener
-from agglom_mpi.runtime.under_way import SampleUnderWay
 from agglom_mpi.scheduling.interface import volume_string
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.schema import FAILURE_CAPACITY, TOOK_TOO_LONG

@@ -1,5 +1,6 @@
 """The campaign file of a run: its name, and how it is created, or checked and reopened."""
 
+import json
 import os
 from pathlib import Path
 from typing import Any
@@ -12,11 +13,7 @@ from agglom_mpi.formatting import pluralise, shortened
 from agglom_mpi.runtime.experiment import Experiment
 from agglom_mpi.runtime.provenance import sources_digest
 from agglom_mpi.storage.access import DamagedCampaign
-from agglom_mpi.storage.create import (
-    CampaignRecord,
-    create_campaign_file,
-    enlarge_campaign_file,
-)
+from agglom_mpi.storage.create import create_campaign_file, enlarge_campaign_file
 from agglom_mpi.storage.reader import CampaignData, read_campaign
 from agglom_mpi.storage.room import check_room
 from agglom_mpi.version import __version__
@@ -80,20 +77,19 @@ def prepare(path: Path, experiment: Experiment, accept_code_change: bool) -> Cam
     sizes, campaign = experiment.table_sizes, experiment.campaign
     if not path.exists():
         check_room(campaign, sizes)
-        record = CampaignRecord(
-            text=campaign.text,
-            identity=experiment.identity(),
-            sha256=experiment.sha256(),
-            seed=campaign.seed,
-            title=campaign.title,
-            lower=campaign.variables.lower,
-            upper=campaign.variables.upper,
-            code_version=__version__,
-            sources_sha256=sources_digest(),
-            purpose=experiment.purpose,
-            own=recorded_texts(campaign),
-        )
-        create_campaign_file(path, record, sizes)
+        description = {
+            "campaign": campaign.text,
+            "identity": json.dumps(experiment.identity(), sort_keys=True),
+            "campaign_sha256": experiment.sha256(),
+            "seed": campaign.seed,
+            "title": campaign.title,
+            "code_version": __version__,
+            "sources_sha256": sources_digest(),
+            "purpose": experiment.purpose,
+            **recorded_texts(campaign),
+        }
+        box = campaign.variables.lower, campaign.variables.upper
+        create_campaign_file(path, description, box, sizes)
         return read_campaign(path, allow_code=True)  # the campaign has leave already
     stored = read_campaign(path, allow_code=True)
     if stored.altered:

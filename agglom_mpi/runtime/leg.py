@@ -19,7 +19,6 @@ from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.runtime.stop_request import StopRequest
 from agglom_mpi.runtime.worker_pool import WorkerPool
 from agglom_mpi.search.inversion import Inversion
-from agglom_mpi.storage.run_log import LegEnd
 from agglom_mpi.storage.writer import CampaignWriter
 
 if TYPE_CHECKING:
@@ -66,7 +65,7 @@ def run_leg(
             writer.reopen_parallel(world)
         begun = time.monotonic()
         start = leg_start(ranks, mpi_version(world), nodes=nodes.number, database=database)
-        leg = writer.log.begin_leg(start)
+        leg = writer.log.begin_leg(**start)
         writer.set_status("running")
         remote = frozenset(range(1, ranks)).difference(nodes.neighbours)
         pool = WorkerPool(runner, world, heart_thread=not writer.parallel, remote=remote)
@@ -74,15 +73,15 @@ def run_leg(
             recorder.synced = pool.sync
         end = coordinator.run(pool, stop)
     end = coordinator.shut_down(pool, end)
-    ended = LegEnd(
-        stopped=start.started + time.monotonic() - begun,  # also if the clock has been set
+    writer.log.end_leg(
+        leg,
+        stopped=start["started"] + time.monotonic() - begun,  # also if the clock has been set
         exit_code=end.code,
         samples=tally.samples,
         busy_seconds=tally.busy_seconds,
         cpu_seconds=tally.cpu_seconds,
         database_seconds=writer.clock.seconds + pool.database_seconds,
     )
-    writer.log.end_leg(leg, ended)
     writer.set_status(end.state, end.reason)
     writer.sync()
     return end, pool.missing

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.outcome import FailureReason
-from agglom_mpi.runtime.under_way import SampleUnderWay
+from agglom_mpi.runtime.abort_flag import SampleUnderWay
 from agglom_mpi.storage.schema import final_particles_schema, frames_schema, sample_dtype
 from agglom_mpi.storage.table import concatenated
 

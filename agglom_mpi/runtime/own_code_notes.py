@@ -17,28 +17,26 @@ from contextlib import suppress
 from itertools import cycle
 from pathlib import Path
 from struct import pack
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
 from agglom_mpi.config.own_components import permitted_modules
-from agglom_mpi.config.simulate import simulate
 from agglom_mpi.launcher import python_command, without_rank_variables
 from agglom_mpi.outcome import FAILED, FailureReason
 from agglom_mpi.runtime.experiment import Experiment
 from agglom_mpi.runtime.messages import own_host
 from agglom_mpi.runtime.stop_request import StopRequest
 from agglom_mpi.scheduling.interface import volume_string
-from agglom_mpi.storage.lock import CampaignLock
+from agglom_mpi.storage.lock import NOTES_OFFSET, CampaignLock
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.schema import samples_schema
 from agglom_mpi.storage.table import checksums
 from agglom_mpi.storage.writer import CampaignWriter
+from agglom_mpi.verbs.simulate import simulate
 
 NOTE: Final = np.dtype([("string", "i8"), ("first", "i8"), ("count", "i8")])
 """Consecutive samples of a string that were begun on a rank; none with a count of 0."""
-OFFSET: Final = 4096
-"""Place of the note of rank 0 in the lock file, behind its text."""
 MAX_TRIAL: Final = 120
 """Maximum time of all trials at a start in s; what is not tried by then is simulated as usual."""
 TRIAL: Final = "from agglom_mpi.runtime.own_code_notes import try_samples; try_samples()"
@@ -59,7 +57,7 @@ class OwnCodeNotes:
     """
 
     def __init__(self, path: Path, rank: int) -> None:
-        self._places = cycle(OFFSET + (2 * rank + i) * NOTE.itemsize for i in range(2))
+        self._places = cycle(NOTES_OFFSET + (2 * rank + i) * NOTE.itemsize for i in range(2))
         self._descriptor = -1  # where the file is not seen, as on another host, nothing is noted
         with suppress(OSError):
             self._descriptor = os.open(CampaignLock(path).lock_path, os.O_RDWR | os.O_NOFOLLOW)
@@ -77,17 +75,9 @@ def notes_left(path: Path) -> list[tuple[int, int]]:
     """
     content = b""
     with suppress(OSError):
-        content = CampaignLock(path).lock_path.read_bytes()[OFFSET:]
+        content = CampaignLock(path).lock_path.read_bytes()[NOTES_OFFSET:]
     rows = np.frombuffer(content[: len(content) // NOTE.itemsize * NOTE.itemsize], NOTE).tolist()
     return sorted({(string, first + i) for string, first, count in rows for i in range(count)})
-
-
-class EndedSample(NamedTuple):
-    """A sample whose code has ended the process that tried it, and how."""
-
-    string: int
-    sample: int
-    text: str
 
 
 def ended_samples(
@@ -95,8 +85,11 @@ def ended_samples(
     file: CampaignData,
     noted: list[tuple[int, int]],
     stop: StopRequest,
-) -> Iterator[EndedSample]:
-    """Yield those of noted samples that are not in the file and end a process of their own."""
+) -> Iterator[tuple[int, int, str]]:
+    """Yield string and number of noted samples that end a process of their own, and how.
+
+    Samples that are in the file are not tried.
+    """
     names = ", ".join(sorted(name for name, _ in permitted_modules(experiment.campaign)))
     if not (names and noted):
         return
@@ -116,7 +109,7 @@ def ended_samples(
         how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
         *_, string, sample = left[tried - 1]
         text = f"code of {names} ended its process, and once more when it was alone, with {how}"
-        yield EndedSample(string, sample, text)
+        yield string, sample, text
         left = left[tried:]
 
 
@@ -155,15 +148,15 @@ def try_samples() -> None:
             simulate(setup.campaign, parameters, setup.first_sample + sample, setup.engine)
 
 
-def record_as_failed(writer: CampaignWriter, experiment: Experiment, ended: EndedSample) -> None:
+def record_as_failed(
+    writer: CampaignWriter, experiment: Experiment, string: int, sample: int, text: str
+) -> None:
     """Write the row of a sample that has ended its process, and why it failed."""
     sizes = experiment.table_sizes
     row = np.zeros(1, samples_schema(dict(sizes.quantities), sizes.census).dtype)
-    row["string"], row["sample"], row["finished"] = ended.string, ended.sample, time.time()
+    row["string"], row["sample"], row["finished"] = string, sample, time.time()
     row["state"], row["reason"] = FAILED, FailureReason.EXCEPTION
     row["crc"] = checksums(row)
     writer.put_samples(row)
     writer.flush()
-    writer.log.put_failure(
-        ended.string, ended.sample, rank=0, host=own_host().decode(), text=ended.text
-    )
+    writer.log.put_failure(string, sample, rank=0, host=own_host().decode(), text=text)

@@ -14,7 +14,6 @@ from typing import Any, Final
 
 import h5py
 
-from agglom_mpi.storage.run_log import LegStart
 from agglom_mpi.version import __version__
 
 _SOURCES = Path(__file__).parents[2]
@@ -57,13 +56,14 @@ DECIDING: Final = (
     "statistics.py",
     "variables.py",
     "declaration/*.py",
-    "measurements/*.py",
+    "measurements/**/*.py",
     "physics/*.py",
     "simulation/**/*.py",
     "emulation/*.py",
     "search/**/*.py",
     # From the campaign's text to scenes, searches and ensembles.
     "config/*.py",
+    "verbs/simulate.py",
     "runtime/experiment.py",
     # What a search begins with, and which strings are estimated again.
     "analysis/estimates.py",
@@ -77,7 +77,6 @@ NOT_DECIDING: Final = (
     # Output of `agglom check`.
     "config/consequences.py",
     "config/describe.py",
-    "config/reference.py",
     # Output of `agglom explain`.
     "config/explanation.py",
     # Sets of rules for studies and figures.
@@ -88,9 +87,6 @@ NOT_DECIDING: Final = (
     "config/answer_study.py",
     # Answers of a campaign in Python, of its tables and its reports.
     "config/derived.py",
-    "config/estimate.py",
-    "config/simulate_many.py",
-    "config/searcher.py",
     # The box for other programs.
     "simulation/stepwise.py",
 )
@@ -170,6 +166,10 @@ def _is_docstring(node: Any) -> bool:
     )
 
 
+VERSIONS: Final = ("python", "numpy", "numba", "h5py", "hdf5", "mpi", "scipy")
+"""The columns of `/legs` that record library versions."""
+
+
 def versions() -> dict[str, str]:
     """Return the versions of Python, HDF5 and libraries of this process."""
     found = {"python": platform.python_version(), "hdf5": h5py.version.hdf5_version}
@@ -181,20 +181,22 @@ def versions() -> dict[str, str]:
     return found
 
 
-def leg_start(ranks: int, mpi: str, *, nodes: int = 1, database: str = "gathered") -> LegStart:
-    """Return what is recorded of a start of the program, which is now."""
-    return LegStart(
-        started=time.time(),
-        ranks=ranks,
-        nodes=nodes,
-        database=database,
-        host=socket.gethostname(),
-        processor=processor(),
-        code_version=__version__,
-        sources_sha256=sources_digest(),
-        git_revision=git_revision(),
-        versions=versions() | {"mpi": mpi},
-    )
+def leg_start(
+    ranks: int, mpi: str, *, nodes: int = 1, database: str = "gathered"
+) -> dict[str, Any]:
+    """Return the columns of `/legs` of a start of the program, which is now."""
+    found = versions() | {"mpi": mpi}
+    return {
+        "started": time.time(),
+        "ranks": ranks,
+        "nodes": nodes,
+        "database": database,
+        "host": socket.gethostname(),
+        "processor": processor(),
+        "code_version": __version__,
+        "sources_sha256": sources_digest(),
+        "git_revision": git_revision(),
+    } | {name: found[name] for name in VERSIONS}
 
 
 def processor() -> str:

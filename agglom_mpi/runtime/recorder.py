@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,7 @@ from agglom_mpi.storage.table import (
     rows_at,
     runs_of,
 )
-from agglom_mpi.storage.writer import CampaignWriter, GenerationRow
+from agglom_mpi.storage.writer import CampaignWriter
 
 NOTICE_AFTER: Final = 2.0
 """Seconds of deciding again after which a line says so."""
@@ -160,8 +160,8 @@ class RunRecorder:
         self._top = top
         self._digest = DigestAccumulator(
             stored.searched_samples,
-            stored.format_version,
-            samples_schema(stored.quantities, stored.census),
+            stored.sizes.version,
+            samples_schema(stored.sizes.quantities, stored.sizes.census),
         )
         self._barrier = WriteOrderBarrier()
         self._strings = set(stored.parameters)
@@ -254,7 +254,8 @@ class RunRecorder:
             return
         self.tally.close_generation()
         simulated = self.tally.searched_samples
-        row = GenerationRow(
+        commit = partial(
+            self._commit,
             generation=summary.generation,
             best_string=summary.best,
             best_objective=summary.objective,
@@ -268,12 +269,12 @@ class RunRecorder:
             population=summary.population,
             digest=self._digest.digest(),
         )
-        self._barrier.store(lambda: self._commit(row))
+        self._barrier.store(commit)
         self._listener.generation(summary, self._generations, simulated, self.tally.rate)
 
-    def _commit(self, row: GenerationRow) -> None:
+    def _commit(self, **row: Any) -> None:
         self._writer.mark_running()
-        self._writer.put_generation(row)
+        self._writer.put_generation(**row)
         self._writer.sync()
         self.synced()
 

@@ -34,7 +34,6 @@ from agglom_mpi.runtime.launch import (
     find_nodes,
     taken_input,
 )
-from agglom_mpi.runtime.launcher_watch import LauncherWatch
 from agglom_mpi.runtime.leg import RunRequest, run_leg, warm_up
 from agglom_mpi.runtime.own_code_notes import ended_samples, notes_left, record_as_failed
 from agglom_mpi.runtime.programs import (
@@ -46,6 +45,7 @@ from agglom_mpi.runtime.programs import (
 )
 from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.runtime.stop_request import StopRequest, ignore_signals
+from agglom_mpi.runtime.watches import LauncherWatch
 from agglom_mpi.runtime.worker import serve_coordinator
 from agglom_mpi.scheduling.interface import volume_string
 from agglom_mpi.storage.access import DamagedCampaign, NotACampaign
@@ -221,10 +221,10 @@ def run_rank_zero(
             broadcast_start(world, FAILURE)
             return FAILURE
         try:
-            for ended in ended_samples(experiment, file, notes, stop):
-                record_as_failed(writer, experiment, ended)
-                number = volume_string(ended.string).text
-                display.error(f"string {number} sample {ended.sample} failed: {ended.text}")
+            for string, sample, text in ended_samples(experiment, file, notes, stop):
+                record_as_failed(writer, experiment, string, sample, text)
+                number = volume_string(string).text
+                display.error(f"string {number} sample {sample} failed: {text}")
                 file.refresh()
             for line in kept_as_it_was(request.path, file, experiment):
                 display.message(line)

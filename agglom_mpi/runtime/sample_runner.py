@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.config.own_components import permitted_modules
-from agglom_mpi.config.simulate import evaluate_function, random_numbers, stream_key
 from agglom_mpi.measurements.layout import CENSUS_COLUMNS
 from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, FailureReason, final_particles
 from agglom_mpi.random_streams import key_words
@@ -40,6 +39,7 @@ from agglom_mpi.stopwatch import Stopwatch, TimeSpent
 from agglom_mpi.storage.particle_tables import final_row, frame_rows
 from agglom_mpi.storage.schema import TOOK_TOO_LONG, samples_schema
 from agglom_mpi.storage.table import checksums, concatenated
+from agglom_mpi.verbs.simulate import objective_value, random_numbers, stream_key
 
 MAX_AT_ONCE: Final = MOST_SAMPLES
 """Maximum number of samples of one call of compiled code, those of a message; with 1 each is
@@ -298,8 +298,7 @@ class SampleTask(Task):
             self._final = final_row(self._string, sample, final, scene.particles)
         if code and not self._abort_flag.abort[0]:  # one that was cut short is not finished
             campaign, string, done = setup.campaign, self._parameters, (scene, record, final)
-            found = evaluate_function(campaign, string, number, done)
-            for name, value in {"objective": found.objective, **found.quantities}.items():
+            for name, value in objective_value(campaign, string, number, done).items():
                 self._rows[name][self._done] = value
         return True
 

@@ -17,11 +17,11 @@ from agglom_mpi.errors import (
     UserError,
     error_text,
 )
-from agglom_mpi.runtime.launcher_watch import LauncherWatch
 from agglom_mpi.runtime.leg import RunRequest, wait
 from agglom_mpi.runtime.programs import MixedJobError, check_programs
 from agglom_mpi.runtime.run import end_job, end_job_by, run_this_rank
 from agglom_mpi.runtime.stop_request import StopRequest
+from agglom_mpi.runtime.watches import LauncherWatch
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm

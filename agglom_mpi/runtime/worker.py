@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.errors import error_text
-from agglom_mpi.runtime.coordinator_watch import CoordinatorWatch, Patience
-from agglom_mpi.runtime.heart import may_call_in_turn
+from agglom_mpi.runtime.abort_flag import SampleClock, SampleUnderWay
 from agglom_mpi.runtime.launch import Nodes
 from agglom_mpi.runtime.messages import (
     ALIVE,
@@ -28,11 +27,11 @@ from agglom_mpi.runtime.messages import (
     storable,
 )
 from agglom_mpi.runtime.sample_runner import SampleRunner
-from agglom_mpi.runtime.silence import Intervals
+from agglom_mpi.runtime.silence import Intervals, may_call_in_turn
 from agglom_mpi.runtime.simulation_thread import SimulationThread
 from agglom_mpi.runtime.stop_request import StopRequest
-from agglom_mpi.runtime.under_way import SampleClock, SampleUnderWay
 from agglom_mpi.runtime.wakeup import PollBackoff, Wakeup, message_waits
+from agglom_mpi.runtime.watches import CoordinatorWatch, patience
 from agglom_mpi.scheduling.interface import MOST_SAMPLES, task_type
 from agglom_mpi.storage.sample_writer import RankWriter
 
@@ -68,8 +67,8 @@ def serve_coordinator(
         If the file cannot be written; rank 0 has had a report.
     """
     beats = file is None and may_call_in_turn()
-    patience = Patience.of(same_host=nodes.has_rank_zero, beats=beats)
-    watch = CoordinatorWatch(world.rank, patience, speaks=nodes.speaks)
+    times = patience(same_host=nodes.has_rank_zero, beats=beats)
+    watch = CoordinatorWatch(world.rank, times, speaks=nodes.speaks)
     worker = Worker(world, runner, file, watch, stop or StopRequest())
     try:
         worker.send_heartbeat()  # before anything else, so that rank 0 can name this host

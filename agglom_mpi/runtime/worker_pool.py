@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.runtime.heart import Heart
+from agglom_mpi.runtime.abort_flag import SampleClock
 from agglom_mpi.runtime.messages import (
     ALIVE,
     CANCEL,
@@ -24,9 +24,8 @@ from agglom_mpi.runtime.messages import (
     record_types,
 )
 from agglom_mpi.runtime.sample_runner import SampleRunner
-from agglom_mpi.runtime.silence import GoneRanks, Intervals
+from agglom_mpi.runtime.silence import GoneRanks, Heart, Intervals
 from agglom_mpi.runtime.simulation_thread import SimulationThread
-from agglom_mpi.runtime.under_way import SampleClock
 from agglom_mpi.runtime.wakeup import LONGEST, PollBackoff, Wakeup, message_waits
 from agglom_mpi.scheduling.estimators import ROUND_TRIP_SECONDS, WOKEN_ROUND_TRIP_SECONDS
 

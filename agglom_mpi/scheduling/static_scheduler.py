@@ -63,9 +63,8 @@ class SampleSet:
 
     def runs_in(self, part: SampleRange) -> Iterator[SampleRange]:
         """Yield the ranges of a range that are in the set; it must once have been."""
-        edges = np.flatnonzero(np.diff(self._of(part), prepend=False, append=False))
-        for start, stop in edges.reshape(-1, 2).tolist():
-            yield SampleRange(part.string, part.first + start, stop - start)
+        for run in runs(self._of(part)):
+            yield SampleRange(part.string, part.first + run.start, run.stop - run.start)
 
     def _of(self, part: SampleRange) -> NDArray[np.bool_]:
         begin = part.first - self._first[part.string]

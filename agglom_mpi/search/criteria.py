@@ -4,6 +4,7 @@ A criterion states which numbers of a sample are emulated, which quantities foll
 these, and which quantities make a member. `Objective.criterion` returns that of an objective.
 """
 
+import copy
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -173,8 +174,9 @@ def band_text(lower: float, upper: float) -> str:
 class NearMaximum(Band):
     """Mean growth of at least a share of its maximum over the box.
 
-    The maximum is known once there is an emulator: `with_emulator` draws functions, and finds the
-    maximum of each where the expected mean is largest.
+    The maximum is uncertain, too. It is known once there is an emulator: `with_emulator` draws
+    functions from the posterior of the mean growth, and finds the maximum of each where the
+    expected mean is largest.
 
     Parameters
     ----------
@@ -185,60 +187,44 @@ class NearMaximum(Band):
     def __init__(self, tolerance: float) -> None:
         text = f"mean b/b0 at least {1.0 - tolerance:.4g} of its maximum over the box"
         super().__init__("mean_radius_ratio", -math.inf, math.inf, text)
-        self.tolerance = tolerance
         self.share = 1.0 - tolerance
+        self._functions: JointFunctions | None = None
+        self._maxima = np.empty(0)
 
     def with_emulator(
         self,
         emulator: "JointEmulator",
         near_best: Callable[[], Floats],
         random: np.random.Generator,
-    ) -> "NearDrawnMaximum":
+    ) -> "NearMaximum":
         """Return the criterion with drawn functions and their maxima."""
-        functions = emulator.draw(DRAWN_FUNCTIONS, random)
-        maxima = functions(near_best())[..., 0].max(axis=1)
-        return NearDrawnMaximum(self.tolerance, functions, maxima)
+        drawn = copy.copy(self)
+        drawn._functions = emulator.draw(DRAWN_FUNCTIONS, random)
+        drawn._maxima = maxima = drawn._functions(near_best())[..., 0].max(axis=1)
+        mean = float(maxima.mean())
+        drawn.maximum, drawn.lower = (mean, float(maxima.std())), self.share * mean
+        return drawn
+
+    @property
+    def half_width(self) -> float:
+        """Distance of the bound from the mean maximum; nan before that is known."""
+        return math.nan if self.maximum is None else (1.0 - self.share) * self.maximum[0]
 
     def distance(self, compared: Floats) -> Floats:
         """Return the negative of the mean growth."""
         return np.asarray(-compared[..., 0])
 
-
-class NearDrawnMaximum(NearMaximum):
-    """Mean growth near its maximum over the box, which is uncertain, too.
-
-    Parameters
-    ----------
-    tolerance
-        One minus the minimum share of the maximum.
-    functions
-        n functions drawn from the posterior of the mean growth.
-    maxima
-        Maximum of each over the box, shape (n,).
-    """
-
-    def __init__(self, tolerance: float, functions: "JointFunctions", maxima: Floats) -> None:
-        super().__init__(tolerance)
-        self._functions, self._maxima = functions, maxima
-        mean = float(maxima.mean())
-        self.maximum, self.lower = (mean, float(maxima.std())), self.share * mean
-        self._half_width = (1.0 - self.share) * mean
-
-    @property
-    def half_width(self) -> float:
-        """Distance of the bound from the mean maximum."""
-        return self._half_width
-
     def probability(self, emulator: "JointEmulator", points: Floats) -> Floats:
         """Return the share of the drawn functions that are near their own maximum, (m,)."""
-        return np.asarray(self._near_own_maximum(points).mean(axis=0))
+        return np.asarray(self.drawn_members(emulator, points).mean(axis=0))
 
     def drawn_members(
-        self, emulator: "JointEmulator", points: Floats, random: np.random.Generator
+        self,
+        emulator: "JointEmulator",
+        points: Floats,
+        random: np.random.Generator | None = None,
     ) -> NDArray[np.bool_]:
         """Return where the drawn functions are near their own maximum, (n, m)."""
-        return self._near_own_maximum(points)
-
-    def _near_own_maximum(self, points: Floats) -> NDArray[np.bool_]:
+        assert self._functions is not None
         bounds = self.share * self._maxima
         return np.asarray(self._functions(points)[..., 0] >= bounds[:, None])

@@ -1,7 +1,7 @@
 """Criteria that end a campaign: each a key of the section `stopping`; a campaign ends by any.
 
-A criterion is a subclass of `EndingCriterion` in a module of this package. `any_of` and `all_of`
-compose several into one.
+A criterion is a subclass of `EndingCriterion` in a module of this package. `any_of`
+composes several into one.
 """
 
 import math
@@ -206,20 +206,10 @@ class Generations(EndingCriterion):
         return self.generations
 
 
-class _Composed(EndingCriterion):
-    """Base class of what is composed of several criteria."""
+class AnyOf(EndingCriterion):
+    """At least one of several criteria holds."""
 
     parts: tuple[EndingCriterion, ...]
-
-    @property
-    def best_strings(self) -> int | None:
-        """That of the first criterion that takes a mean."""
-        counts = (part.best_strings for part in self.parts)
-        return next((count for count in counts if count is not None), None)
-
-
-class AnyOf(_Composed):
-    """At least one of several criteria holds."""
 
     def holds(self, generations: int, search: RunningSearch) -> bool:
         """Return whether one holds; those after it are not evaluated."""
@@ -236,34 +226,17 @@ class AnyOf(_Composed):
         return " or ".join(part.reached for part in self.parts)
 
     @property
+    def best_strings(self) -> int | None:
+        """That of the first criterion that takes a mean."""
+        counts = (part.best_strings for part in self.parts)
+        return next((count for count in counts if count is not None), None)
+
+    @property
     def max_generations(self) -> float:
         """The smallest one of its parts."""
         return min((part.max_generations for part in self.parts), default=math.inf)
 
 
-class AllOf(_Composed):
-    """All of several criteria hold."""
-
-    def holds(self, generations: int, search: RunningSearch) -> bool:
-        """Return whether all hold."""
-        return all(part.holds(generations, search) for part in self.parts)
-
-    @property
-    def reached(self) -> str:
-        """Statement that it holds."""
-        return " and ".join(part.reached for part in self.parts)
-
-    @property
-    def max_generations(self) -> float:
-        """The largest one of its parts."""
-        return max((part.max_generations for part in self.parts), default=0)
-
-
 def any_of(*criteria: EndingCriterion) -> EndingCriterion:
     """Return the criterion that at least one of several holds, evaluated in this order."""
     return criteria[0] if len(criteria) == 1 else AnyOf(parts=criteria)
-
-
-def all_of(*criteria: EndingCriterion) -> EndingCriterion:
-    """Return the criterion that all of several hold."""
-    return criteria[0] if len(criteria) == 1 else AllOf(parts=criteria)

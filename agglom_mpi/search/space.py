@@ -7,6 +7,8 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from agglom_mpi.variables import VariableTable
+
 Allowed = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
 """Function of strings, (n, k), that returns which of them may be proposed, (n,)."""
 
@@ -73,6 +75,16 @@ class SearchSpace:
         self.outermost = self if outermost is None else outermost
         self.allowed: Allowed | None = None
         self.centre: NDArray[np.float64] | None = None
+
+    @classmethod
+    def of(cls, variables: VariableTable) -> Self:
+        """Return the box of a campaign's variables."""
+        return cls(
+            variables.lower,
+            variables.upper,
+            logarithmic=variables.logarithmic,
+            cubic=variables.cubic,
+        )
 
     def within(self, allowed: Allowed | None) -> Self:
         """Return the box with only some of its strings allowed."""

@@ -16,17 +16,8 @@ from h5py import h5d, h5f, h5g, h5l, h5o, h5p
 from agglom_mpi.errors import FAILURE, UserError
 from agglom_mpi.file_kinds import YAML_IS_NO_HDF5, is_kernel_file, reads_like_a_campaign
 from agglom_mpi.storage.header import check_attributes
-from agglom_mpi.storage.schema import (
-    FORMAT,
-    FORMAT_VERSION,
-    STATUS,
-    VARIABLE_TABLE,
-    fresh_room,
-    table_schemas,
-    volume_table,
-    volumes_of_file,
-)
-from agglom_mpi.storage.stored_variables import variables_of
+from agglom_mpi.storage.room import TableSizes
+from agglom_mpi.storage.schema import FORMAT, FORMAT_VERSION, VARIABLE_TABLE
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -199,8 +190,7 @@ def refuse_compact(file: h5py.File, path: Path) -> None:
 
 def tables_in_chunks(file: h5py.File) -> list[str]:
     """Return the names of the tables that do not lie in a row, as in a compact copy."""
-    schemas = table_schemas(_attributes(file))
-    names = [name for each in schemas for name in (each.name, each.done)[: 1 + each.final]]
+    names = [name for each in TableSizes.of(file.attrs).tables() for name in each.datasets]
     return [f"/{name}" for name in names if file[name].id.get_offset() is None]
 
 
@@ -255,28 +245,25 @@ def _explain(path: Path, message: str) -> NotACampaign:
 def _check_tables(file: h5py.File, path: Path) -> None:
     attributes = _attributes(file)
     check_attributes(attributes)
-    strings, samples = attributes["strings"], attributes["strings"] * attributes["max_samples"]
-    capacities = {"strings": strings, "results": strings, "samples": samples}
-    capacities |= {"final_particles": samples, "frames": attributes.get("frames", 0)}
-    variables = variables_of(attributes)
-    fresh = strings * fresh_room(attributes)
-    capacities |= {volume_table(volume): fresh for volume in volumes_of_file(attributes)}
-    capacities |= {VARIABLE_TABLE.name: variables.count, STATUS.name: 1}
-    for schema in table_schemas(attributes):
-        names = (schema.name, schema.done) if schema.final else (schema.name,)
-        dtypes = [file[name].dtype for name in names]
-        if dtypes[0] != schema.dtype:
+    sizes = TableSizes.of(attributes)
+    # The attributes do not state how long these are.
+    unstated = {name: len(file[name]) for name in ("generations", "legs", "failures")}
+    capacities = sizes.capacities() | unstated
+    for schema in sizes.tables():
+        if file[schema.name].dtype != schema.dtype:
             raise NotACampaign(
                 f"{path}: table /{schema.name} has other columns than this version of "
                 f"agglom_mpi expects (written by version {attributes['code_version']})"
             )
-        capacity = capacities.get(schema.name, len(file[schema.name]))
-        for name in names:
+        capacity = capacities[schema.name]
+        for name in schema.datasets:
             if file[name].shape != (capacity,):
                 raise ValueError(f"/{name} has the shape {file[name].shape}, not ({capacity},)")
             if file[name].nbytes > _SMALL + _MOST_COMPRESSED * file[name].id.get_storage_size():
                 raise ValueError(f"/{name} has {capacity} rows, more than are in the file")
-    known = [(variable.name.encode(), variable.unit.encode()) for variable in variables.variables]
+    known = [
+        (variable.name.encode(), variable.unit.encode()) for variable in sizes.variables.variables
+    ]
     box = file[VARIABLE_TABLE.name][...]
     if box[["name", "unit"]].tolist() != known:
         raise ValueError("/variables has other names or units")

@@ -12,15 +12,10 @@ import numpy as np
 from agglom_mpi.storage.access import DamagedCampaign, open_file, report_damage
 from agglom_mpi.storage.files import CheckedFile, atomic_file, new_file
 from agglom_mpi.storage.header import CHECKSUMS, write_checksums
-from agglom_mpi.storage.reader import REWRITE_SECONDS
+from agglom_mpi.storage.room import TableSizes
 from agglom_mpi.storage.rows import Rows
-from agglom_mpi.storage.schema import (
-    TableSchema,
-    fresh_room,
-    table_schemas,
-    volume_table,
-    volumes_of_file,
-)
+from agglom_mpi.storage.schema import TableSchema, volume_table
+from agglom_mpi.storage.status import REWRITE_SECONDS
 from agglom_mpi.storage.table import checksum_ok
 
 CHUNK_BYTES: Final = 1 << 18
@@ -52,7 +47,7 @@ def write_compact(source: Path, target: Path) -> CopyCounts:
     """
     with open_file(source) as old, atomic_file(target) as temporary, report_damage(source):
         attributes = dict(old.attrs)
-        tables = table_schemas(attributes)
+        tables = TableSizes.of(attributes).tables()
         # Before the rows: the file then has all that the status states.
         plain = {t.name: _read(old, t.name, source) for t in tables if not t.final}
         final = final_rows(old, source)
@@ -83,13 +78,14 @@ def final_rows(file: h5py.File, path: Path) -> dict[str, np.ndarray]:
     strings = _length(places["strings"])
     final = {name: _flags(places[name], _length(places[name])) for name in order}
     final["results"] = _flags(places["results"], strings)
-    count = strings * int(file.attrs["max_samples"])
+    sizes = TableSizes.of(file.attrs)
+    count = strings * sizes.sample_room
     final["samples"] = _flags(_final_places(file, "samples", path, count), count)
     if "final_particles" in file:
         whole = _flags(_final_places(file, "final_particles", path, count), count)
         final["final_particles"] = whole & final["samples"]
-    fresh = strings * fresh_room(file.attrs)
-    for table in map(volume_table, volumes_of_file(file.attrs)):
+    fresh = strings * sizes.fresh
+    for table in map(volume_table, sizes.volumes):
         final[table] = _flags(_final_places(file, table, path, fresh), max(1, fresh))
     if "frames" in file:
         frames = _final_places(file, "frames", path)

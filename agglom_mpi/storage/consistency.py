@@ -59,7 +59,7 @@ def check_absent(report: VerificationReport) -> None:
 def check_digests(report: VerificationReport) -> int:
     """Compare the digests of all generations that rest on valid rows; return how many agree."""
     right, wrong = 0, []
-    lost = report.lost_strings
+    lost, sizes = report.lost_strings, report.data.sizes
     strings, results = report.data.string_rows(), report.data.result_rows()
     samples = used_samples(report.data.all_sample_rows(), results)
     for row in report.data.generation_rows():
@@ -71,8 +71,8 @@ def check_digests(report: VerificationReport) -> int:
             parameters_of(mine),
             results[np.isin(results["string"], ids)],
             samples[slice(*np.searchsorted(samples["string"], [ids[0], ids[-1] + 1]))],
-            report.data.format_version,
-            samples_schema(report.data.quantities, report.data.census),
+            sizes.version,
+            samples_schema(sizes.quantities, sizes.census),
         )
         if digest == int(row["digest"]):
             right += 1

@@ -1,40 +1,29 @@
 """Creating a campaign file, and a larger one with the same rows."""
 
-import json
 import os
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import h5py
 import numpy as np
 from h5py import h5d, h5p, h5s, h5t
 
 from agglom_mpi.storage.access import open_file, refuse_compact
-from agglom_mpi.storage.columns import census_attributes
 from agglom_mpi.storage.files import atomic_file, new_file
 from agglom_mpi.storage.header import CHECKSUMS, write_checksums
-from agglom_mpi.storage.room import TableSizes, capacities
+from agglom_mpi.storage.room import TableSizes
 from agglom_mpi.storage.rows import Rows
 from agglom_mpi.storage.schema import (
     BY_SAMPLE,
     FORMAT,
-    FORMAT_VERSION,
     IN_VOLUME,
-    INVERSION,
     STATUS,
     VARIABLE_TABLE,
     TableSchema,
-    fresh_from,
-    fresh_room,
-    quantity_attributes,
-    table_schemas,
     variables_schema,
-    volume_attributes,
-    volumes_of_file,
 )
-from agglom_mpi.storage.stored_variables import variable_attributes
 from agglom_mpi.storage.table import Table, make_row, sealed
 from agglom_mpi.variables import VariableTable
 
@@ -42,40 +31,11 @@ _COPY_BYTES: Final = 1 << 25
 """Maximum number of bytes that are copied at once."""
 
 
-class CampaignRecord(NamedTuple):
-    """Attributes of a new campaign file that describe its campaign, and the box in `/variables`.
-
-    Attributes
-    ----------
-    text
-        The campaign file, YAML.
-    identity, sha256
-        Identity of the campaign, stored as JSON, and its digest.
-    lower, upper
-        Search box in SI units, (k,); equal where a variable is fixed, nan where it is unused.
-    code_version, sources_sha256
-        Version of this package, and digest of the sources that decide results.
-    purpose
-        What the strings are for: `INVERSION` or `STUDY`.
-    own
-        Further attributes, on components of one's own; none without any.
-    """
-
-    text: str
-    identity: Mapping[str, Any]
-    sha256: str
-    seed: int
-    title: str
-    lower: np.ndarray
-    upper: np.ndarray
-    code_version: str
-    sources_sha256: str
-    purpose: str = INVERSION
-    own: Mapping[str, str] = {}
-
-
 def create_campaign_file(
-    path: str | os.PathLike[str], campaign: CampaignRecord, sizes: TableSizes
+    path: str | os.PathLike[str],
+    description: Mapping[str, Any],
+    box: tuple[np.ndarray, np.ndarray],
+    sizes: TableSizes,
 ) -> None:
     """Create the file of a campaign; the caller holds its `CampaignLock`.
 
@@ -83,8 +43,11 @@ def create_campaign_file(
     ----------
     path
         The file; it must not exist.
-    campaign
-        Description of the campaign.
+    description
+        Attributes that describe the campaign.
+    box
+        Lower and upper ends of the search box in SI units, (k,); equal where a variable is fixed,
+        nan where it is unused.
     sizes
         Sizes of its tables. The attribute `max_samples` of the file counts fresh samples, too.
 
@@ -100,35 +63,17 @@ def create_campaign_file(
     path = Path(os.path.realpath(path))
     if min(sizes.strings, sizes.max_samples, sizes.generations, sizes.population) < 1:
         raise ValueError("a campaign file needs room for at least one row in every table")
-    attributes: dict[str, Any] = {
+    attributes = {
         "format": FORMAT,
-        "format_version": FORMAT_VERSION,
-        "title": campaign.title,
-        "purpose": campaign.purpose,
+        "format_version": sizes.version,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "code_version": campaign.code_version,
-        "sources_sha256": campaign.sources_sha256,
-        "campaign": campaign.text,
-        "campaign_sha256": campaign.sha256,
-        "identity": json.dumps(campaign.identity, sort_keys=True),
-        "seed": campaign.seed,
-        "strings": sizes.strings,
-        "max_samples": sizes.max_samples + sizes.fresh,
-        "fresh_from": sizes.max_samples,
-        "population": sizes.population,
-        "grains": sizes.grains,
-        "final_particles": int(sizes.final_particles),
-        "frames": sizes.frames,
-        **variable_attributes(sizes.variables),
-        **campaign.own,
-        **quantity_attributes(sizes.quantities),
-        **census_attributes(sizes.census),
-        **volume_attributes(sizes.volumes),
+        **description,
+        **sizes.attributes(),
     }
     with atomic_file(path) as temporary, new_file(temporary) as (file, _):
-        _lay_out(file, attributes, sizes.generations)
-        box = _variable_rows(sizes.variables, campaign.lower, campaign.upper)
-        Rows(file[VARIABLE_TABLE.name], path).write(0, box)
+        _lay_out(file, attributes, sizes)
+        rows = _variable_rows(sizes.variables, *box)
+        Rows(file[VARIABLE_TABLE.name], path).write(0, rows)
         now = datetime.now(UTC).timestamp()
         status = make_row(STATUS.dtype, state="stopped", updated=now, reason="not started yet")
         Rows(file[STATUS.name], path).write(0, sealed(status))
@@ -154,36 +99,24 @@ def enlarge_campaign_file(path: str | os.PathLike[str], sizes: TableSizes) -> bo
     path = Path(os.path.realpath(path))
     with open_file(path) as old:
         refuse_compact(old, path)
-        attributes, generations = dict(old.attrs), len(old["generations"])
-        asked = {
-            "strings": sizes.strings,
-            "max_samples": fresh_from(attributes) + sizes.fresh,
-            "grains": sizes.grains,
-            "final_particles": int(sizes.final_particles),
-            "frames": sizes.frames,
-        }
-        wanted = {name: max(size, int(attributes.get(name, 0))) for name, size in asked.items()}
-        lacks = any(size > int(attributes.get(name, 0)) for name, size in wanted.items())
-        volumes = {*volumes_of_file(attributes), *sizes.volumes}
-        lacks |= len(volumes) > len(volumes_of_file(attributes))
-        if not lacks and sizes.generations <= generations:
+        attributes = dict(old.attrs)
+        known = TableSizes.of(attributes, len(old["generations"]))
+        wanted = known.enlarged(sizes)
+        if wanted == known:
             return False
-        kept = table_schemas(attributes)
-        wanted["fresh_from"] = fresh_from(attributes)
         with atomic_file(path, replace=True) as temporary, new_file(temporary) as (new, _):
-            larger = attributes | wanted | volume_attributes(volumes)
-            _lay_out(new, larger, max(sizes.generations, generations))
-            for schema in kept:
+            _lay_out(new, attributes | wanted.counts(), wanted)
+            for schema in known.tables():
                 _copy(old, new, schema, path)
             if CHECKSUMS in attributes:
                 write_checksums(new)
         return True
 
 
-def _lay_out(file: h5py.File, attributes: Mapping[str, Any], generations: int) -> None:
+def _lay_out(file: h5py.File, attributes: Mapping[str, Any], sizes: TableSizes) -> None:
     file.attrs.update(attributes)
-    rooms = capacities(attributes, generations)
-    for schema in table_schemas(attributes):
+    rooms = sizes.capacities()
+    for schema in sizes.tables():
         capacity = rooms[schema.name]
         rows = _dataset(file, schema.name, schema.dtype, capacity)
         rows.attrs["meaning"] = schema.meaning
@@ -218,11 +151,10 @@ def _variable_rows(variables: VariableTable, lower: np.ndarray, upper: np.ndarra
     return rows
 
 
-def _samples_of_string(attributes: Mapping[str, Any], schema: TableSchema) -> int:
+def _samples_of_string(file: h5py.File, schema: TableSchema) -> int:
     """Return how many rows a table of samples has of each string; 0 of another table."""
-    if schema.row == BY_SAMPLE:
-        return int(attributes["max_samples"])
-    return fresh_room(attributes) if schema.row == IN_VOLUME else 0
+    sizes = TableSizes.of(file.attrs)
+    return {BY_SAMPLE: sizes.sample_room, IN_VOLUME: sizes.fresh}.get(schema.row, 0)
 
 
 def _copy(old: h5py.File, new: h5py.File, schema: TableSchema, path: Path) -> None:
@@ -235,7 +167,7 @@ def _copy(old: h5py.File, new: h5py.File, schema: TableSchema, path: Path) -> No
         return
     source_table, target = Table(old, schema.name, path), Table(new, schema.name, path)
     step = max(1, _COPY_BYTES // schema.dtype.itemsize)
-    before, after = (_samples_of_string(file.attrs, schema) for file in (old, new))
+    before, after = (_samples_of_string(file, schema) for file in (old, new))
     for first, count in source_table.runs():
         at = first
         while at < first + count:

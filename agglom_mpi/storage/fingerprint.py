@@ -14,8 +14,9 @@ from typing import Final
 import h5py
 
 from agglom_mpi.storage.files import require_in_place
+from agglom_mpi.storage.room import TableSizes
 from agglom_mpi.storage.rows import Rows
-from agglom_mpi.storage.schema import STATUS, table_schemas
+from agglom_mpi.storage.schema import STATUS
 
 _MOST_COMPARED: Final = 1 << 22
 """Maximum number of HDF5's own bytes that are compared; most files have less than 100 kB."""
@@ -86,12 +87,8 @@ class Fingerprint:
 
 def _outside_rows(file: h5py.File, size: int) -> Iterator[tuple[int, int]]:
     """Yield begin and end of the parts of a file of `size` bytes that hold no rows."""
-    names = (
-        name
-        for table in table_schemas(file.attrs)
-        for name in ((table.name, table.done) if table.final else (table.name,))
-    )
-    datasets = [file[name].id for name in names]
+    tables = TableSizes.of(file.attrs).tables()
+    datasets = [file[name].id for table in tables for name in table.datasets]
     at = 0
     for begin, length in sorted((d.get_offset(), d.get_storage_size()) for d in datasets):
         if begin > at:

@@ -1,48 +1,19 @@
-"""The attributes of a campaign file, which describe the campaign as a whole."""
+"""The attributes of a campaign file: their checks, and their checksums."""
 
 import json
-import logging
 import zlib
-from collections.abc import Callable, Collection, Iterable, Mapping
-from functools import cached_property
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from agglom_mpi.config.identity import SEPARATORS, STUDY_SEPARATORS, digest
-from agglom_mpi.declaration.reading import (
-    OWN_COMPONENTS,
-    OWN_MODULES,
-    OWN_SHA256,
-    Reading,
-    sections_of_own,
-)
-from agglom_mpi.errors import CodeNotAllowedError
-from agglom_mpi.formatting import shortened
-from agglom_mpi.measurements.layout import CensusLayout
-from agglom_mpi.storage.columns import CENSUS, census_of
-from agglom_mpi.storage.schema import (
-    CHECKED_SINCE,
-    VARIABLE_TABLE,
-    fresh_from,
-    quantities_of,
-    volumes_of_file,
-)
-from agglom_mpi.storage.stored_variables import variables_of
-from agglom_mpi.variables import VariableTable
+from agglom_mpi.declaration.reading import OWN_COMPONENTS, OWN_MODULES, OWN_SHA256
+from agglom_mpi.storage.room import CENSUS, QUANTITIES, TableSizes
+from agglom_mpi.storage.schema import CHECKED_SINCE, VARIABLE_TABLE
 
 if TYPE_CHECKING:
     import h5py
-
-    from agglom_mpi.config.user_function import UserFunction
-
-T = TypeVar("T")
-
-Allowed = bool | Collection[tuple[str, str]]
-"""Whether code of one's own in a file may be executed: all, none, or modules by name and digest."""
-
-LOG: Final = logging.getLogger(__name__)
 
 _TEXTS: Final = (
     *("campaign", "campaign_sha256", "code_version", "created"),
@@ -52,7 +23,7 @@ _LEAST: Final = {"seed": 0, "strings": 1, "max_samples": 1, "population": 1}
 """Least values of numbers that every file has."""
 _LEAST_OPTIONAL: Final = {"fresh_from": 0, "grains": 0, "final_particles": 0, "frames": 0}
 """Least values of numbers that older files lack."""
-_TEXTS_OPTIONAL: Final = ("purpose", "quantities", CENSUS, OWN_MODULES, OWN_COMPONENTS, OWN_SHA256)
+_TEXTS_OPTIONAL: Final = ("purpose", QUANTITIES, CENSUS, OWN_MODULES, OWN_COMPONENTS, OWN_SHA256)
 """Texts that older files lack, and those of campaigns without code of one's own."""
 
 CHECKSUMS: Final = "checksums"
@@ -113,9 +84,8 @@ def check_attributes(attributes: Mapping[str, Any]) -> None:
             raise ValueError(f"attribute {name} is no whole number of at least {least}")
     if attributes.get("fresh_from", 0) > attributes["max_samples"]:
         raise ValueError("attribute fresh_from is above max_samples")
-    variables_of(attributes)
-    volumes_of_file(attributes)
-    _entries(attributes)
+    TableSizes.of(attributes)
+    identity_of(attributes)
 
 
 def _is_text(value: Any) -> bool:
@@ -129,7 +99,7 @@ def _is_text(value: Any) -> bool:
     return True
 
 
-def _entries(attributes: Mapping[str, Any]) -> dict[str, Any]:
+def identity_of(attributes: Mapping[str, Any]) -> dict[str, Any]:
     """Return the identity; raises ValueError if it is not what its digest was taken of."""
     try:
         found = json.loads(attributes["identity"])
@@ -141,164 +111,3 @@ def _entries(attributes: Mapping[str, Any]) -> dict[str, Any]:
     if attributes["campaign_sha256"] not in digests:
         raise ValueError("attribute identity has another digest than campaign_sha256")
     return found
-
-
-class CampaignHeader:
-    """The attributes of a campaign file, which do not change while it grows.
-
-    Parameters
-    ----------
-    path
-        The file.
-    attributes
-        As h5py reads them, numbers as those of Python.
-    allow_code
-        Whether code of one's own that the file has may be executed.
-
-    Attributes
-    ----------
-    left_out
-        What was left out, as that needs code which may not be executed.
-    altered
-        Attributes and tables that are not as they were written.
-    """
-
-    def __init__(self, path: Path, attributes: dict[str, Any], allow_code: Allowed = False) -> None:
-        self.path = path
-        self.attributes = attributes
-        self.allow_code = allow_code
-        self.left_out: list[str] = []
-        self.altered: list[str] = []
-
-    def __repr__(self) -> str:
-        return f"<{type(self).__name__} {str(self.path)!r}: {self.title}>"
-
-    @property
-    def campaign_text(self) -> str:
-        """The campaign, as YAML."""
-        return str(self.attributes["campaign"])
-
-    @property
-    def title(self) -> str:
-        """The title of the campaign, printable and of a bounded length."""
-        return shortened(self.attributes["title"])
-
-    @cached_property
-    def identity(self) -> dict[str, Any]:
-        """Identity of the campaign, flat: `scene.particles` -> 100, in SI units."""
-        return _entries(self.attributes)
-
-    def section(self, name: str) -> dict[str, Any]:
-        """Return the entries of a section of the identity, nested as in the campaign's text."""
-        nested: dict[str, Any] = {}
-        for path, value in self.identity.items():
-            first, *keys = path.split(".")
-            if first == name and keys:
-                inner = nested
-                for key in keys[:-1]:
-                    inner = inner.setdefault(key, {})
-                inner[keys[-1]] = value
-        return nested
-
-    @cached_property
-    def reading(self) -> Reading:
-        """How the campaign is read: as it was recorded, and with its own components."""
-        if OWN_COMPONENTS not in self.attributes:
-            return Reading(recorded=True)
-        # Imported here: the others are read without what reads modules.
-        from agglom_mpi.config.own_components import RecordedComponents, RecordedModules
-
-        if not self.allow_code:
-            return Reading(recorded=True, own=RecordedComponents(self.attributes))
-        own = RecordedModules(self.attributes, self.identity, self._may_run, self.path.parent)
-        return Reading(recorded=True, own=own)
-
-    def _may_run(self, file: str, sha256: str) -> bool:
-        """Return whether a module may be executed."""
-        if isinstance(self.allow_code, bool):
-            return self.allow_code
-        return (file, sha256) in self.allow_code
-
-    @cached_property
-    def allowed(self) -> "UserFunction | None":
-        """The user's function of the campaign, where the file has its source and it may run."""
-        if not self.allow_code or OWN_MODULES not in self.attributes:
-            return None
-        from agglom_mpi.config.own_components import recorded_source
-        from agglom_mpi.config.user_function import recorded_function
-        from agglom_mpi.declaration.own_modules import OwnModule
-
-        function = recorded_function(self.identity)
-        if function is None or not self._may_run(function.file, function.sha256):
-            return None
-        source = recorded_source(self.attributes, function.file, function.sha256)
-        if source is None:
-            return None
-        folder = OwnModule.of(function.file, source, self.path.parent).folder
-        return function._replace(source=source, folder=folder)
-
-    @property
-    def may_simulate(self) -> bool:
-        """Whether no law of the scene is one's own, or its code may run."""
-        sections = sections_of_own(self.identity)
-        return self.allow_code is True or not any(each.startswith("scene.") for each in sections)
-
-    def unless_code(self, what: str, compute: Callable[[], T], otherwise: T) -> T:
-        """Return `compute()`; where that needs code that may not run, `what` is left out."""
-        try:
-            return compute()
-        except CodeNotAllowedError:
-            if what not in self.left_out:
-                self.left_out.append(what)
-            return otherwise
-
-    def left_out_lines(self) -> list[str]:
-        """Return a line on what was left out; none where nothing was."""
-        what = ", ".join(self.left_out)
-        return [f"{self.path}: left out without --allow-code: {what}"] if what else []
-
-    def note_altered(self, names: Iterable[str]) -> None:
-        """Record, and log as a warning, attributes and tables that are altered."""
-        if new := [name for name in names if name not in self.altered]:
-            self.altered += new
-            LOG.warning("%s: a damaged campaign file (%s altered)", self.path, ", ".join(new))
-
-    @property
-    def quantities(self) -> dict[str, str]:
-        """SI units of the quantities of a sample by name, in the order of their columns."""
-        return quantities_of(self.attributes)
-
-    @property
-    def census(self) -> CensusLayout | None:
-        """When censuses of a sample were taken, and in which classes; None: none were."""
-        return census_of(self.attributes)
-
-    @property
-    def format_version(self) -> int:
-        """Format version of the file."""
-        return int(self.attributes["format_version"])
-
-    @cached_property
-    def variables(self) -> VariableTable:
-        """The variables of its strings."""
-        return variables_of(self.attributes)
-
-    @property
-    def volumes(self) -> tuple[int, ...]:
-        """Larger control volumes that the file has tables of samples for, ascending."""
-        return volumes_of_file(self.attributes)
-
-    @property
-    def seed(self) -> int:
-        """The seed of all random streams."""
-        return int(self.attributes["seed"])
-
-    @property
-    def max_samples(self) -> int:
-        """Samples that there is room for of each string, fresh ones included."""
-        return int(self.attributes["max_samples"])
-
-    @property
-    def fresh_from(self) -> int:
-        """Number of the first fresh sample of each string: decisions see only those before it."""
-        return fresh_from(self.attributes)

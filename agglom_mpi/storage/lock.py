@@ -1,4 +1,4 @@
-"""The lock of a campaign file against a second writer: by its name, and of the file itself."""
+"""The lock of a campaign file, by its name and of the file itself, and what it shows of a run."""
 
 import errno
 import fcntl
@@ -11,15 +11,25 @@ from pathlib import Path
 from typing import Final, Self
 
 from agglom_mpi.errors import UserError
+from agglom_mpi.storage.access import open_file
 from agglom_mpi.storage.files import open_own
+from agglom_mpi.storage.reader import CampaignData
+from agglom_mpi.storage.rows import Rows
+from agglom_mpi.storage.status import Status, status_of
 
 _NO_LOCKS: Final = {errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK}
 
 _LOCKED_BYTE: Final = 1 << 62
 """Offset of the locked byte of a campaign file, far beyond its end: no lock of MPI-IO on data
 includes it."""
+NOTES_OFFSET: Final = 4096
+"""Place in the lock file from which ranks note their samples; the text on the holder is before."""
 _DATA_LOCK: Final = struct.pack("@hhqqi4x", fcntl.F_WRLCK, os.SEEK_SET, _LOCKED_BYTE, 1, 0)
 """A `struct flock` for writing."""
+
+
+KILLED: Final = "the run was killed: no process holds the file"
+"""Reason of the state of a run that could not write one."""
 
 
 def is_locked(path: Path) -> bool:
@@ -33,6 +43,26 @@ def is_locked(path: Path) -> bool:
     except OSError:
         return True
     return bool(struct.unpack_from("h", found)[0] != fcntl.F_UNLCK)
+
+
+def live_status(data: CampaignData) -> Status:
+    """Return the state of a campaign; `stopped` if the run was killed, as its lock shows.
+
+    With `--database parallel` MPI may need the lock, and another machine may not see it.
+    """
+    status, legs, path = data.status(), data.legs(), data.path
+    if status.state != "running" or not len(legs) or legs[-1]["database"] != b"gathered":
+        return status
+    # A run that ends just now writes its status first, and one that begins takes the lock.
+    if is_locked(path):
+        return status
+    with open_file(path, thorough=False) as file:
+        now = status_of(Rows(file["status"], path).read_all())
+    if now.state != "running" or is_locked(path):
+        return status
+    if legs[-1]["host"].decode() == (here := socket.gethostname())[:64]:
+        return now._replace(state="stopped", reason=KILLED)
+    return now._replace(reason=f"no lock is seen on {here}: the run may have been killed")
 
 
 class CampaignInUse(UserError, RuntimeError):  # noqa: N818 - the name states the condition
@@ -69,7 +99,7 @@ class CampaignLock:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            holder = os.read(descriptor, 400).partition(b"\n")[0].decode(errors="replace")
+            holder = os.read(descriptor, NOTES_OFFSET).partition(b"\n")[0].decode(errors="replace")
             os.close(descriptor)
             raise CampaignInUse(
                 f"{self.path}: in use by {holder or 'another process'} (lock {self.lock_path}); "

@@ -23,16 +23,12 @@ _OF_FINAL = {
     "temperature": "temperatures",
     "grains": "grains",
 }
-_OF_FRAMES = {
+_OF_FRAMES = _OF_FINAL | {
     "time": "times",
     "particles": "particles",
     "label": "labels",
     "position": "positions",
     "velocity": "velocities",
-    "radius": "radii",
-    "mass": "masses",
-    "temperature": "temperatures",
-    "grains": "grains",
 }
 
 
@@ -47,12 +43,6 @@ def final_row(string: int, sample: int, final: FinalParticles, grains: int) -> n
     return row
 
 
-def final_of(row: np.void) -> FinalParticles:
-    """Return the particles in a row of `/final_particles`."""
-    left = int(row["particles"])
-    return FinalParticles(**{name: row[column][:left] for column, name in _OF_FINAL.items()})
-
-
 def frame_rows(string: int, sample: int, frames: Frames) -> np.ndarray:
     """Return the rows of `/frames` of a sample, (frames,), without their checksums."""
     count, grains = frames.radii.shape
@@ -63,25 +53,6 @@ def frame_rows(string: int, sample: int, frames: Frames) -> np.ndarray:
     return rows
 
 
-def frames_of(rows: np.ndarray) -> Frames:
-    """Return the frames in rows of `/frames` of one sample, (frames,), in order."""
-    return Frames(**{name: np.array(rows[column]) for column, name in _OF_FRAMES.items()})
-
-
-def read_final_particles(
-    file: h5py.File, path: Path, string: int, sample: int
-) -> FinalParticles | None:
-    """Read the row of `/final_particles` of a sample; None if there is none."""
-    if "final_particles" not in file:
-        return None
-    table, most = Table(file, "final_particles", path), int(file.attrs["max_samples"])
-    place = string * most + sample
-    if not (0 <= sample < most and 0 <= place < table.capacity):
-        return None
-    rows = table.read(place, 1).rows
-    return final_of(rows[0]) if len(rows) else None
-
-
 def frame_keys(file: h5py.File, path: Path) -> dict[int, tuple[int, int]]:
     """Read (string, sample) of each final row of `/frames`, by row, and no particles."""
     if "frames" not in file:
@@ -90,17 +61,6 @@ def frame_keys(file: h5py.File, path: Path) -> dict[int, tuple[int, int]]:
     runs = [slice(first, first + count) for first, count in consecutive_numbers(final)]
     pairs = [pair for run in runs for pair in file["frames"].fields(columns)[run].tolist()]
     return dict(zip(final.tolist(), pairs, strict=True))
-
-
-def valid_frame_keys(file: h5py.File, path: Path) -> dict[int, tuple[int, int, int]]:
-    """Read (string, sample, frame) of each row of `/frames` with the right checksum, by row."""
-    if "frames" not in file:
-        return {}
-    table, keys = Table(file, "frames", path), {}
-    for place in table.done.nonzero().tolist():  # one by one: they are large
-        for row in table.read(place, 1).rows:
-            keys[place] = int(row["string"]), int(row["sample"]), int(row["frame"])
-    return keys
 
 
 class StoredParticles:
@@ -121,10 +81,20 @@ class StoredParticles:
     def final(self, string: int, sample: int) -> FinalParticles | None:
         """Read the particles left at the end of a sample; None if they were not stored."""
         with open_file(self._path, thorough=False) as file:
-            found = read_final_particles(file, self._path, string, sample)
-        if found is None or self._has_temperature():
-            return found
-        return without_temperatures(found)
+            if "final_particles" not in file:
+                return None
+            table = Table(file, "final_particles", self._path)
+            most = int(file.attrs["max_samples"])
+            place = string * most + sample
+            if not (0 <= sample < most and 0 <= place < table.capacity):
+                return None
+            rows = table.read(place, 1).rows
+        if not len(rows):
+            return None
+        left = int(rows["particles"][0])
+        columns = {name: rows[column][0][:left] for column, name in _OF_FINAL.items()}
+        found = FinalParticles(**columns)
+        return found if self._has_temperature() else without_temperatures(found)
 
     def framed(self) -> list[tuple[int, int]]:
         """Read which samples, as (string, sample), there are frames of, the best string first."""
@@ -134,10 +104,16 @@ class StoredParticles:
     def frames(self, string: int, sample: int) -> Frames | None:
         """Read the frames of a sample; None if none were stored."""
         with open_file(self._path, thorough=False) as file:
-            found = read_frames(file, self._path, string, sample)
-        if found is None or self._has_temperature():
-            return found
-        return without_temperatures(found)
+            keys = frame_keys(file, self._path).items()
+            places = [place for place, key in keys if key == (string, sample)]
+            if not places:
+                return None
+            table = Table(file, "frames", self._path)
+            rows = concatenated([table.read(place, 1).rows for place in places], table.dtype)
+        if not len(rows):
+            return None
+        found = Frames(**{name: np.array(rows[column]) for column, name in _OF_FRAMES.items()})
+        return found if self._has_temperature() else without_temperatures(found)
 
 
 class FrameWriter:
@@ -168,8 +144,14 @@ class FrameWriter:
             table.write(first, rows)
 
     def keys(self) -> dict[int, tuple[int, int, int]]:
-        """Return (string, sample, frame) of the frames there are, by row."""
-        return valid_frame_keys(self._file, self._path)
+        """Return (string, sample, frame) of the frames with the right checksum, by row."""
+        if "frames" not in self._file:
+            return {}
+        table, keys = Table(self._file, "frames", self._path), {}
+        for place in table.done.nonzero().tolist():  # one by one: they are large
+            for row in table.read(place, 1).rows:
+                keys[place] = int(row["string"]), int(row["sample"]), int(row["frame"])
+        return keys
 
     @property
     def count(self) -> int:
@@ -186,13 +168,3 @@ class FrameWriter:
 def count_frames(file: h5py.File, path: Path) -> int:
     """Return the number of final rows of `/frames`."""
     return len(Rows(file["frames_done"], path).nonzero()) if "frames" in file else 0
-
-
-def read_frames(file: h5py.File, path: Path, string: int, sample: int) -> Frames | None:
-    """Read the rows of `/frames` of a sample; None if there are none."""
-    places = [place for place, key in frame_keys(file, path).items() if key == (string, sample)]
-    if not places:
-        return None
-    table = Table(file, "frames", path)
-    rows = concatenated([table.read(place, 1).rows for place in places], table.dtype)
-    return frames_of(rows) if len(rows) else None

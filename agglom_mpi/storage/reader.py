@@ -1,41 +1,38 @@
 """Reading a campaign file, finished or not, also while it is being written."""
 
+import logging
 import os
-import socket
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
-from typing import Any, Final, NamedTuple, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Self, TypeVar
 
 import numpy as np
 
-from agglom_mpi.formatting import printable, shortened
+from agglom_mpi.formatting import shortened
 from agglom_mpi.scheduling.interface import number_in_volume
 from agglom_mpi.search.proposals import ORIGINS, Proposals, restored
 from agglom_mpi.storage.access import NotACampaign, open_file, read_attributes, report_damage
-from agglom_mpi.storage.header import Allowed, CampaignHeader, altered_parts
-from agglom_mpi.storage.lock import is_locked
+from agglom_mpi.storage.header import altered_parts, identity_of
 from agglom_mpi.storage.particle_tables import StoredParticles
-from agglom_mpi.storage.rows import Rows
+from agglom_mpi.storage.room import TableSizes
 from agglom_mpi.storage.schema import INVERSION, TOOK_TOO_LONG, parameters_of, volume_table
-from agglom_mpi.storage.snapshot import REWRITE_SECONDS, TableSnapshot, read_only
+from agglom_mpi.storage.snapshot import TableSnapshot, read_only
+from agglom_mpi.storage.status import REWRITE_SECONDS, Status, status_of
 from agglom_mpi.storage.table import Table
+from agglom_mpi.variables import VariableTable
 
-__all__ = ["CampaignData", "NotACampaign", "Status", "read_campaign", "read_inversion"]
+if TYPE_CHECKING:
+    from agglom_mpi.declaration.reading import Reading
+
+Allowed = bool | Collection[tuple[str, str]]
+"""Whether code of one's own in a file may be executed: all, none, or modules by name and digest."""
+
+LOG: Final = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
-
-class Status(NamedTuple):
-    """State of a campaign, time of the last change (Unix, s), and the reason."""
-
-    state: str
-    updated: float
-    reason: str
-
-
-KILLED: Final = "the run was killed: no process holds the file"
-"""Reason of the state of a run that could not write one."""
 
 UNUSED_NOTE: Final = (
     "samples that ran ahead unused are counted, too, so results depend on the number of ranks and "
@@ -44,8 +41,8 @@ UNUSED_NOTE: Final = (
 """Note on what is computed of a file that was opened `with_unused`."""
 
 
-class CampaignData(CampaignHeader):
-    """The rows of a campaign file as they were when they were first asked for, or refreshed.
+class CampaignData:
+    """A campaign file: its attributes, and its rows as they were when first asked for or refreshed.
 
     Nothing is read before it is needed: all tables but `/samples` together at the first use of one,
     samples at theirs, and particles at each call. A row counts only if it is final and its checksum
@@ -56,18 +53,22 @@ class CampaignData(CampaignHeader):
     path
         The file.
     attributes
-        Its attributes.
+        As h5py reads them, numbers as those of Python.
     sample_columns
         Columns of `/samples` to keep, in that order; all by default. They need `string` and
         `sample`.
     allow_code
-        As for `CampaignHeader`.
+        Whether code of one's own that the file has may be executed.
 
     Attributes
     ----------
     with_unused
         Whether analyses count samples that ran ahead unused, too: how many there are depends on the
         number of ranks and on timing, and so do the results. False until it is set.
+    altered
+        Attributes and tables that are not as they were written.
+    reading
+        How the campaign is read; None before `recorded_reading` was called.
     particles
         Reads particles of samples.
     """
@@ -79,11 +80,18 @@ class CampaignData(CampaignHeader):
         sample_columns: Sequence[str] | None = None,
         allow_code: Allowed = False,
     ) -> None:
-        super().__init__(path, attributes, allow_code)
+        self.path = path
+        self.attributes = attributes
+        self.allow_code = allow_code
         self.with_unused = False
+        self.altered: list[str] = []
+        self.reading: Reading | None = None
         self._snapshot = TableSnapshot(path, sample_columns)
         self._derived: dict[Callable[..., Any], Any] = {}
         self.particles = StoredParticles(path, lambda: self.has_temperature)
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {str(self.path)!r}: {self.title}>"
 
     @classmethod
     def of_rows(
@@ -98,6 +106,56 @@ class CampaignData(CampaignHeader):
         data._snapshot.keep(tables)
         return data
 
+    # Attributes
+
+    @property
+    def campaign_text(self) -> str:
+        """The campaign, as YAML."""
+        return str(self.attributes["campaign"])
+
+    @property
+    def title(self) -> str:
+        """The title of the campaign, printable and of a bounded length."""
+        return shortened(self.attributes["title"])
+
+    @cached_property
+    def identity(self) -> dict[str, Any]:
+        """Identity of the campaign, flat: `scene.particles` -> 100, in SI units."""
+        return identity_of(self.attributes)
+
+    @cached_property
+    def sizes(self) -> TableSizes:
+        """Sizes of the tables, and what their columns depend on; `generations` is 0."""
+        return TableSizes.of(self.attributes)
+
+    @property
+    def variables(self) -> VariableTable:
+        """The variables of its strings."""
+        return self.sizes.variables
+
+    @property
+    def volumes(self) -> tuple[int, ...]:
+        """Larger control volumes that the file has tables of samples for, ascending."""
+        return self.sizes.volumes
+
+    @property
+    def max_samples(self) -> int:
+        """Samples that there is room for of each string, fresh ones included."""
+        return self.sizes.sample_room
+
+    @property
+    def fresh_from(self) -> int:
+        """Number of the first fresh sample of each string: decisions see only those before it."""
+        return self.sizes.max_samples
+
+    def note_altered(self, names: Iterable[str]) -> None:
+        """Record, and log as a warning, attributes and tables that are altered."""
+        if new := [name for name in names if name not in self.altered]:
+            self.altered += new
+            LOG.warning("%s: a damaged campaign file (%s altered)", self.path, ", ".join(new))
+
+    # Rows
+
     def rows(self, table: str) -> np.ndarray:
         """Return the rows of a table, (n,), in the order of their places."""
         return self._snapshot.rows(table)
@@ -105,6 +163,8 @@ class CampaignData(CampaignHeader):
     def refresh(self) -> None:
         """Read the tables that have been read again; of `/samples` only rows that are new."""
         self._derived.clear()
+        for name in _VIEWS:
+            self.__dict__.pop(name, None)
         self._snapshot.refresh()
 
     def derived(self, compute: Callable[["CampaignData"], T]) -> T:
@@ -120,30 +180,9 @@ class CampaignData(CampaignHeader):
         self.rows("generations")
         return self._snapshot.generation_capacity
 
-    # Rows
-
     def status(self) -> Status:
         """Return the state of the campaign at the time of the snapshot; it is read first."""
         return status_of(self.rows("status"))
-
-    def live_status(self) -> Status:
-        """Return the state of the campaign; `stopped` if the run was killed, as its lock shows.
-
-        With `--database parallel` MPI may need the lock, and another machine may not see it.
-        """
-        status, legs = self.status(), self.legs()
-        if status.state != "running" or not len(legs) or legs[-1]["database"] != b"gathered":
-            return status
-        # A run that ends just now writes its status first, and one that begins takes the lock.
-        if is_locked(self.path):
-            return status
-        with open_file(self.path, thorough=False) as file:
-            now = status_of(Rows(file["status"], self.path).read_all())
-        if now.state != "running" or is_locked(self.path):
-            return status
-        if legs[-1]["host"].decode() == (here := socket.gethostname())[:64]:
-            return now._replace(state="stopped", reason=KILLED)
-        return now._replace(reason=f"no lock is seen on {here}: the run may have been killed")
 
     def variable_rows(self) -> np.ndarray:
         """Return the variables and their box, (k,); nan bounds where one is unused."""
@@ -201,10 +240,11 @@ class CampaignData(CampaignHeader):
 
     # Views of the rows
 
-    @property
+    @cached_property
     def parameters(self) -> dict[int, np.ndarray]:
         """Parameter strings by number, each of shape (k,), in SI units."""
-        return self.derived(_parameters_by_string)
+        rows = self.string_rows()
+        return dict(zip(rows["string"].tolist(), parameters_of(rows), strict=True))
 
     def values(self, strings: Sequence[int] | np.ndarray, variable: str) -> np.ndarray:
         """Return a variable of strings, (n,), in SI units; nan where a string's row is damaged."""
@@ -218,10 +258,11 @@ class CampaignData(CampaignHeader):
         """
         return restored(batch, first, self.parameters)
 
-    @property
+    @cached_property
     def samples_used(self) -> dict[int, int]:
         """Number of samples that the result of each string rests on, by string."""
-        return self.derived(_samples_used_by_string)
+        rows = self.result_rows()
+        return dict(zip(rows["string"].tolist(), rows["samples_used"].tolist(), strict=True))
 
     def are_used(self, rows: np.ndarray) -> np.ndarray:
         """Return which rows of `/samples`, (n,), a result rests on, (n,) bool."""
@@ -236,20 +277,22 @@ class CampaignData(CampaignHeader):
         fresh = rows["sample"] >= self.fresh_from
         return rows if self.with_unused else rows[fresh | self.are_used(rows)]
 
-    @property
+    @cached_property
     def counted_samples(self) -> np.ndarray:
         """Rows of the samples that analyses rest on; see `counted`."""
-        return self.derived(_counted_samples)
+        return read_only(self.counted(self.all_sample_rows()))
 
     @property
     def unused_notes(self) -> list[str]:
         """A line on what is counted, `with_unused`; else none."""
         return [UNUSED_NOTE] if self.with_unused else []
 
-    @property
+    @cached_property
     def searched_samples(self) -> np.ndarray:
         """Rows of the samples that decisions may see."""
-        return self.derived(_searched_samples)
+        rows = self.all_sample_rows()
+        searched = rows["sample"] < self.fresh_from
+        return rows if searched.all() else read_only(rows[searched])
 
     @property
     def fresh_samples(self) -> np.ndarray:
@@ -283,13 +326,22 @@ class CampaignData(CampaignHeader):
         """Number of samples of larger control volumes."""
         return sum(len(self.volume_rows(volume)) for volume in self.volumes)
 
-    @property
+    @cached_property
     def timed_out(self) -> set[tuple[int, int]]:
         """Samples, as (string, sample), that have no row because they took too long.
 
-        Those of larger volumes have the string numbers of `scheduling.volume_strings`.
+        Those of larger volumes have the string numbers of `scheduling.volume_strings`. The texts of
+        failures name them; a later attempt may have stored a row after all.
         """
-        return self.derived(_timed_out)
+        failures, mark = self.failures(), TOOK_TOO_LONG.encode()
+        late = np.array([text.startswith(mark) for text in failures["text"]], bool)
+        if not late.any():
+            return set()
+        pairs = set(failures[["string", "sample"]][late].tolist())
+        pairs -= set(self.all_sample_rows()[["string", "sample"]].tolist())
+        for volume in self.volumes:
+            pairs -= set(map(tuple, _keys(self.volume_rows(volume), volume).tolist()))
+        return pairs
 
     @property
     def judged_timed_out(self) -> list[tuple[int, int]]:
@@ -308,6 +360,10 @@ class CampaignData(CampaignHeader):
         """Number of frames there are, of all samples."""
         self.rows("status")
         return self._snapshot.frame_count
+
+
+_VIEWS: Final = "parameters", "samples_used", "counted_samples", "searched_samples", "timed_out"
+"""Properties that are computed once for the rows as they are."""
 
 
 def read_campaign(path: str | os.PathLike[str], allow_code: Allowed = False) -> CampaignData:
@@ -350,49 +406,9 @@ def read_inversion(path: str | os.PathLike[str], allow_code: Allowed = False) ->
     return data
 
 
-def status_of(rows: np.ndarray) -> Status:
-    """Return the row of `/status`, (1,), as text and numbers."""
-    [row] = rows
-    state, reason = (printable(row[n].decode(errors="replace")) for n in ("state", "reason"))
-    return Status(state, float(row["updated"]), reason)
-
-
 def given_strings(strings: np.ndarray) -> np.ndarray:
     """Return those rows of `/strings` that a search was given to begin with."""
     return strings[strings["origin"] == ORIGINS.index("given")]
-
-
-def _parameters_by_string(data: CampaignData) -> dict[int, np.ndarray]:
-    rows = data.string_rows()
-    return dict(zip(rows["string"].tolist(), parameters_of(rows), strict=True))
-
-
-def _samples_used_by_string(data: CampaignData) -> dict[int, int]:
-    rows = data.result_rows()
-    return dict(zip(rows["string"].tolist(), rows["samples_used"].tolist(), strict=True))
-
-
-def _counted_samples(data: CampaignData) -> np.ndarray:
-    return read_only(data.counted(data.all_sample_rows()))
-
-
-def _searched_samples(data: CampaignData) -> np.ndarray:
-    rows = data.all_sample_rows()
-    searched = rows["sample"] < data.fresh_from
-    return rows if searched.all() else read_only(rows[searched])
-
-
-def _timed_out(data: CampaignData) -> set[tuple[int, int]]:
-    """Find them by the texts of failures; a later attempt may have stored a row after all."""
-    failures, mark = data.failures(), TOOK_TOO_LONG.encode()
-    late = np.array([text.startswith(mark) for text in failures["text"]], bool)
-    if not late.any():
-        return set()
-    pairs = set(failures[["string", "sample"]][late].tolist())
-    pairs -= set(data.all_sample_rows()[["string", "sample"]].tolist())
-    for volume in data.volumes:
-        pairs -= set(map(tuple, _keys(data.volume_rows(volume), volume).tolist()))
-    return pairs
 
 
 def _keys(rows: np.ndarray, volume: int) -> np.ndarray:

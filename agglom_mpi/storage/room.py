@@ -1,28 +1,36 @@
-"""The room of a campaign file: how many rows each table is laid out for, and the size of the file.
+"""The room of a campaign file: its tables, their rows, and the attributes that state them.
 
 Unwritten rows are holes that take no space on the disk. HDF5 is not needed to know the size.
 """
 
+import json
 import math
+import re
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from functools import cache
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self
 
 from agglom_mpi.formatting import value_with_prefix
 from agglom_mpi.measurements.layout import CensusLayout
-from agglom_mpi.storage.columns import census_attributes
+from agglom_mpi.storage.columns import TableSchema
 from agglom_mpi.storage.schema import (
     FAILURE_CAPACITY,
+    FAILURES,
+    FORMAT_VERSION,
     LEG_CAPACITY,
-    TableSchema,
-    fresh_room,
-    quantity_attributes,
-    table_schemas,
-    volume_attributes,
+    LEGS,
+    RESULTS,
+    STATUS,
+    final_particles_schema,
+    frames_schema,
+    generations_schema,
+    samples_schema,
+    strings_schema,
+    variables_schema,
+    volume_schema,
     volume_table,
-    volumes_of_file,
 )
-from agglom_mpi.storage.stored_variables import variable_attributes, variables_of
-from agglom_mpi.variables import TEN, VariableTable
+from agglom_mpi.variables import MAX_VARIABLE_NAME, TEN, Variable, VariableTable
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
@@ -30,9 +38,21 @@ if TYPE_CHECKING:
 MAX_FILE_BYTES: Final = 10**12
 """Maximum size of a campaign file that is created or enlarged, holes included, bytes."""
 
+FURTHER_VARIABLES: Final = "further_variables"
+"""Attribute with name, unit and meaning of the variables beside those of the papers, as JSON."""
+QUANTITIES: Final = "quantities"
+"""Attribute with the SI units of the quantities of a sample by name, as JSON."""
+CENSUS: Final = "census"
+"""Attribute with times and classes of the censuses of a sample, as JSON."""
+VOLUMES: Final = "volumes"
+"""Attribute with the larger control volumes that a file has samples of."""
+
+MAX_CLASSES: Final = 100_000
+"""Maximum number of times and classes that an attribute may name."""
+
 
 class TableSizes(NamedTuple):
-    """Sizes of the tables of a campaign file."""
+    """Sizes of the tables of a campaign file, and what their columns depend on."""
 
     strings: int
     max_samples: int
@@ -40,7 +60,7 @@ class TableSizes(NamedTuple):
     generations: int
     population: int
     fresh: int = 0
-    """Fresh samples of each string, which have the numbers from `max_samples` on."""
+    """Fresh samples of each string, and volume, which have the numbers from `max_samples` on."""
     grains: int = 0
     """Particles of a sample in the tables of particles."""
     final_particles: bool = False
@@ -49,11 +69,171 @@ class TableSizes(NamedTuple):
     variables: VariableTable = TEN
     """Variables of the strings."""
     quantities: Mapping[str, str] = {}
-    """SI units of the quantities of a sample, by name."""
+    """SI units of the quantities of a sample, by name, in the order of their columns."""
     volumes: tuple[int, ...] = ()
-    """Larger control volumes in which there are fresh samples, too."""
+    """Larger control volumes in which there are fresh samples, too, ascending."""
     census: CensusLayout | None = None
     """Layout of the censuses of a sample; None: none are taken."""
+    version: int = FORMAT_VERSION
+    """Format version of the file."""
+
+    @classmethod
+    def of(cls, attributes: Mapping[str, Any], generations: int = 0) -> Self:
+        """Return the sizes that the attributes of a file state; older files lack some of these.
+
+        Raises
+        ------
+        ValueError
+            If a text among them is none that a run writes.
+        """
+        get, most = attributes.get, int(attributes["max_samples"])
+        searched = int(get("fresh_from", most))
+        return cls(
+            *(int(attributes["strings"]), searched, generations, int(attributes["population"])),
+            *(most - searched, int(get("grains", 0)), bool(get("final_particles", 0))),
+            int(get("frames", 0)),
+            TEN if FURTHER_VARIABLES not in attributes else _variables(get(FURTHER_VARIABLES)),
+            _quantities(get(QUANTITIES, "")),
+            _volumes(get(VOLUMES, "")),
+            _census(get(CENSUS, "")),
+            int(get("format_version", FORMAT_VERSION)),
+        )
+
+    @property
+    def sample_room(self) -> int:
+        """Samples of each string that there is room for, fresh ones included."""
+        return self.max_samples + self.fresh
+
+    def attributes(self) -> dict[str, Any]:
+        """Return the attributes that state the sizes; texts of what there is none of are absent."""
+        further = [[each.name, each.unit, each.meaning] for each in self.variables.further]
+        texts = {
+            FURTHER_VARIABLES: json.dumps(further) if further else "",
+            QUANTITIES: json.dumps(dict(self.quantities), sort_keys=True) * bool(self.quantities),
+            CENSUS: _census_text(self.census) if self.census else "",
+        }
+        return self.counts() | {name: text for name, text in texts.items() if text}
+
+    def counts(self) -> dict[str, Any]:
+        """Return those that may become larger."""
+        volumes = " ".join(map(str, sorted({*self.volumes})))
+        return {
+            "strings": self.strings,
+            "max_samples": self.sample_room,
+            "fresh_from": self.max_samples,
+            "population": self.population,
+            "grains": self.grains,
+            "final_particles": int(self.final_particles),
+            "frames": self.frames,
+        } | ({VOLUMES: volumes} if volumes else {})
+
+    def enlarged(self, asked: "TableSizes") -> Self:
+        """Return sizes with at least the room asked for; samples of the search stay as many."""
+        names = "strings", "generations", "fresh", "grains", "final_particles", "frames"
+        larger = {name: max(getattr(self, name), getattr(asked, name)) for name in names}
+        return self._replace(**larger, volumes=tuple(sorted({*self.volumes, *asked.volumes})))
+
+    def tables(self) -> tuple[TableSchema, ...]:
+        """Return the schemas of all tables, in the version of the file.
+
+        `/final_particles`, `/frames` and samples of larger volumes are there if the campaign asks
+        for them.
+        """
+        bulk = [final_particles_schema(self.grains)] if self.final_particles else []
+        bulk += [frames_schema(self.grains)] if self.frames else []
+        bulk += [volume_schema(each, self.quantities, self.census) for each in self.volumes]
+        tables = (
+            *(variables_schema(self.variables), STATUS, LEGS, strings_schema(self.variables)),
+            *(RESULTS, generations_schema(self.population), FAILURES),
+            samples_schema(self.quantities, self.census),
+            *bulk,
+        )
+        return tuple(table.at(self.version) for table in tables)
+
+    def capacities(self) -> dict[str, int]:
+        """Return how many rows each table has room for, by name."""
+        samples = self.strings * self.sample_room
+        return {
+            "variables": self.variables.count,
+            "status": 1,
+            "legs": LEG_CAPACITY,
+            "failures": FAILURE_CAPACITY,
+            "strings": self.strings,
+            "results": self.strings,
+            "generations": self.generations,
+            "samples": samples,
+            "final_particles": samples,
+            "frames": self.frames,
+        } | {volume_table(volume): self.strings * self.fresh for volume in self.volumes}
+
+    def table_bytes(self) -> dict[str, int]:
+        """Return the size of each table, done bytes included, by name."""
+        rows = self.capacities()
+        return {table.name: rows[table.name] * _row_bytes(table) for table in self.tables()}
+
+    def file_bytes(self) -> int:
+        """Return the size of a file, holes included, without what HDF5 adds."""
+        return sum(self.table_bytes().values())
+
+
+def _row_bytes(table: TableSchema) -> int:
+    sizes = (int(field.dtype[1:]) * math.prod(field.shape) for field in table.fields)
+    return sum(sizes) + int(table.final)
+
+
+_PATH: Final = re.compile(rf"(?=.{{1,{MAX_VARIABLE_NAME}}}$)[A-Za-z]\w*(\.\w+)*", re.ASCII)
+
+
+@cache
+def _variables(text: str) -> VariableTable:
+    found = json.loads(text)
+    if not isinstance(found, list) or not found:
+        raise ValueError(f"attribute {FURTHER_VARIABLES} is no list")
+    for each in found:
+        if not isinstance(each, list) or [type(part) for part in each] != [str] * 3:
+            raise ValueError(f"attribute {FURTHER_VARIABLES} has an entry without name and unit")
+        if not _PATH.fullmatch(each[0]):
+            raise ValueError(f"attribute {FURTHER_VARIABLES} has a name that no variable has")
+    return VariableTable(Variable(name, unit, name, meaning) for name, unit, meaning in found)
+
+
+def _quantities(text: str) -> dict[str, str]:
+    units = json.loads(text) if text else {}
+    if not isinstance(units, dict) or not all(isinstance(unit, str) for unit in units.values()):
+        raise ValueError(f"attribute {QUANTITIES} is no JSON object of units")
+    return units
+
+
+def _volumes(text: Any) -> tuple[int, ...]:
+    parts = text.split(" ") if isinstance(text, str) and text else []
+    if not isinstance(text, str) or not all(p.isascii() and p.isdecimal() for p in parts):
+        raise ValueError(f"attribute {VOLUMES} is no list of whole numbers")
+    volumes = tuple(int(part) for part in parts)
+    if list(volumes) != sorted(set(volumes)) or (volumes and volumes[0] < 2):
+        raise ValueError(f"attribute {VOLUMES} is not ascending from 2")
+    return volumes
+
+
+def _census_text(layout: CensusLayout) -> str:
+    """Return a layout as JSON: times in s, null for the end; edges are diameters over 2 b0."""
+    times = [time if math.isfinite(time) else None for time in layout.times]
+    entries = {"times": times, "lower": layout.lower, "classes": layout.classes}
+    return json.dumps(entries | {"edges": layout.edges.tolist()})
+
+
+def _census(text: str) -> CensusLayout | None:
+    if not text:
+        return None
+    try:
+        entries = json.loads(text)
+        times = tuple(math.inf if time is None else float(time) for time in entries["times"])
+        layout = CensusLayout(times, float(entries["lower"]), int(entries["classes"]))
+    except (KeyError, TypeError, ValueError):
+        raise ValueError(f"attribute {CENSUS} is no JSON object of times and classes") from None
+    whole = 0 < layout.classes <= MAX_CLASSES and 0 < len(times) <= MAX_CLASSES
+    if not whole or not math.isfinite(layout.lower) or list(times) != sorted(set(times)):
+        raise ValueError(f"attribute {CENSUS} has impossible times or classes")
+    return layout
 
 
 def table_sizes(campaign: "Campaign") -> TableSizes:
@@ -69,55 +249,11 @@ def table_sizes(campaign: "Campaign") -> TableSizes:
         campaign.scene.particles if output.final_particles or frames else 0,
         output.final_particles,
         strings * samples * frames.count if frames else 0,
-        campaign.variables.table,
+        campaign.variables,
         campaign.objective.quantity_units,
         campaign.final.larger if campaign.final else (),
         campaign.census,
     )
-
-
-def capacities(attributes: Mapping[str, Any], generations: int) -> dict[str, int]:
-    """Return how many rows each table of a file with these attributes has room for, by name."""
-    strings = int(attributes["strings"])
-    samples = strings * int(attributes["max_samples"])
-    fresh = strings * fresh_room(attributes)
-    volumes = {volume_table(volume): fresh for volume in volumes_of_file(attributes)}
-    return {
-        "variables": variables_of(attributes).count,
-        "status": 1,
-        "legs": LEG_CAPACITY,
-        "failures": FAILURE_CAPACITY,
-        "strings": strings,
-        "results": strings,
-        "generations": generations,
-        "samples": samples,
-        "final_particles": samples,
-        "frames": int(attributes.get("frames", 0)),
-        **volumes,
-    }
-
-
-def table_bytes(sizes: TableSizes) -> dict[str, int]:
-    """Return the size of each table of a file, done bytes included, by name."""
-    attributes = sizes._asdict() | {
-        "max_samples": sizes.max_samples + sizes.fresh,
-        "fresh_from": sizes.max_samples,
-    }
-    del attributes["volumes"], attributes["census"]
-    attributes |= variable_attributes(sizes.variables) | quantity_attributes(sizes.quantities)
-    attributes |= volume_attributes(sizes.volumes) | census_attributes(sizes.census)
-    rows = capacities(attributes, sizes.generations)
-    return {table.name: rows[table.name] * _row_bytes(table) for table in table_schemas(attributes)}
-
-
-def file_bytes(sizes: TableSizes) -> int:
-    """Return the size of a file, holes included, without what HDF5 adds."""
-    return sum(table_bytes(sizes).values())
-
-
-def _row_bytes(table: TableSchema) -> int:
-    sizes = (int(field.dtype[1:]) * math.prod(field.shape) for field in table.fields)
-    return sum(sizes) + int(table.final)
 
 
 def size_text(size: int) -> str:
@@ -137,7 +273,7 @@ def check_room(campaign: "Campaign", sizes: TableSizes, present: int = 0) -> Non
     present
         Size of the file that is there already, bytes: it need not grow.
     """
-    needed = file_bytes(sizes)
+    needed = sizes.file_bytes()
     if needed <= max(MAX_FILE_BYTES, present):
         return
     # Imported here: a file is read without what reads a campaign's text.
@@ -156,7 +292,7 @@ def _remedy(campaign: "Campaign", sizes: TableSizes) -> tuple[tuple[str, ...], s
     if sizes.generations > 1 and (most := _most_generations(campaign)):
         again = "a finished campaign goes on when it is run again with more"
         return ("stopping", "generations"), f"ask for at most {most:,} generations; {again}"
-    largest = table_bytes(sizes)
+    largest = sizes.table_bytes()
     match max(largest, key=largest.__getitem__):
         case "final_particles":
             return (
@@ -174,7 +310,7 @@ def _most_generations(campaign: "Campaign") -> int:
     fits, too_many = 0, campaign.stopping.generations
     while too_many - fits > 1:
         middle = (fits + too_many) // 2
-        if file_bytes(table_sizes(campaign.with_generations(middle))) <= MAX_FILE_BYTES:
+        if table_sizes(campaign.with_generations(middle)).file_bytes() <= MAX_FILE_BYTES:
             fits = middle
         else:
             too_many = middle

@@ -1,68 +1,15 @@
 """Writing what happened while a campaign ran: starts of the program, and samples that failed."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
 import h5py
 import numpy as np
 
-from agglom_mpi.storage.schema import TOOK_TOO_LONG, VERSIONS
+from agglom_mpi.storage.schema import TOOK_TOO_LONG
 from agglom_mpi.storage.table import Table, fitted, make_row
-
-
-class LegStart(NamedTuple):
-    """Columns of `/legs` that are known when the program starts.
-
-    Attributes
-    ----------
-    started
-        Unix time, s.
-    ranks, nodes
-        MPI ranks, and the machines that they are on.
-    database
-        Who writes samples: `gathered` or `parallel`.
-    host, processor
-        Machine of rank 0, and its kind of processor.
-    versions
-        Library versions by the names of `schema.VERSIONS`; those left out stay empty.
-    """
-
-    started: float
-    ranks: int
-    nodes: int
-    database: str
-    host: str
-    processor: str
-    code_version: str
-    sources_sha256: str
-    git_revision: str
-    versions: Mapping[str, str]
-
-
-class LegEnd(NamedTuple):
-    """Columns of `/legs` that are known when the program stops.
-
-    Attributes
-    ----------
-    stopped
-        Unix time, s.
-    samples
-        Samples simulated.
-    busy_seconds, cpu_seconds
-        Wall-clock and processor time, s, summed over samples. A file of format version 1 or 2 has
-        no `cpu_seconds`.
-    database_seconds
-        Time spent on writing, s, summed over ranks.
-    """
-
-    stopped: float
-    exit_code: int
-    samples: int
-    busy_seconds: float
-    cpu_seconds: float
-    database_seconds: float
 
 
 class RunLog:
@@ -85,21 +32,18 @@ class RunLog:
         self._legs = Table(file, "legs", path)
         self._failures = Table(file, "failures", path)
 
-    def begin_leg(self, start: LegStart) -> int:
-        """Write a start of the program; return the number of this leg."""
-        columns = start._asdict()
-        versions = columns.pop("versions")
-        columns |= {name: versions.get(name, "") for name in VERSIONS}
+    def begin_leg(self, **columns: Any) -> int:
+        """Write a start of the program by its columns of `/legs`; return the number of this leg."""
         index = self._legs.append_place()
         row = make_row(self._legs.dtype, stopped=np.nan, exit_code=-1, **columns)
         with self._writing():
             self._legs.write(index, row)
         return index
 
-    def end_leg(self, index: int, end: LegEnd) -> None:
-        """Write the end of a leg."""
+    def end_leg(self, index: int, **columns: Any) -> None:
+        """Write the end of a leg by its columns; files of versions 1 and 2 lack `cpu_seconds`."""
         row = fitted(self._legs.rows.read(index, 1), self._legs.dtype)
-        for name, value in end._asdict().items():
+        for name, value in columns.items():
             row[name] = value
         with self._writing():
             self._legs.write(index, row)

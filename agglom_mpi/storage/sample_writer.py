@@ -14,14 +14,9 @@ from numpy.typing import NDArray
 
 from agglom_mpi.scheduling.interface import number_in_volume, volumes_of
 from agglom_mpi.storage.access import open_file, with_path
+from agglom_mpi.storage.room import TableSizes
 from agglom_mpi.storage.rows import same_type
-from agglom_mpi.storage.schema import (
-    fresh_from,
-    fresh_room,
-    sample_dtype,
-    volume_table,
-    volumes_of_file,
-)
+from agglom_mpi.storage.schema import volume_table
 from agglom_mpi.storage.table import Table, checksum_ok, rows_at, runs_of
 
 if TYPE_CHECKING:
@@ -67,102 +62,80 @@ class RowBuffer:
 
     Parameters
     ----------
+    table
+        The table.
     room
         Number of strings, and of samples of each, by the columns of the table that give a row's
         place: `string`, and `sample` if there is one.
-    dtype
-        Of a row.
+    first
+        Numbers of the first of these in rows that are added; by default 0.
     """
 
-    def __init__(self, room: Mapping[str, int], dtype: np.dtype = sample_dtype) -> None:
+    def __init__(
+        self, table: Table, room: Mapping[str, int], first: Mapping[str, int] | None = None
+    ) -> None:
+        self.table = table
         self._room = room
-        self._dtype = dtype
+        self._first = first
         self.clear()
 
     def clear(self) -> None:
         """Remove all rows."""
         self._waiting: list[bytes] = []
-        self._count = 0
+        self.count = 0
         self._since = 0.0
-
-    @property
-    def count(self) -> int:
-        """Number of rows in the buffer."""
-        return self._count
 
     @property
     def full(self) -> bool:
         """Whether the buffer has reached its limit."""
-        return self._count >= min(FLUSH_ROWS, max(1, FLUSH_BYTES // self._dtype.itemsize))
+        return self.count >= min(FLUSH_ROWS, max(1, FLUSH_BYTES // self.table.dtype.itemsize))
 
     def due(self, now: float) -> bool:
         """Return whether the oldest row is older than `FLUSH_AGE` at `time.monotonic()` = now."""
-        return self._count > 0 and now - self._since >= FLUSH_AGE
+        return self.count > 0 and now - self._since >= FLUSH_AGE
 
-    def add(self, records: np.ndarray, now: float) -> None:
+    def add(self, records: np.ndarray) -> None:
         """Add a copy of rows, (n,); raises IndexError if the table has no place for them."""
         if not len(records):
             return
         for name, room in self._room.items():
-            numbers = records[name]
+            numbers = self._numbers(records, name)
             # Without their sign, negative numbers are the largest.
             if numbers.view(np.uint64).max() >= room:
                 wrong = next(number for number in numbers.tolist() if not 0 <= number < room)
                 raise IndexError(f"{name} {wrong}: there is room for 0 to {room - 1}")
-        if not self._count:
-            self._since = now
-        rows = records if same_type(records.dtype, self._dtype) else records.astype(self._dtype)
+        if not self.count:
+            self._since = time.monotonic()
+        dtype = self.table.dtype
+        rows = records if same_type(records.dtype, dtype) else records.astype(dtype)
         self._waiting.append(rows.tobytes())
-        self._count += len(records)
+        self.count += len(records)
 
     def runs(self) -> Iterator[tuple[int, np.ndarray]]:
         """Yield row number and rows of each consecutive run; of rows for one place the first."""
-        if not self._count:
+        if not self.count:
             return
-        rows = np.frombuffer(b"".join(self._waiting), self._dtype)
-        numbers = [rows[name] for name in self._room]
+        rows = np.frombuffer(b"".join(self._waiting), self.table.dtype)
+        numbers = [self._numbers(rows, name) for name in self._room]
         places = np.ravel_multi_index(numbers, tuple(self._room.values()))
         places, first = np.unique(places, return_index=True)
         ordered = rows_at(rows, first)
+        if self._first:  # the table counts its strings from 0
+            ordered["string"] -= self._first["string"]
+            ordered["crc"] = 0
         ends = [*(np.flatnonzero(np.diff(places) != 1) + 1).tolist(), len(places)]
         for begin, end in pairwise([0, *ends]):
             yield int(places[begin]), ordered[begin:end]
 
+    def write_absent(self) -> None:
+        """Write the rows that are not in the file."""
+        for first, rows in self.runs():
+            for begin, count in runs_of(~stored(self.table, first, len(rows))):
+                self.table.write(first + begin, rows[begin : begin + count], checked=True)
+        self.clear()
 
-class VolumeRows:
-    """Buffered rows of the samples of one larger control volume, and their table.
-
-    Parameters
-    ----------
-    file, path, direct
-        As for `SampleWriter`.
-    volume
-        The control volume.
-    """
-
-    def __init__(self, file: h5py.File, path: Path, volume: int, *, direct: bool) -> None:
-        self._volume = volume
-        self._first = fresh_from(file.attrs)
-        self._table = Table(file, volume_table(volume), path, direct=direct)
-        room = {"string": int(file.attrs["strings"]), "sample": fresh_room(file.attrs)}
-        self.buffer = RowBuffer(room, self._table.dtype)
-
-    def add(self, records: np.ndarray) -> None:
-        """Add samples in flight, (n,), whose string numbers are those of the volume."""
-        rows = records.copy()
-        rows["string"] -= number_in_volume(0, self._volume)
-        rows["sample"] -= self._first  # numbers of places in the table, until they are written
-        rows["crc"] = 0
-        self.buffer.add(rows, time.monotonic())
-
-    def flush(self) -> None:
-        """Write the buffered rows that are not in the file."""
-        for first, rows in self.buffer.runs():
-            rows = rows.copy()
-            rows["sample"] += self._first
-            for begin, count in runs_of(~stored(self._table, first, len(rows))):
-                self._table.write(first + begin, rows[begin : begin + count])
-        self.buffer.clear()
+    def _numbers(self, rows: np.ndarray, name: str) -> np.ndarray:
+        return rows[name] - self._first[name] if self._first else rows[name]
 
 
 def stored(table: Table, first: int, count: int) -> NDArray[np.bool_]:
@@ -209,16 +182,19 @@ class SampleWriter:
         self.written = 0
         self._check = check
         self._clock = clock
-        room = {"string": int(file.attrs["strings"]), "sample": int(file.attrs["max_samples"])}
-        self._table = Table(file, "samples", path, direct=direct)
-        self._buffer = RowBuffer(room, self._table.dtype)
-        self._finals: Table | None = None
+        sizes = TableSizes.of(file.attrs)
+        room = {"string": sizes.strings, "sample": sizes.sample_room}
+        self._samples = RowBuffer(Table(file, "samples", path, direct=direct), room)
+        self._finals: RowBuffer | None = None
         if "final_particles" in file:
-            self._finals = Table(file, "final_particles", path, direct=direct)
-            self._waiting_finals = RowBuffer(room, self._finals.dtype)
+            self._finals = RowBuffer(Table(file, "final_particles", path, direct=direct), room)
         self._volumes = {
-            volume: VolumeRows(file, path, volume, direct=direct)
-            for volume in volumes_of_file(file.attrs)
+            volume: RowBuffer(
+                Table(file, volume_table(volume), path, direct=direct),
+                {"string": sizes.strings, "sample": sizes.fresh},
+                {"string": number_in_volume(0, volume), "sample": sizes.max_samples},
+            )
+            for volume in sizes.volumes
         }
 
     def put(self, records: np.ndarray, finals: np.ndarray | None = None) -> None:
@@ -235,11 +211,11 @@ class SampleWriter:
         with self._clock:
             if self._volumes:
                 records = self._without_volumes(records)
-            self._buffer.add(records, time.monotonic())
+            self._samples.add(records)
             full = any(buffer.full for buffer in self._buffers)
             if self._finals is not None and finals is not None:
-                self._waiting_finals.add(finals, time.monotonic())
-                full |= self._waiting_finals.full
+                self._finals.add(finals)
+                full |= self._finals.full
         if full:
             self.flush()
 
@@ -252,7 +228,7 @@ class SampleWriter:
 
     @property
     def _buffers(self) -> list[RowBuffer]:
-        return [self._buffer, *(rows.buffer for rows in self._volumes.values())]
+        return [self._samples, *self._volumes.values()]
 
     def due(self, now: float) -> bool:
         """Return whether a sample is older than `FLUSH_AGE` at `time.monotonic()` = now."""
@@ -268,20 +244,15 @@ class SampleWriter:
         self._check()
         with self._clock:
             if self._finals is not None:
-                for first, rows in self._waiting_finals.runs():
+                for first, rows in self._finals.runs():
                     # Where a run was killed between a sample's particles and the sample.
-                    if self._finals.done.read(first, len(rows)).any():
-                        self._finals.mark_absent(first, len(rows))
-                    self._finals.write(first, rows)
-                self._waiting_finals.clear()
-            for first, rows in self._buffer.runs():
-                for begin, count in runs_of(~stored(self._table, first, len(rows))):
-                    self._table.write(first + begin, rows[begin : begin + count], checked=True)
-            self.written += self._buffer.count
-            self._buffer.clear()
-            for volume in self._volumes.values():
-                count = volume.buffer.count
-                volume.flush()
+                    if self._finals.table.done.read(first, len(rows)).any():
+                        self._finals.table.mark_absent(first, len(rows))
+                    self._finals.table.write(first, rows)
+                self._finals.clear()
+            for buffer in self._buffers:
+                count = buffer.count
+                buffer.write_absent()
                 self.written += count
 
     def discard(self) -> None:
@@ -289,7 +260,7 @@ class SampleWriter:
         for buffer in self._buffers:
             buffer.clear()
         if self._finals is not None:
-            self._waiting_finals.clear()
+            self._finals.clear()
 
 
 class RankWriter:

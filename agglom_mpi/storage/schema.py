@@ -3,16 +3,14 @@
 Columns of a sample's outcome are declared in `outcome`, those of the variables in `variables`.
 """
 
-import json
-from collections.abc import Iterable, Mapping
-from typing import Any, Final
+from collections.abc import Mapping
+from typing import Final
 
 import numpy as np
 
 from agglom_mpi.measurements.layout import CensusLayout
 from agglom_mpi.outcome import COLUMNS
-from agglom_mpi.storage.columns import CRC, Column, TableSchema, census_columns, census_of
-from agglom_mpi.storage.stored_variables import variables_of
+from agglom_mpi.storage.columns import CRC, Column, TableSchema, census_columns
 from agglom_mpi.variables import MAX_VARIABLE_NAME, TEN, VariableTable
 
 FORMAT: Final = "agglom_mpi campaign"
@@ -39,9 +37,6 @@ TOOK_TOO_LONG: Final = "took longer than max_seconds,"
 IN_VOLUME: Final = "row = string * (max_samples - fresh_from) + sample - fresh_from"
 """Which row is which in a table of samples of a larger control volume."""
 
-VOLUMES: Final = "volumes"
-"""Attribute with the larger control volumes that a file has samples of; absent without any."""
-
 FAILURE_CAPACITY: Final = 1000
 LEG_CAPACITY: Final = 1000
 
@@ -64,9 +59,7 @@ STRING_COLUMNS: Final = (
     Column("generation", "i4", "", "generation that it was proposed for, from 0"),
     Column("slot", "i4", "", "its place among the strings of that generation"),
     Column(
-        "origin",
-        "u1",
-        "",
+        *("origin", "u1", ""),
         "0 random, 1 offspring, 2 of a model, 3 given, 4 a parent that gets more samples",
     ),
     Column("parents", "i8", "", "strings that it was bred from, -1 for none", (2,)),
@@ -127,13 +120,18 @@ RESULTS: Final = TableSchema(
     ),
 )
 
+SAMPLE_KEY: Final = (
+    Column("string", "i8", "", "number of the string"),
+    Column("sample", "i8", "", "number of the sample in its string, from 0"),
+)
+"""Columns of tables of samples that state which sample a row is of."""
+
 SAMPLES: Final = TableSchema(
     "samples",
     "one simulated configuration of one string; those with sample < samples_used are used",
     BY_SAMPLE,
     (
-        Column("string", "i8", "", "number of the string"),
-        Column("sample", "i8", "", "number of the sample in its string, from 0"),
+        *SAMPLE_KEY,
         *(Column(c.name, c.dtype, c.unit, c.meaning, since=c.since) for c in COLUMNS),
         Column("objective", "f8", "1", "objective of this sample alone"),
         Column("seconds", "f8", "s", "wall-clock time of its simulation"),
@@ -154,9 +152,6 @@ SAMPLES: Final = TableSchema(
 sample_dtype: Final = SAMPLES.dtype
 """One row of `/samples`; what a run hands to the writer, `crc` not filled in."""
 
-QUANTITY_MEANING: Final = "quantity of the sample by the objective's function; 0 if it failed"
-"""Meaning of the columns of quantities."""
-
 
 def samples_schema(
     quantities: Mapping[str, str], census: CensusLayout | None = None
@@ -172,37 +167,12 @@ def samples_schema(
     """
     if not quantities and census is None:
         return SAMPLES
-    columns = [
-        Column(name, "f8", unit, QUANTITY_MEANING, since=4)
-        for name, unit in sorted(quantities.items())
-    ]
+    meaning = "quantity of the sample by the objective's function; 0 if it failed"
+    units = sorted(quantities.items())
+    columns = [Column(name, "f8", unit, meaning, since=4) for name, unit in units]
     columns += census_columns(census)
     at = [field.name for field in SAMPLES.fields].index("objective") + 1
     return SAMPLES._replace(fields=(*SAMPLES.fields[:at], *columns, *SAMPLES.fields[at:]))
-
-
-def volumes_of_file(attributes: Mapping[str, Any]) -> tuple[int, ...]:
-    """Return the larger control volumes that a file has tables for, ascending.
-
-    Raises
-    ------
-    ValueError
-        If the attribute `volumes` is none that a run writes.
-    """
-    text = attributes.get(VOLUMES, "")
-    parts = text.split(" ") if isinstance(text, str) and text else []
-    if not isinstance(text, str) or not all(p.isascii() and p.isdecimal() for p in parts):
-        raise ValueError("attribute volumes is no list of whole numbers")
-    volumes = tuple(int(part) for part in parts)
-    if list(volumes) != sorted(set(volumes)) or (volumes and volumes[0] < 2):
-        raise ValueError("attribute volumes is not ascending from 2")
-    return volumes
-
-
-def volume_attributes(volumes: Iterable[int]) -> dict[str, str]:
-    """Return the attribute with the larger control volumes of a file; none without any."""
-    text = " ".join(map(str, sorted(set(volumes))))
-    return {VOLUMES: text} if text else {}
 
 
 def volume_table(volume: int) -> str:
@@ -232,34 +202,13 @@ def volume_schema(
     )
 
 
-def quantities_of(attributes: Mapping[str, Any]) -> dict[str, str]:
-    """Return the SI units of the quantities of a file's samples by name, in order of their columns.
-
-    Raises
-    ------
-    ValueError
-        If the attribute `quantities` is none that a run writes.
-    """
-    text = attributes.get("quantities", "")
-    units = json.loads(text) if text else {}
-    if not isinstance(units, dict) or not all(isinstance(unit, str) for unit in units.values()):
-        raise ValueError("attribute quantities is no JSON object of units")
-    return units
-
-
-def quantity_attributes(quantities: Mapping[str, str]) -> dict[str, str]:
-    """Return the attribute with the SI units of the quantities of a file's samples, by name."""
-    return {"quantities": json.dumps(dict(quantities), sort_keys=True)} if quantities else {}
-
-
 FAILURES: Final = TableSchema(
     "failures",
     "exceptions of failed samples; when the table is full the last row is overwritten, unless that "
     "sample took too long",
     "row = order of arrival",
     (
-        Column("string", "i8", "", "number of the string"),
-        Column("sample", "i8", "", "number of the sample in its string, from 0"),
+        *SAMPLE_KEY,
         Column("rank", "i4", "", "MPI rank that simulated it"),
         Column("host", "S64", "", "machine of that rank"),
         Column("text", "S1000", "", "the exception; of a long text the first line and the end"),
@@ -293,11 +242,7 @@ LEGS: Final = TableSchema(
         Column("samples", "i8", "1", "samples simulated in this leg"),
         Column("busy_seconds", "f8", "s", "wall-clock time of their simulation, sum over ranks"),
         Column(
-            "cpu_seconds",
-            "f8",
-            "s",
-            "processor time of their simulation, sum over ranks",
-            since=3,
+            "cpu_seconds", "f8", "s", "processor time of their simulation, sum over ranks", since=3
         ),
         Column(
             "database_seconds",
@@ -308,8 +253,6 @@ LEGS: Final = TableSchema(
         CRC,
     ),
 )
-VERSIONS: Final = ("python", "numpy", "numba", "h5py", "hdf5", "mpi", "scipy")
-"""The columns of `/legs` that record library versions."""
 
 STATUS: Final = TableSchema(
     "status",
@@ -331,19 +274,6 @@ DIGEST_MEANING: Final = (
     "finished, rank and crc; row after row, the columns in their order here, little-endian and "
     "without padding"
 )
-
-
-def fresh_from(attributes: Mapping[str, Any]) -> int:
-    """Return the number of the first fresh sample of each string; older files have no room for any.
-
-    Each string has `max_samples` rows of `/samples`; no decision sees those from this number on.
-    """
-    return int(attributes.get("fresh_from", attributes["max_samples"]))
-
-
-def fresh_room(attributes: Mapping[str, Any]) -> int:
-    """Return the number of fresh samples of each string, and volume, that there is room for."""
-    return int(attributes["max_samples"]) - fresh_from(attributes)
 
 
 def generations_schema(population: int) -> TableSchema:
@@ -370,22 +300,27 @@ def generations_schema(population: int) -> TableSchema:
     )
 
 
+def _particle_columns(grains: int) -> tuple[Column, ...]:
+    wide = (grains,)
+    return (
+        Column("radius", "f8", "m", "radii", wide),
+        Column("mass", "f8", "kg", "masses", wide),
+        Column("temperature", "f8", "K", "temperatures", wide),
+        Column("grains", "i8", "1", "original grains in each", wide),
+    )
+
+
 def final_particles_schema(grains: int) -> TableSchema:
     """Return the schema of `/final_particles`, whose arrays are `grains` long."""
-    wide = (grains,)
     return TableSchema(
         "final_particles",
         "the particles left at the end of each sample, in the first places of each array; the "
         "others are nan, or 0 grains",
         BY_SAMPLE,
         (
-            Column("string", "i8", "", "number of the string"),
-            Column("sample", "i8", "", "number of the sample in its string, from 0"),
+            *SAMPLE_KEY,
             Column("particles", "i8", "1", "particles left"),
-            Column("radius", "f8", "m", "radii", wide),
-            Column("mass", "f8", "kg", "masses", wide),
-            Column("temperature", "f8", "K", "temperatures", wide),
-            Column("grains", "i8", "1", "original grains in each", wide),
+            *_particle_columns(grains),
             CRC,
         ),
     )
@@ -400,48 +335,14 @@ def frames_schema(grains: int) -> TableSchema:
         "others are nan, 0 grains and the label -1",
         "row = a sample's place among those chosen * frames of each + frame",
         (
-            Column("string", "i8", "", "number of the string"),
-            Column("sample", "i8", "", "number of the sample in its string, from 0"),
+            *SAMPLE_KEY,
             Column("frame", "i8", "", "number of the picture, from 0"),
             Column("time", "f8", "s", "when it was taken"),
             Column("particles", "i8", "1", "particles there are"),
             Column("label", "i8", "", "who is who, from frame to frame", wide),
             Column("position", "f8", "m", "centres, wrapped into the box from -D to D", vectors),
             Column("velocity", "f8", "m/s", "velocities", vectors),
-            Column("radius", "f8", "m", "radii", wide),
-            Column("mass", "f8", "kg", "masses", wide),
-            Column("temperature", "f8", "K", "temperatures", wide),
-            Column("grains", "i8", "1", "original grains in each", wide),
+            *_particle_columns(grains),
             CRC,
         ),
     )
-
-
-def table_schemas(attributes: Mapping[str, Any]) -> tuple[TableSchema, ...]:
-    """Return the schemas of all tables that a file with these attributes has, in its version.
-
-    `/final_particles`, `/frames` and samples of larger volumes are there if the campaign asks for
-    them.
-    """
-    version = int(attributes.get("format_version", FORMAT_VERSION))
-    grains = int(attributes.get("grains", 0))
-    bulk = []
-    if attributes.get("final_particles", 0):
-        bulk.append(final_particles_schema(grains))
-    if attributes.get("frames", 0):
-        bulk.append(frames_schema(grains))
-    quantities, census = quantities_of(attributes), census_of(attributes)
-    bulk += [volume_schema(volume, quantities, census) for volume in volumes_of_file(attributes)]
-    variables = variables_of(attributes)
-    tables = (
-        variables_schema(variables),
-        STATUS,
-        LEGS,
-        strings_schema(variables),
-        RESULTS,
-        generations_schema(int(attributes["population"])),
-        FAILURES,
-        samples_schema(quantities, census),
-        *bulk,
-    )
-    return tuple(table.at(version) for table in tables)

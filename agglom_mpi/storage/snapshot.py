@@ -1,6 +1,5 @@
 """The tables of a campaign file as they were at one time, also while it is being written."""
 
-import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
@@ -11,16 +10,13 @@ import numpy as np
 from agglom_mpi.storage.access import open_file, report_damage
 from agglom_mpi.storage.particle_tables import count_frames
 from agglom_mpi.storage.rows import Rows
+from agglom_mpi.storage.status import read_status
 from agglom_mpi.storage.table import Table, checksum_ok
 
 READ_TOGETHER: Final = ("generations", "results", "strings", "legs", "failures")
 """Tables in the order in which they are read: a row is there before those that refer to it, so no
 row of a growing file is read without those that it rests on. Samples are read last, and only those
 of strings that were there."""
-
-
-REWRITE_SECONDS: Final = 0.1
-"""Longer than a row that is rewritten in place takes to be whole again."""
 
 
 class TableSnapshot:
@@ -124,16 +120,6 @@ class TableSnapshot:
         for name in self._sample_columns:
             kept[name] = rows[name]
         return kept
-
-
-def read_status(file: h5py.File, path: Path) -> np.ndarray:
-    """Return the row of `/status`, (1,), once a run that may be rewriting it has done so."""
-    rows = Rows(file["status"], path)
-    status = rows.read_all()
-    if not checksum_ok(status).all():
-        time.sleep(REWRITE_SECONDS)
-        status = rows.read_all()
-    return status
 
 
 def read_only(rows: np.ndarray) -> np.ndarray:

@@ -10,8 +10,9 @@ from typing import Any, Final, NamedTuple
 import h5py
 import numpy as np
 
+from agglom_mpi.storage.room import TableSizes
 from agglom_mpi.storage.rows import Rows, same_type
-from agglom_mpi.storage.schema import FORMAT_VERSION, RESULTS, SAMPLES, TableSchema, table_schemas
+from agglom_mpi.storage.schema import FORMAT_VERSION, RESULTS, SAMPLES, TableSchema
 
 
 class ValidRows(NamedTuple):
@@ -51,8 +52,8 @@ class Table:
         self.done = Rows(file[f"{name}_done"], path, direct=direct)
         self.dtype = self.rows.dtype
         if file.attrs["format_version"] < FORMAT_VERSION:
-            now = table_schemas({**file.attrs, "format_version": FORMAT_VERSION})
-            [self.dtype] = [table.dtype for table in now if table.name == name]
+            now = TableSizes.of(file.attrs)._replace(version=FORMAT_VERSION)
+            [self.dtype] = [table.dtype for table in now.tables() if table.name == name]
 
     @property
     def capacity(self) -> int:

@@ -16,7 +16,6 @@ import h5py
 import numpy as np
 
 from agglom_mpi.formatting import printable
-from agglom_mpi.search.methods.method import SearchMethod
 from agglom_mpi.search.proposals import ORIGINS
 from agglom_mpi.storage.access import (
     open_file,
@@ -25,15 +24,11 @@ from agglom_mpi.storage.access import (
     tables_in_chunks,
 )
 from agglom_mpi.storage.header import altered_parts
-from agglom_mpi.storage.reader import CampaignData, status_of
+from agglom_mpi.storage.reader import CampaignData
+from agglom_mpi.storage.recorded_campaign import code_note, recorded_search
 from agglom_mpi.storage.rows import Rows
-from agglom_mpi.storage.schema import (
-    CAMPAIGN_STATES,
-    table_schemas,
-    volume_table,
-    volumes_of_file,
-)
-from agglom_mpi.storage.snapshot import REWRITE_SECONDS, read_status
+from agglom_mpi.storage.schema import CAMPAIGN_STATES, volume_table
+from agglom_mpi.storage.status import REWRITE_SECONDS, read_status, status_of
 from agglom_mpi.storage.table import (
     Table,
     checksum_ok,
@@ -122,10 +117,13 @@ class VerificationReport:
     def ranked_by_model(self) -> bool:
         """Whether a regression proposes and ranks strings.
 
-        It need not give the same bits on another machine, so what it gave cannot be compared.
+        It need not give the same bits on another machine, so what it gave cannot be compared. Nor
+        can it where the search may be one's own, whose code may not run.
         """
+        if code_note(self.data):
+            return True
         try:
-            search = SearchMethod.recorded_in(self.data.identity, self.data.reading)
+            search = recorded_search(self.data)
             return search is not None and search.ranks_by_model
         except ValueError:  # it cannot be read, which others find
             return False
@@ -159,7 +157,7 @@ class VerificationReport:
 def verify_rows(path: str | os.PathLike[str], allow_code: bool = False) -> VerificationReport:
     """Read everything that is final, and find out which rows are damaged.
 
-    `allow_code` as for `CampaignHeader`.
+    `allow_code` as for `CampaignData`.
 
     Raises
     ------
@@ -178,8 +176,8 @@ def _verify(file: h5py.File, path: Path, allow_code: bool) -> VerificationReport
     attributes, status = read_attributes(file, path), read_status(file, path)
     tables: dict[str, np.ndarray] = {"status": status}
     report = VerificationReport(CampaignData.of_rows(path, attributes, tables, allow_code))
-    report.room = {schema.name: len(file[schema.name]) for schema in table_schemas(attributes)}
-    for name in (*_READ, *map(volume_table, volumes_of_file(attributes))):
+    report.room = {schema.name: len(file[schema.name]) for schema in report.data.sizes.tables()}
+    for name in (*_READ, *report.volume_tables):
         tables[name] = _valid_rows(file, Table(file, name, path), report)
     tables["variables"] = Rows(file["variables"], path).read_all()
     report.data = CampaignData.of_rows(path, attributes, tables, allow_code)
@@ -241,16 +239,16 @@ def _own_places(name: str, rows: np.ndarray, report: VerificationReport) -> np.n
         return rows["string"] * report.data.max_samples + rows["sample"]
     if name in report.volume_tables:
         data = report.data
-        room = data.max_samples - data.fresh_from
         own = (rows["sample"] >= data.fresh_from) & (rows["sample"] < data.max_samples)
-        return np.where(own, rows["string"] * room + rows["sample"] - data.fresh_from, -1)
+        place = rows["string"] * data.sizes.fresh + rows["sample"] - data.fresh_from
+        return np.where(own, place, -1)
     return np.arange(len(rows))
 
 
 def _key(name: str, place: int, report: VerificationReport) -> Key:
     data = report.data
     if name in report.volume_tables:
-        string, sample = divmod(place, data.max_samples - data.fresh_from)
+        string, sample = divmod(place, data.sizes.fresh)
         return string, data.fresh_from + sample
     return divmod(place, data.max_samples) if name == "samples" else place
 

@@ -5,7 +5,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import h5py
 import numpy as np
@@ -22,35 +22,6 @@ from agglom_mpi.storage.table import Table, make_row, sealed
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
-
-
-class GenerationRow(NamedTuple):
-    """Columns of a row of `/generations`: the state of the search after a generation.
-
-    Attributes
-    ----------
-    top
-        Number of strings in `mean_of_top`.
-    seconds
-        Wall-clock time, s, summed over legs.
-    population
-        Numbers of strings, (population,), the best first.
-    digest
-        From `generation_digest`.
-    """
-
-    generation: int
-    best_string: int
-    best_objective: float
-    best_standard_error: float
-    mean_of_top: float
-    top: int
-    evaluations: int
-    samples_used: int
-    samples_simulated: int
-    seconds: float
-    population: ArrayLike
-    digest: int
 
 
 class CampaignWriter:
@@ -102,7 +73,7 @@ class CampaignWriter:
         self.frames = FrameWriter(file, self.path, self._writing)
         self.log = RunLog(file, self.path, self._writing)
         results = self._tables["results"]
-        self._results = RowBuffer({"string": results.capacity}, results.dtype)
+        self._results = RowBuffer(results, {"string": results.capacity})
         self._status = Rows(file["status"], self.path)
 
     def reopen_parallel(self, world: "Intracomm") -> None:
@@ -182,14 +153,14 @@ class CampaignWriter:
     def put_result(self, row: np.ndarray) -> None:
         """Buffer the result of a string, a row of `/results`, (1,), without `crc`."""
         self._tables["results"].rows.check(int(row["string"][0]), 1)
-        self._results.add(row, time.monotonic())
+        self._results.add(row)
 
-    def put_generation(self, row: GenerationRow) -> None:
-        """Write the state of the search after a generation, after all that is buffered."""
+    def put_generation(self, generation: int, **columns: Any) -> None:
+        """Write a row of `/generations` by its columns, after all that is buffered."""
         self.flush()
         table = self._tables["generations"]
         with self._writing():
-            table.write(row.generation, make_row(table.dtype, **row._asdict()))
+            table.write(generation, make_row(table.dtype, generation=generation, **columns))
 
     def set_status(self, state: str, reason: str = "") -> None:
         """Write what the campaign is doing, one of `CAMPAIGN_STATES`, and why."""

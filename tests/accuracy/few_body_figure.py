@@ -11,7 +11,7 @@ import numpy as np
 from few_body_reference import bouncing
 from few_body_study import FULL, study
 
-from agglom_mpi.accuracy.document import Curve, draw_curves
+from agglom_mpi.accuracy.report import Curve, draw_curves
 from agglom_mpi.report.drawing import Drawing, write_drawing
 
 SHOWN = ("head-on", "three in sequence", "two pairs")

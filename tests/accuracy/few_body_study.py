@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import agglom_mpi.simulation.event_driven.engine
 import agglom_mpi.simulation.time_driven.steppers  # noqa: F401  (all register their engines)
-from agglom_mpi.accuracy.run_times import WALL_OVER_CPU, ratio_of_clocks, time_columns
+from agglom_mpi.accuracy.report import loop_columns
 from agglom_mpi.compilation.kernels import kernel
 from agglom_mpi.compilation.stages import inlined
 from agglom_mpi.physics.contact import CompressionRecoveryDuration, ContactArea
@@ -269,8 +269,7 @@ def measure(case: FewBodyCase, engine: Any, delays: Floats) -> dict[str, float]:
         "velocity error": speed_error.value,
         "velocity error, standard error": speed_error.error,
         "velocity error, largest": max(velocity, default=math.nan),
-        **time_columns("run", [spent.cpu for spent in ends.times]),
-        WALL_OVER_CPU: ratio_of_clocks(ends.times),
+        **loop_columns("run", ends.times),
     }
 
 

@@ -6,15 +6,15 @@ import math
 import numpy as np
 import pytest
 
-from agglom_mpi.accuracy.cooling_methods import (
+from agglom_mpi.accuracy.maps.cooling import (
     EXAMPLE_LAW,
     euler,
     exact,
     grain_of,
     linear_limit,
 )
-from agglom_mpi.accuracy.law_maps import EULER, EXACT, cooled_grain, cooling_map
-from agglom_mpi.accuracy.map_scene import map_scene
+from agglom_mpi.accuracy.maps.laws import EULER, EXACT, cooled_grain, cooling_map
+from agglom_mpi.accuracy.maps.scene import map_scene
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.physics.contact import ContactArea
 from agglom_mpi.physics.cooling import EulerCooling, ExactCooling, QuarticCooling, RadiativeCooling
@@ -55,7 +55,7 @@ STEPS = 200
 
 
 def least_step(grain, temperature, flaw, guess):
-    """Return the shortest step in s with which Euler steps have a flaw of `Run`; nan if none has.
+    """Return the shortest step in s with which Euler steps have a flaw of `EulerRun`; else nan.
 
     It is searched within a factor of a thousand of `guess`, then bisected to rounding.
     """
@@ -82,7 +82,7 @@ BOTH = pytest.mark.parametrize("case", SCENES, ids=["radiation", "quartic"])
 @pytest.fixture(scope="module")
 def section():
     campaign = load_campaign("jobs/accuracy/agglomeration_2004_row_1.yaml")
-    return cooling_map(map_scene(campaign, {}, 100, 1000, False), quick=True)
+    return cooling_map(map_scene(campaign, {}, 100, 1000), quick=True)
 
 
 @pytest.fixture(scope="module")

@@ -8,10 +8,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
-from agglom_mpi.accuracy.document import (
-    Chapter,
+from agglom_mpi.accuracy.report import (
     Curve,
-    Header,
     ReportSection,
     ReportTable,
     TableColumn,
@@ -51,8 +49,8 @@ SECTION = ReportSection(
 
 @pytest.fixture
 def written(tmp_path):
-    header = Header("Accuracy", "agglom accuracy x.yaml", ("two set-ups",))
-    return write_document(tmp_path, header, [Chapter("Error against run time", (SECTION,))])
+    facts = ("agglom accuracy x.yaml", "two set-ups")
+    return write_document(tmp_path, "Accuracy", facts, {"Error against run time": [SECTION]})
 
 
 def test_the_document_tells_problem_reference_failures_and_conclusions(written):

@@ -8,20 +8,23 @@ import pytest
 from goals import growth_target, maximum_growth
 from rules import difference, ensemble_of, half_width, settled_moments
 
-from agglom_mpi.accuracy import stopping_study
-from agglom_mpi.accuracy.ensemble import ensemble_section
-from agglom_mpi.accuracy.resampling import at_stop, pooled_moments, run_paths, stop
-from agglom_mpi.accuracy.stopping_study import (
+from agglom_mpi.accuracy.time_integration import stopping_study
+from agglom_mpi.accuracy.time_integration.ensemble import ensemble_section
+from agglom_mpi.accuracy.time_integration.stopping_study import (
     FIRST_MOMENT,
     OWN,
     PUBLISHED_TOLERANCES,
     WITH_ERROR,
     at_goal,
+    at_stop,
     families,
     of_rules,
+    pooled_moments,
     proportion,
     root_mean_square,
+    run_paths,
     samples_needed,
+    stop,
     study,
     truth_of,
 )
@@ -312,7 +315,7 @@ def test_section_of_too_small_a_pool_says_so():
 
 def test_sections_are_imported_without_the_libraries_of_the_report():
     code = (
-        "import sys, agglom_mpi.accuracy.ensemble; "
+        "import sys, agglom_mpi.accuracy.time_integration.ensemble; "
         "absent = {'pandas', 'matplotlib', 'jinja2', 'mpi4py.MPI'}; "
         "sys.exit(bool(absent & set(sys.modules)))"
     )

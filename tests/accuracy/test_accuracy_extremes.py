@@ -3,13 +3,17 @@
 import pytest
 from accuracy_rows import made_up
 
-from agglom_mpi.accuracy import extremes
+from agglom_mpi.accuracy.time_integration import extremes
 from agglom_mpi.config.loading import load_campaign
 
 
 @pytest.fixture(scope="module")
 def campaign():
     return load_campaign("jobs/accuracy/accretion_2003_row_1.yaml")
+
+
+def section_of(scenes, samples):
+    return extremes.extremes_part(scenes, 4).section(samples)
 
 
 def test_what_goes_wrong_in_an_extreme_scene_is_said(campaign):
@@ -26,7 +30,7 @@ def test_what_goes_wrong_in_an_extreme_scene_is_said(campaign):
         extremes.published_name("calm"): made_up([1.5] * 8, **sound),
         extremes.published_name("wild"): broken,
     }
-    found = extremes.extremes_section(scenes, samples)
+    found = section_of(scenes, samples)
     assert found.conclusions[0] == "Our method is sound in 2 of 2 extreme scenes."
     assert found.conclusions[1] == "The published method is sound in 1 of 2 extreme scenes."
     assert found.failures == (
@@ -41,7 +45,7 @@ def test_heaps_of_pieces_may_overlap_and_what_never_breaks_may_not(campaign):
     names = [extremes.published_name(name) for name in ("same", "more", "solid")]
     published = dict(zip(names, (heaps, more, heaps), strict=True))
     ours = {"same": heaps, "more": heaps, "solid": made_up([1.5] * 4, collisions=10)}
-    found = extremes.extremes_section(dict.fromkeys(ours, campaign), ours | published)
+    found = section_of(dict.fromkeys(ours, campaign), ours | published)
     expected = ("`more`, published: 90 overlaps.", "`solid`, published: 70 overlaps.")
     assert found.failures == expected
     assert "in 0 scenes, temperatures go below zero in 0" in found.conclusions[2]
@@ -51,9 +55,7 @@ def test_heaps_of_pieces_may_overlap_and_what_never_breaks_may_not(campaign):
 def test_all_samples_may_fail(campaign):
     rows = made_up([0.0] * 4, failed=range(4))
     rows["reason"] = 3
-    found = extremes.extremes_section(
-        {"calm": campaign}, {"calm": rows, extremes.published_name("calm"): rows}
-    )
+    found = section_of({"calm": campaign}, {"calm": rows, extremes.published_name("calm"): rows})
     assert "4 of 4 samples failed (budget of steps or events exceeded)" in found.failures[0]
     for column in found.tables[0].shown:
         assert column.text(found.tables[0].frame.iloc[0])

@@ -5,11 +5,11 @@ import pytest
 from accuracy_rows import made_up
 from matplotlib.figure import Figure
 
-from agglom_mpi.accuracy.map_command import MapRun, plane_names
-from agglom_mpi.accuracy.map_scene import file_text, map_scene
-from agglom_mpi.accuracy.planes import DEFAULT, LASTING, PLANES, points
-from agglom_mpi.accuracy.quadtree import Cell
-from agglom_mpi.accuracy.stability_map import COLLAPSE, REFUSED, MapSize, PlaneMap, map_section
+from agglom_mpi.accuracy.maps.cells import Cell
+from agglom_mpi.accuracy.maps.command import needs_samples, plane_names
+from agglom_mpi.accuracy.maps.plane_map import COLLAPSE, REFUSED, MapSize, PlaneMap, map_section
+from agglom_mpi.accuracy.maps.planes import DEFAULT, LASTING, PLANES, points
+from agglom_mpi.accuracy.maps.scene import file_text, map_scene
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import CampaignError
@@ -20,7 +20,7 @@ JOBS = ("jobs/accuracy/accretion_2003_row_1.yaml", "jobs/accuracy/agglomeration_
 
 @pytest.fixture(scope="module", params=JOBS, ids=["A", "B"])
 def scene(request):
-    return map_scene(load_campaign(request.param), {}, SIZE.grains, SIZE.budget, False)
+    return map_scene(load_campaign(request.param), {}, SIZE.grains, SIZE.budget)
 
 
 @pytest.mark.parametrize("name", PLANES)
@@ -59,9 +59,9 @@ def test_a_cell_as_a_file_is_the_same_string_bit_for_bit(scene, name):
 
 def test_grains_beyond_the_limit_are_left_out_with_their_part_of_the_box():
     campaign = load_campaign(JOBS[1])
-    whole = map_scene(campaign, {}, 10**6, 1000, False)
-    part = map_scene(campaign, {}, 125, 1000, False)
-    cells = [scene.campaign({}, {}) for scene in (whole, part)]
+    whole = map_scene(campaign, {}, 10**6, 1000)
+    part = map_scene(campaign, {}, 125, 1000)
+    cells = [scene.campaign({}) for scene in (whole, part)]
     assert [cell.scene.particles for cell in cells] == [1000, 125]
     radii = [cell.at(cell.parameters()).build().radius for cell in cells]
     assert radii[0] == pytest.approx(radii[1], rel=1e-14)
@@ -90,7 +90,7 @@ def exhausted():
 
 def collapse_map(rows_of):
     """Return the collapse map of [A] whose first level has made-up samples."""
-    scene = map_scene(load_campaign(JOBS[0]), {}, SIZE.grains, SIZE.budget, False)
+    scene = map_scene(load_campaign(JOBS[0]), {}, SIZE.grains, SIZE.budget)
     found = PlaneMap(PLANES["collapse"], scene, SIZE)
     found.take(0, {name: rows_of(name) for name in found.setups(0)})
     return found
@@ -188,9 +188,6 @@ def test_an_unknown_plane_is_named_with_what_is_allowed():
     assert plane_names("all") == (*PLANES, "impact", "cooling")
 
 
-def test_a_run_knows_from_its_options_whether_it_simulates():
-    from agglom_mpi.accuracy.command import AccuracyOptions
-
+def test_the_names_of_planes_tell_whether_anything_is_simulated():
     for names, expected in (("impact,cooling", False), ("impact,heat", True), ("all", True)):
-        run = MapRun(AccuracyOptions((JOBS[0],), "x", {}, map=names), SIZE)
-        assert run.needs_samples == expected
+        assert needs_samples(names) == expected

@@ -5,9 +5,9 @@ import pytest
 from accuracy_rows import made_up
 from scipy import stats
 
-from agglom_mpi.accuracy import time_integration
-from agglom_mpi.accuracy.ensemble import ensemble_section
-from agglom_mpi.accuracy.stopping_study import OWN
+from agglom_mpi.accuracy.time_integration import steps as time_integration
+from agglom_mpi.accuracy.time_integration.ensemble import ensemble_section
+from agglom_mpi.accuracy.time_integration.stopping_study import OWN
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.user_function import UserFunction

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from accuracy_rows import made_up
 
-from agglom_mpi.accuracy import published_method
-from agglom_mpi.accuracy.published_method import as_published
 from agglom_mpi.accuracy.study import with_scene
-from agglom_mpi.accuracy.time_integration import EVENT
+from agglom_mpi.accuracy.time_integration import published_method
+from agglom_mpi.accuracy.time_integration.published_method import as_published
+from agglom_mpi.accuracy.time_integration.steps import EVENT, StudiedScene
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.scene import SceneSection
 
@@ -61,15 +61,20 @@ def campaign():
     return load_campaign("jobs/accuracy/accretion_2003_row_1.yaml")
 
 
+def part(campaign):
+    scene = StudiedScene(campaign, campaign.parameters(), 5, quick=False)
+    return published_method.published_part(scene)
+
+
 def test_the_published_method_is_run_where_the_scene_differs_from_it(campaign):
-    setups = published_method.setups(campaign, campaign.parameters(), 5)
+    setups = part(campaign).setups
     assert list(setups) == [published_method.ITERATION, published_method.WHOLE]
     iterated, whole = setups.values()
     assert iterated.campaign.scene.solver.law == "iteration"
     assert iterated.engine.law == "event"
     assert whole.campaign.scene == as_published(campaign.scene)
     published = with_scene(campaign, **dict(as_published(campaign.scene)))
-    assert published_method.setups(published, campaign.parameters(), 5) == {}
+    assert part(published).setups == {}
 
 
 def test_the_bias_of_the_published_method_is_over_growth(campaign):
@@ -79,7 +84,7 @@ def test_the_bias_of_the_published_method_is_over_growth(campaign):
         published_method.ITERATION: made_up(shared - 0.1, collisions=10, capped_iterations=4),
         published_method.WHOLE: made_up(shared, failed=[0], collisions=10),
     }
-    found = published_method.end_to_end(campaign, samples)
+    found = part(campaign).section(samples)
     growth = shared.mean()
     assert found.conclusions[0].startswith("Published impact iteration, exact times: mean b/b⁰ is")
     assert f"{-10.0 / growth:+.2f} ± 0.00 %" in found.conclusions[0]

@@ -2,7 +2,7 @@
 
 import pytest
 
-from agglom_mpi.accuracy.quadtree import Cell, edge_cells, first_cells, leaves
+from agglom_mpi.accuracy.maps.cells import Cell, edge_cells, first_cells, leaves
 
 GRID = 4
 

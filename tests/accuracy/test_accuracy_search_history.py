@@ -10,7 +10,7 @@ from goals import growth_target
 from matplotlib.figure import Figure
 from measured_runs import write_measured
 
-from agglom_mpi.accuracy import search_history
+from agglom_mpi.accuracy.time_integration import search_history
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.declaration.reading import PLAIN
@@ -48,7 +48,7 @@ class History:
 
 
 def test_every_best_string_is_estimated_once_on_samples_beyond_those_of_the_search():
-    setups = search_history.setups(History(), 25)
+    setups = search_history.history_part(History(), 25).setups
     assert list(setups) == ["string 4 again", "string 9 again"]
     assert {setup.first_sample for setup in setups.values()} == {History.max_samples}
     assert setups["string 9 again"].parameters[1] == 0.59
@@ -58,7 +58,7 @@ def test_a_history_of_measured_data_is_refused(tmp_path, monkeypatch):
     campaign = load_campaign(write_measured(tmp_path))
     monkeypatch.setattr(search_history, "recorded_campaign", lambda history: campaign)
     with pytest.raises(CampaignError) as caught:
-        search_history.setups(History(), 25)
+        search_history.history_part(History(), 25)
     [problem] = caught.value.problems
     assert problem.field == "objective.law"
 
@@ -68,7 +68,7 @@ def test_a_lucky_string_is_told_from_a_good_one():
     good, lucky = 2.0 + 0.1 * random.normal(size=(2, 400))
     lucky += 0.2
     samples = {"string 4 again": made_up(good), "string 9 again": made_up(lucky)}
-    found = search_history.search_history_section(History(), samples)
+    found = search_history.history_part(History(), 25).section(samples)
     value, error = growth_target(2.0).of_rows(made_up(lucky))
     assert (
         f"string 9, claims 0.0100 ± 0.0200 and is worth {value:.4f} ± {error:.4f}"
@@ -96,7 +96,7 @@ def conclusions(shift, error=0.02):
     claims = {"string 4 again": 0.05, "string 9 again": 0.01}
     spread = 0.01 * np.resize([-1.0, 1.0], 400)
     samples = {name: made_up(2.0 + 2.0 * (c + shift) + spread) for name, c in claims.items()}
-    return search_history.search_history_section(history, samples).conclusions
+    return search_history.history_part(history, 25).section(samples).conclusions
 
 
 @pytest.mark.parametrize(
@@ -115,8 +115,9 @@ def test_a_claim_of_a_single_sample_has_no_error():
 
 
 def test_bands_end_at_the_least_objective():
-    frame = search_history.measure(
-        History(), {f"string {i} again": made_up(2.0 + 0.1 * np.arange(-9, 10)) for i in (4, 9)}
+    samples = {f"string {i} again": made_up(2.0 + 0.1 * np.arange(-9, 10)) for i in (4, 9)}
+    frame = search_history.measured_history(
+        History(), search_history.recorded_campaign(History()), samples
     )
     figure = Figure()
     search_history._draw(figure, frame, 0.0)

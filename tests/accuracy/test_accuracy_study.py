@@ -10,13 +10,14 @@ from accuracy_rows import made_up
 from path_campaigns import COLD, COLD_VARIABLES, text_of
 from summary_rows import rows_of
 
-from agglom_mpi.accuracy.command import FULL, QUICK, AccuracyOptions, make_plan
+from agglom_mpi.accuracy.command import FULL, QUICK, scene_study
 from agglom_mpi.accuracy.study import (
     FEWEST_SAMPLES,
     MOVES_PER_STEP,
     BudgetedEnsemble,
     Setup,
     Study,
+    StudyOptions,
     paired_difference,
     scene_error,
     with_scene,
@@ -28,8 +29,14 @@ from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.scheduling.interface import task_type
 from agglom_mpi.simulation.engines import FixedSteps
 from agglom_mpi.variables import TEN, volume_fraction
+from agglom_mpi.verbs.simulate import simulate
 
 JOB = "jobs/quickstart.yaml"
+
+
+def study_of(options):
+    """Return the study that the command plans."""
+    return next(scene_study(options))[1]
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +59,7 @@ def outcome(steps=10, state=COMPLETED):
 
 
 def test_a_setup_takes_its_samples_and_no_more(campaign):
-    ensemble = BudgetedEnsemble(Setup(campaign, campaign.parameters(), 7), 2, 1e9)
+    ensemble = BudgetedEnsemble(Setup(campaign, campaign.parameters(), 7), 1e9)
     for _ in range(6):
         ensemble.add(outcome())
         assert not ensemble.finished
@@ -62,8 +69,8 @@ def test_a_setup_takes_its_samples_and_no_more(campaign):
 
 def test_long_samples_end_a_setup_at_its_budget_but_not_before_the_fewest(campaign):
     setup = Setup(campaign, campaign.parameters(), 100)
-    for budget, expected in ((2.5, 3), (0.1, 2)):
-        ensemble = BudgetedEnsemble(setup, 2, budget * MOVES_PER_STEP * 10)
+    for budget, expected in ((4.5, 5), (0.1, FEWEST_SAMPLES)):
+        ensemble = BudgetedEnsemble(setup, budget * MOVES_PER_STEP * 10)
         count = 0
         while not ensemble.finished:
             ensemble.add(outcome(steps=10))
@@ -72,7 +79,7 @@ def test_long_samples_end_a_setup_at_its_budget_but_not_before_the_fewest(campai
 
 
 def test_a_setup_that_mostly_fails_is_given_up(campaign):
-    ensemble = BudgetedEnsemble(Setup(campaign, campaign.parameters(), 1000), 2, 1e9)
+    ensemble = BudgetedEnsemble(Setup(campaign, campaign.parameters(), 1000), 1e9)
     while not ensemble.finished:
         ensemble.add(outcome(state=FAILED))
     assert ensemble.samples_used == 10
@@ -92,8 +99,8 @@ def test_every_setup_of_a_study_has_its_own_number_of_samples(campaign):
     assert [inversion.samples_used(string) for string in range(3)] == [3, 5, 7]
 
 
-def test_a_study_travels_between_ranks_and_stays_the_same(campaign):
-    study = make_plan(AccuracyOptions((JOB,), "x", {}, quick=True)).study
+def test_a_study_travels_between_ranks_and_stays_the_same(campaign, tmp_path):
+    study = study_of(StudyOptions((JOB,), str(tmp_path), {}, quick=True))
     again = pickle.loads(pickle.dumps(study))
     assert again.identity() == study.identity()
     assert again.table_sizes == study.table_sizes
@@ -128,18 +135,18 @@ def test_a_rank_computes_what_the_campaign_does_with_that_engine():
     tasks["string"], tasks["first"], tasks["count"] = [0, 1], 2, 1
     tasks["parameters"] = parameters
     plain, stepped = (done(simulator, task).results for task in tasks)
-    expected = campaign.simulate(parameters, 2)
+    expected = simulate(campaign, parameters, 2)
     assert plain["mean_radius_ratio"] == expected.mean_radius_ratio
     assert plain["objective"] == expected.objective
     assert (
         stepped["mean_radius_ratio"]
-        == campaign.simulate(parameters, 42, engine).record["mean_radius_ratio"]
+        == simulate(campaign, parameters, 42, engine).record["mean_radius_ratio"]
     )
 
 
-def test_samples_of_a_study_are_enough_for_every_section():
+def test_samples_of_a_study_are_enough_for_every_section(tmp_path):
     for quick in (True, False):
-        setups = make_plan(AccuracyOptions((JOB,), "x", {}, quick=quick)).study.setups
+        setups = study_of(StudyOptions((JOB,), str(tmp_path), {}, quick=quick)).setups
         size = QUICK if quick else FULL
         assert setups["event"].samples == size.pool
         assert {setup.samples for name, setup in setups.items() if name != "event"} == {
@@ -150,19 +157,19 @@ def test_samples_of_a_study_are_enough_for_every_section():
 
 def test_two_scenes_at_a_time_are_refused():
     with pytest.raises(CampaignError, match=r"accretion_2003.yaml: SOURCE: is a second file"):
-        make_plan(AccuracyOptions((JOB, "jobs/accretion_2003.yaml"), "x", {}))
+        study_of(StudyOptions((JOB, "jobs/accretion_2003.yaml"), "x", {}))
 
 
 def test_a_directory_without_scenes_is_refused(tmp_path):
     with pytest.raises(CampaignError, match="is a directory without any scene"):
-        make_plan(AccuracyOptions((str(tmp_path),), "x", {}))
+        study_of(StudyOptions((str(tmp_path),), "x", {}))
 
 
 def test_a_scene_that_cannot_be_simulated_is_refused_before_anything_runs(campaign):
     settings = {"activation_energy": 1e9}
     assert "U/(R theta)" in scene_error(Setup(campaign, campaign.parameters(settings), 1))
     with pytest.raises(CampaignError, match=r"quickstart.yaml: scene: .*U/\(R theta\)"):
-        make_plan(AccuracyOptions((JOB,), "x", settings))
+        study_of(StudyOptions((JOB,), "x", settings))
 
 
 def test_a_scene_that_is_not_searched_can_be_studied_too(tmp_path):
@@ -170,13 +177,13 @@ def test_a_scene_that_is_not_searched_can_be_studied_too(tmp_path):
     for name, value in (("relative_speed", 5), ("size_ratio", 0.6), ("hardness", 1e8)):
         text = re.sub(rf"{name}: \[[^]]*\]", f"{name}: {value}", text)
     (tmp_path / "scene.yaml").write_text(text)
-    study = make_plan(AccuracyOptions((str(tmp_path / "scene.yaml"),), "x", {}, quick=True)).study
+    study = study_of(StudyOptions((str(tmp_path / "scene.yaml"),), str(tmp_path), {}, quick=True))
     task = np.zeros(1, task_type(10))
     task["count"], task["parameters"] = 1, study.setups["event"].parameters
     message = done(SampleRunner(study, 0), task[0])
     assert (len(message.failures), message.final_particles, message.frames) == (0, None, ())
     assert message.results["state"].tolist() == [COMPLETED]
-    ensemble = BudgetedEnsemble(study.setups["event"], 2, 1e9)
+    ensemble = BudgetedEnsemble(study.setups["event"], 1e9)
     ensemble.add(outcome())
     assert ensemble.result().mean_radius_ratio == 2.0
 
@@ -209,14 +216,14 @@ def test_a_study_has_the_numbers_of_its_string_in_its_scene(tmp_path):
     fraction = {"size_ratio": None, "volume_fraction": "[0.05, 0.2]"}
     (tmp_path / "paths.yaml").write_text(text_of(scene, COLD_VARIABLES | numbers | fraction))
     settings = {"restitution.value": 0.5, "volume_fraction": 0.1}
-    options = AccuracyOptions([str(tmp_path / "paths.yaml")], out=str(tmp_path), settings=settings)
-    plan = make_plan(options._replace(quick=True))
-    assert plan.numbers == pytest.approx({"restitution.value": 0.5, "sizes.spread": 1.2})
-    assert plan.parameters.shape == (TEN.count,)
-    assert plan.campaign.scene.restitution.value == 0.5
-    assert plan.campaign.scene.sizes.spread == pytest.approx(1.2)
-    assert plan.study.variables == TEN
-    fraction = volume_fraction(plan.parameters[1], plan.campaign.scene.third_moment)
+    options = StudyOptions([str(tmp_path / "paths.yaml")], out=str(tmp_path), settings=settings)
+    study = study_of(options._replace(quick=True))
+    setup = study.setups["event"]
+    section, values = setup.campaign.at(setup.parameters)
+    assert section.restitution.value == 0.5
+    assert section.sizes.spread == pytest.approx(1.2)
+    assert study.variables == TEN
+    fraction = volume_fraction(values["size_ratio"], section.third_moment)
     assert fraction == pytest.approx(0.1)
-    assert all(setup.parameters.shape == (TEN.count,) for setup in plan.study.setups.values())
-    assert dict(next(iter(plan.study.setups.values())).identity())["scene.sizes"] is not None
+    assert all(each.parameters.shape == (TEN.count,) for each in study.setups.values())
+    assert dict(setup.identity())["scene.sizes"] is not None

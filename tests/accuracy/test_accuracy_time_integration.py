@@ -5,9 +5,9 @@ import pytest
 from accuracy_rows import made_up
 from matplotlib.figure import Figure
 
-from agglom_mpi.accuracy import time_integration as module
-from agglom_mpi.accuracy.document import ReportSection
+from agglom_mpi.accuracy.report import ReportSection
 from agglom_mpi.accuracy.study import paired_difference
+from agglom_mpi.accuracy.time_integration import steps as module
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.formatting import format_seconds
 
@@ -19,12 +19,16 @@ def campaign():
     return load_campaign("jobs/quickstart.yaml")
 
 
+def studied(campaign, quick):
+    return module.StudiedScene(campaign, campaign.parameters(), 7, quick)
+
+
 def section(campaign, bias, noise=1e-3, seconds=1e-3, **extra) -> ReportSection:
     """ReportSection of steppers whose growth is 2 + bias(shortest step over the end time) + noise.
 
     Means and deviations are exactly these, whatever random numbers are drawn.
     """
-    parameters = campaign.parameters()
+    scene = studied(campaign, quick=False)
     random = np.random.default_rng(5)
 
     def normal():
@@ -33,12 +37,12 @@ def section(campaign, bias, noise=1e-3, seconds=1e-3, **extra) -> ReportSection:
 
     shared = 2.0 + 0.3 * normal()
     samples = {module.EVENT: made_up(shared, seconds)}
-    end_time = module.end_time_of(campaign, parameters)
+    end_time = scene.end_time
     for stepper in module.steppers(end_time, quick=False):
         own = shared + bias(stepper.step / end_time) + noise * normal()
         cost = seconds * (0.1 + 1e-3 * end_time / stepper.step)
-        samples[module.name_of(stepper)] = made_up(own, cost, **extra)
-    return module.time_integration_section(campaign, parameters, samples, quick=False)
+        samples[stepper.name] = made_up(own, cost, **extra)
+    return module.steps_part(scene).section(samples)
 
 
 def text_of(section, percent):
@@ -47,7 +51,7 @@ def text_of(section, percent):
 
 
 def test_every_setup_is_on_the_samples_of_the_event_engine(campaign):
-    setups = module.setups(campaign, campaign.parameters(), 7, quick=False)
+    setups = module.steps_part(studied(campaign, quick=False)).setups
     assert len(setups) == 1 + len(module.STEPS) + len(module.CAPS) * len(module.FLOORS)
     assert {setup.first_sample for setup in setups.values()} == {0}
     assert len({setup.parameters.tobytes() for setup in setups.values()}) == 1
@@ -78,7 +82,7 @@ def test_a_bias_that_no_step_removes_is_said_not_to_reach(campaign):
 def test_a_coarse_step_that_is_right_by_accident_does_not_count(campaign):
     found = section(campaign, lambda share: 0.0 if share > 0.015 else (0.2 if share > 3e-3 else 0))
     at_one_percent = found.conclusions[1]
-    end_time = module.end_time_of(campaign, campaign.parameters())
+    end_time = studied(campaign, True).end_time
     assert f"fixed {format_seconds(1e-3 * 0.6)} (steps of {end_time / 500:.2g} s)" in at_one_percent
 
 
@@ -102,8 +106,10 @@ def test_a_bias_that_changes_its_sign_on_the_way_is_no_accuracy(campaign):
 def test_every_finer_step_has_to_be_within_the_error(campaign):
     # One of the middle is right, the finest is right too, and one between them is not.
     found = section(campaign, lambda share: 0.1 if np.isclose(share, 1e-5) else 0.0)
-    reached = {one["method"]: one["setup"] for one in module._reached(found.tables[0].frame, 0.01)}
-    end_time = module.end_time_of(campaign, campaign.parameters())
+    reached = {
+        one["method"]: one["setup"] for one in module.reached_by(found.tables[0].frame, 0.01)
+    }
+    end_time = studied(campaign, True).end_time
     for cap in module.CAPS:
         setup = reached[f"adaptive, steps to {cap:g} × the floor"]
         assert setup["shortest step (s)"] == pytest.approx(1e-6 * end_time)
@@ -111,18 +117,18 @@ def test_every_finer_step_has_to_be_within_the_error(campaign):
 
 
 def test_times_are_medians_of_processor_time_with_quartiles(campaign):
-    parameters = campaign.parameters()
-    end_time = module.end_time_of(campaign, parameters)
+    scene = studied(campaign, quick=True)
+    end_time = scene.end_time
     usual = 1e-3 * np.tile([0.9, 1.0, 1.1, 1.0], 25)
     times = usual.copy()
     times[::10] = 1.0  # interrupted: each of these alone is as long as all others together
     ratios = 2.0 + 0.1 * np.sin(np.arange(100))
     samples = {module.EVENT: made_up(ratios, times)}
     samples |= {
-        module.name_of(stepper): made_up(ratios, 2.0 * usual, seconds=50.0 * usual)
+        stepper.name: made_up(ratios, 2.0 * usual, seconds=50.0 * usual)
         for stepper in module.steppers(end_time, quick=True)
     }
-    found = module.time_integration_section(campaign, parameters, samples, quick=True)
+    found = module.steps_part(scene).section(samples)
     assert "1.0 ms (1.0 ms to 1.1 ms) each" in found.reference
     frame = found.tables[0].frame
     assert np.allclose(frame["processor time per sample (s)"], 2e-3)

@@ -5,8 +5,8 @@ import math
 import pandas as pd
 import pytest
 
-from agglom_mpi.accuracy.stopping_study import at_goal, samples_needed
-from agglom_mpi.accuracy.time_integration import cost_at, lasting
+from agglom_mpi.accuracy.time_integration.steps import cost_at, lasting
+from agglom_mpi.accuracy.time_integration.stopping_study import at_goal, samples_needed
 
 ERRORS = [0.5, 0.004, 0.04, 0.02, 0.01]
 COSTS = [1.0, 2.0, 4.0, 8.0, 16.0]

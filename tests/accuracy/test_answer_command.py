@@ -13,10 +13,11 @@ from agglom_here import agglom_here
 from campaign_runs import QUICKSTART, SLOWLY, environment, inject, need_mpirun
 from processes import HANG, end_group, start_group, wait_for
 
-from agglom_mpi.accuracy.fresh_estimates import first_fresh_sample
+from agglom_mpi.accuracy.answer.errors import first_fresh_sample
 from agglom_mpi.config.answer_study import load_answer_study
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.storage.reader import read_campaign
+from agglom_mpi.verbs.simulate import simulate
 
 STUDY = """
 title: Tiny
@@ -119,7 +120,7 @@ def test_errors_are_those_of_fresh_samples_in_the_scene_of_the_question(studied)
     for row in rows.values():
         found = again.sample_rows(int(row["string"]))
         string = again.parameters[int(row["string"])]
-        ratios = [question.simulate(string, first + i).mean_radius_ratio for i in range(8)]
+        ratios = [simulate(question, string, first + i).mean_radius_ratio for i in range(8)]
         assert found["mean_radius_ratio"].tolist() == ratios
         assert float(row["re-estimate"]) == pytest.approx(abs(np.mean(ratios) / 2.0 - 1.0))
 

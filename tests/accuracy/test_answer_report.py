@@ -8,16 +8,17 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
-from agglom_mpi.accuracy.answer_errors import SAMPLES, SECONDS, Answers
-from agglom_mpi.accuracy.answer_report import AnswerReport, draw_factor, write_answer_report
-from agglom_mpi.accuracy.answer_tables import (
+from agglom_mpi.accuracy.answer.answer_report import (
+    answer_section,
+    draw_factor,
     expected_times,
     last_answers,
     sentence,
     times_of,
     verdict,
 )
-from agglom_mpi.accuracy.times_to_targets import Band
+from agglom_mpi.accuracy.answer.errors import COST_SAMPLES, COST_SECONDS, Answers
+from agglom_mpi.accuracy.answer.times_to_targets import Band
 from agglom_mpi.config.answer_study import load_answer_study
 
 
@@ -35,8 +36,8 @@ def answers(study, errors):
             "setting": setting.name,
             "seed": seed,
             "generation": generation,
-            SAMPLES: 10 * (generation + 1),
-            SECONDS: 0.5 * (generation + 1),
+            COST_SAMPLES: 10 * (generation + 1),
+            COST_SECONDS: 0.5 * (generation + 1),
             "error": error,
             "bound": error,
         }
@@ -55,15 +56,15 @@ ERRORS = {
 
 def test_expected_times_are_those_of_the_first_answers_within_a_target(study):
     frame = expected_times(study, times_of(study, answers(study, ERRORS)))
-    found = frame.set_index(["setting", "target"])[f"expected {SAMPLES}"]
+    found = frame.set_index(["setting", "target"])[f"expected {COST_SAMPLES}"]
     assert found["default", 0.5] == 10
     assert found["default", 0.1] == (20 + 30) / 2
     assert found["Sobol points", 0.5] == 20
     assert found["Sobol points", 0.1] == (30 + 20) / 1
     assert math.isinf(found["default", 0.01])
-    seconds = frame.set_index(["setting", "target"])[f"expected {SECONDS}"]
+    seconds = frame.set_index(["setting", "target"])[f"expected {COST_SECONDS}"]
     assert seconds["Sobol points", 0.1] == 2.5
-    ratio = frame.set_index(["setting", "target"])[f"{SAMPLES}, relative to the default"]
+    ratio = frame.set_index(["setting", "target"])[f"{COST_SAMPLES}, relative to the default"]
     assert ratio["Sobol points", 0.1] == 2.0
     assert ratio["default", 0.1] == 1.0
 
@@ -88,31 +89,35 @@ def test_the_last_answers_are_what_users_would_publish(study):
     ],
 )
 def test_a_difference_is_claimed_where_the_band_leaves_one_out(ratio, word):
-    assert word in verdict(ratio, SAMPLES)
+    assert word in verdict(ratio, COST_SAMPLES)
+
+
+def sentence_on(study, errors):
+    """Return the sentence on the second setting at the compared target."""
+    default, other = times_of(study, answers(study, errors))
+    return sentence("Sobol points", other, default, study.targets.index(study.compared))
 
 
 def test_equal_runs_show_no_difference(study):
     errors = dict.fromkeys(ERRORS, ERRORS["default"] * 5)
-    times = times_of(study, answers(study, errors))
-    assert sentence(study, times[1], times[0]).count("not resolved") == 2
+    assert sentence_on(study, errors).count("not resolved") == 2
 
 
 def test_many_slower_runs_show_one(study):
     errors = {"default": [[0.05] * 3] * 10, "Sobol points": [[0.2, 0.2, 0.05]] * 10}
-    times = times_of(study, answers(study, errors))
-    assert sentence(study, times[1], times[0]).count(", more") == 2
+    assert sentence_on(study, errors).count(", more") == 2
 
 
-def test_a_report_has_all_targets_that_are_resolved_or_says_which_are_not(study, tmp_path):
-    report = AnswerReport(study, answers(study, ERRORS), "agglom …", 1000)
-    text = write_answer_report(tmp_path, report).read_text()
-    assert "resolution of 0.05: 0.01" in text
-    assert (tmp_path / "answer_searches.png").stat().st_size > 1000
-    assert {path.name for path in tmp_path.glob("*.csv")} == {
-        "answers.csv",
-        "expected_run_times.csv",
-        "last_answers.csv",
-    }
+def test_a_section_has_all_targets_that_are_resolved_or_says_which_are_not(study):
+    made = answers(study, ERRORS)
+    section = answer_section(study, made, times_of(study, made))
+    assert section.failures == ("Targets below the resolution of 0.05: 0.01.",)
+    assert [figure.name for figure in section.figures] == ["answer_searches"]
+    tables = {table.name: table for table in section.tables}
+    assert set(tables) == {"answers", "expected_run_times", "last_answers", "compared"}
+    assert len(section.conclusions) == len(tables["compared"].frame) == len(study.settings)
+    for table in tables.values():
+        assert all("| " not in row or row for row in table.rows())
 
 
 def test_labels_of_a_figure_do_not_overlap(study):
@@ -122,7 +127,8 @@ def test_labels_of_a_figure_do_not_overlap(study):
     many = study._replace(settings=tuple(settings))
     made = answers(many, dict.fromkeys(names, ERRORS["default"]))
     figure = Figure(figsize=(9.0, 7.4), dpi=110, layout="constrained")
-    draw_factor(figure, times_of(many, made), many, "Λ above its floor")
+    times = dict(zip(names, times_of(many, made), strict=True))
+    draw_factor(figure, times, many.targets, "Λ above its floor")
     figure.draw_without_rendering()
     [legend] = figure.legends
     box = legend.get_window_extent()
@@ -138,8 +144,8 @@ def test_labels_of_a_figure_do_not_overlap(study):
 def test_shares_of_a_figure_rise_to_those_of_the_runs(study):
     figure = Figure()
     times = times_of(study, answers(study, ERRORS))
-    draw_factor(figure, times, study, "Λ")
+    draw_factor(figure, dict(zip(ERRORS, times, strict=True)), study.targets, "Λ")
     for line, each in zip(figure.axes[0].lines[::2], times, strict=True):
         shares = np.asarray(line.get_ydata(), float)
         assert (np.diff(shares) >= 0).all()
-        assert shares[-1] == each.samples.share([1e9])[0]
+        assert shares[-1] == each[COST_SAMPLES].share([1e9])[0]

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from campaign_runs import finish, write_campaign
 
-from agglom_mpi.accuracy.answer_runs import (
+from agglom_mpi.accuracy.answer.runs import (
     AnswerRun,
     ProcessorClock,
     history_of,
     processor_seconds,
 )
-from agglom_mpi.accuracy.answer_sets import until
+from agglom_mpi.accuracy.answer.sets import until
 from agglom_mpi.config.answer_study import Setting
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.yaml_source import parse

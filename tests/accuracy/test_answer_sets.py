@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from accuracy_rows import made_up
 
-from agglom_mpi.accuracy.answer_sets import (
+from agglom_mpi.accuracy.answer.errors import fresh_setups
+from agglom_mpi.accuracy.answer.sets import (
     CLEAR_ERRORS,
     ClearMembership,
     MembershipStudy,
@@ -14,7 +15,6 @@ from agglom_mpi.accuracy.answer_sets import (
     box_points,
     true_set,
 )
-from agglom_mpi.accuracy.fresh_estimates import fresh_setups
 from agglom_mpi.config.answer_study import load_answer_study
 from agglom_mpi.search.stopping import EnsembleState
 

@@ -7,16 +7,15 @@ import pytest
 from accuracy_rows import made_up
 from goals import growth_target, maximum_growth
 
-from agglom_mpi.accuracy.fresh_estimates import (
+from agglom_mpi.accuracy.answer.errors import (
     BOUND_ERRORS,
-    Floor,
-    FreshEstimates,
     estimate_of,
     first_fresh_sample,
     floor_of,
     fresh_setups,
     upper_bound,
 )
+from agglom_mpi.accuracy.study import Study
 from agglom_mpi.config.answer_study import load_answer_study
 from agglom_mpi.statistics import MeanEstimate
 
@@ -46,7 +45,7 @@ def test_strings_are_estimated_in_the_scene_of_the_question(study):
 
 def test_other_strings_or_samples_are_another_study(study):
     def sha(strings, of):
-        return FreshEstimates(of.question, fresh_setups(of, strings)).sha256()
+        return Study(of.question, fresh_setups(of, strings), None).sha256()
 
     centre, lower = (study.question.parameters(fill=fill) for fill in ("centre", "lower"))
     found = {
@@ -69,12 +68,12 @@ def test_an_estimate_is_the_objective_of_the_samples():
 def test_a_string_whose_samples_fail_is_worth_nothing():
     rows = made_up(np.full(20, 2.0), failed=range(3))
     assert estimate_of(growth_target(2.0), rows).value == math.inf
-    assert upper_bound(estimate_of(growth_target(2.0), rows), Floor(0.0, 0.0)) == math.inf
+    assert upper_bound(estimate_of(growth_target(2.0), rows), MeanEstimate(0.0, 0.0, 0)) == math.inf
     assert estimate_of(growth_target(2.0), made_up(np.full(20, 2.0), failed=[1])).value == 0.0
 
 
 def test_the_floor_of_a_target_is_zero():
-    assert floor_of(growth_target(2.0), [made_up([3.0, 3.1])]) == Floor(0.0, 0.0)
+    assert floor_of(growth_target(2.0), [made_up([3.0, 3.1])]) == MeanEstimate(0.0, 0.0, 0)
 
 
 def test_the_floor_of_a_maximum_is_not_the_luckiest_estimate():
@@ -98,20 +97,20 @@ def test_luck_reaches_a_target_as_rarely_as_its_bound_states():
     objective, inside = growth_target(2.0), 0
     for _ in range(trials):
         rows = made_up(2.0 * (1.0 + target) + random.normal(0.0, 0.2, 200))
-        inside += upper_bound(estimate_of(objective, rows), Floor(0.0, 0.0)) <= target
+        inside += upper_bound(estimate_of(objective, rows), MeanEstimate(0.0, 0.0, 0)) <= target
     share = inside / trials
     # Of 200 samples, t and normal quantiles differ by less than 0.001 in probability.
     assert abs(share - 0.05) < 4 * math.sqrt(0.05 * 0.95 / trials) + 0.001
 
 
 def test_a_bound_lies_above_the_floor_by_its_errors():
-    bound = upper_bound(MeanEstimate(0.7, 0.01, 100), Floor(0.6, 0.0))
+    bound = upper_bound(MeanEstimate(0.7, 0.01, 100), MeanEstimate(0.6, 0.0, 0))
     assert bound == pytest.approx(0.1 + 0.01 * BOUND_ERRORS)
 
 
 def test_kernels_are_those_of_one_scene(study):
     centre, lower = (study.question.parameters(fill=fill) for fill in ("centre", "lower"))
-    estimates = FreshEstimates(study.question, fresh_setups(study, [centre, lower]))
+    estimates = Study(study.question, fresh_setups(study, [centre, lower]), None)
     [(setup, string)] = estimates.kernel_cases()
     assert setup.campaign.scene == study.question.scene
     assert string.tobytes() == centre.tobytes()

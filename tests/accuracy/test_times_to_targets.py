@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from agglom_mpi.accuracy.times_to_targets import TimesToTargets, cost_to
+from agglom_mpi.accuracy.answer.times_to_targets import TimesToTargets, cost_to
 
 INF = math.inf
 

@@ -22,7 +22,9 @@ from agglom_mpi.analysis.selection_bias import selection_bias
 from agglom_mpi.cli import main
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import OUTCOME
+from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.storage.reader import read_campaign
+from agglom_mpi.verbs.simulate import simulate
 
 COMMON = "\n  common_configurations: true"
 
@@ -109,9 +111,9 @@ def common(tmp_path_factory):
 def test_fresh_samples_have_common_configurations_too(common):
     assert_fresh_are_those_of_the_best(common, common.with_suffix(".yaml"), 4, 12)
     campaign = load_campaign(str(common.with_suffix(".yaml")))
-    space = campaign.variables.space()
+    space = SearchSpace.of(campaign.variables)
     near = space.from_unit(np.outer([0.5, 0.5 + 1e-13], np.ones(space.dimensions)))
-    one, other = (campaign.simulate(string, 12).mean_radius_ratio for string in near)
+    one, other = (simulate(campaign, string, 12).mean_radius_ratio for string in near)
     assert near[0].tobytes() != near[1].tobytes()
     assert one == pytest.approx(other, rel=1e-6)
 

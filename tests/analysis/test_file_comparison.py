@@ -29,7 +29,7 @@ def file_of(folder, name, objectives, seed=1, changed=("", "")):
     count = len(objectives)
     parameters = np.full((count, 10), 2.0)
     with CampaignWriter(path) as writer:
-        writer.log.begin_leg(leg_start(1, ""))
+        writer.log.begin_leg(**leg_start(1, ""))
         none = np.full((count, 2), -1)
         writer.put_strings(0, 0, np.arange(count), np.zeros(count, int), none, parameters)
         for string, objective in enumerate(objectives):

@@ -30,6 +30,7 @@ from agglom_mpi.runtime import sample_runner
 from agglom_mpi.search.objectives.moment_targets import MomentTarget
 from agglom_mpi.statistics import MeanEstimate
 from agglom_mpi.storage.reader import read_campaign
+from agglom_mpi.verbs.estimate import estimate as estimate_of_string
 
 ULP = np.finfo(np.float64).eps
 RULE = "{rule: successive_difference, quantity: objective, tolerance: 5e-4, max_samples: 5}"
@@ -125,7 +126,7 @@ def test_an_estimate_takes_rounding_for_0(monkeypatch):
     monkeypatch.setattr(
         growth_objectives.GrowthTarget, "of_ensemble", lambda self, outcomes: (2.0 * ULP, ULP)
     )
-    objective = campaign.estimate({}, samples=2).objective
+    objective = estimate_of_string(campaign, {}, samples=2).objective
     assert (objective.value, objective.error) == (0.0, 0.0)
 
 

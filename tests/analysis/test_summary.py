@@ -14,8 +14,8 @@ from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import prepare
 from agglom_mpi.runtime.provenance import leg_start
 from agglom_mpi.search.decisions import GenerationSummary
-from agglom_mpi.storage.lock import CampaignLock
-from agglom_mpi.storage.reader import KILLED, read_campaign
+from agglom_mpi.storage.lock import KILLED, CampaignLock
+from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.schema import RESULTS, sample_dtype
 from agglom_mpi.storage.table import checksums, make_row
 from agglom_mpi.storage.writer import CampaignWriter
@@ -57,7 +57,7 @@ def begun(path):
     parameters = np.full((5, 10), 2.0)
     parameters[:, 9] = np.nan
     with CampaignWriter(path) as writer:
-        writer.log.begin_leg(leg_start(1, ""))
+        writer.log.begin_leg(**leg_start(1, ""))
         writer.set_status("running")
         writer.put_strings(0, 0, np.arange(5), np.zeros(5, int), np.full((5, 2), -1), parameters)
         rows = np.zeros(12, sample_dtype)
@@ -84,7 +84,7 @@ def test_a_run_that_was_killed_is_stopped_and_one_that_has_the_lock_is_not(begun
     assert (summary.state, summary.reason) == ("stopped", KILLED)
     assert open_campaign(begun).status().state == "stopped"
     with CampaignWriter(begun) as writer:
-        writer.log.begin_leg(leg_start(2, "", database="parallel"))
+        writer.log.begin_leg(**leg_start(2, "", database="parallel"))
         writer.set_status("running")
     assert collect_summary(read_campaign(begun)).state == "running", "it may have no lock"
 

@@ -16,6 +16,7 @@ import pytest
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.simulation.engines import AdaptiveSteps, EventDriven, FixedSteps
 from agglom_mpi.variables import TEN
+from agglom_mpi.verbs.simulate import simulate
 
 JOBS = Path(__file__).parents[2] / "jobs"
 
@@ -60,8 +61,8 @@ def engines(end_time):
 
 def growth(campaign, values, samples, engine):
     """Mean b/b0 of each sample, and the median of their processor times in ms."""
-    campaign.simulate(values, 0, engine)
-    outcomes = [campaign.simulate(values, k, engine) for k in range(samples)]
+    simulate(campaign, values, 0, engine)
+    outcomes = [simulate(campaign, values, k, engine) for k in range(samples)]
     ratios = np.array([outcome.mean_radius_ratio for outcome in outcomes])
     return ratios, statistics.median(outcome.cpu_seconds for outcome in outcomes) * 1e3
 

@@ -15,6 +15,7 @@ import pytest
 
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.random_streams import sample_stream
+from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.simulation.sample import simulate_scene
 from agglom_mpi.variables import TEN
 
@@ -29,7 +30,7 @@ DISTANCES = (1e-3, 0.01, 0.1)
 
 def strings_near(campaign, optimum, distance, count):
     """Strings uniform in the cube around one, shape (count, 10), within the box."""
-    space = campaign.variables.space()
+    space = SearchSpace.of(campaign.variables)
     [centre] = space.to_unit(campaign.parameters(dict(zip(TEN.names, optimum, strict=False)))[None])
     rng = np.random.default_rng(7)
     moves = distance * rng.uniform(-1.0, 1.0, (count, space.dimensions))

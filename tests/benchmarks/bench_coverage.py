@@ -14,13 +14,14 @@ import pytest
 from bench_bias import ROWS
 from goals import growth_target, maximum_growth, moment_targets
 
-from agglom_mpi.accuracy.resampling import at_stop, run_paths, stop
+from agglom_mpi.accuracy.time_integration.stopping_study import at_stop, run_paths, stop
 from agglom_mpi.analysis.estimates import interval
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import summaries
 from agglom_mpi.search.objectives.moment_targets import MomentTarget
 from agglom_mpi.statistics import t_95
 from agglom_mpi.variables import TEN
+from agglom_mpi.verbs.simulate import simulate
 
 JOBS = Path(__file__).parents[2] / "jobs"
 SIZES = {"accretion_2003": 20_000, "agglomeration_2004": 4000}
@@ -32,7 +33,7 @@ MOMENT_SAMPLES, MOMENT_REPEATS = (30, 100, 300), 4000
 
 def pool_of(campaign, job, size):
     values = dict(zip(TEN.names, ROWS[job][0], strict=False))
-    records = [campaign.simulate(values, sample).record for sample in range(size)]
+    records = [simulate(campaign, values, sample).record for sample in range(size)]
     return np.array(records)
 
 

@@ -30,6 +30,7 @@ from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.inference.data_posterior import data_posterior, posterior_of
 from agglom_mpi.inference.string_values import pseudo_values
 from agglom_mpi.storage.reader import read_campaign
+from agglom_mpi.verbs.simulate import simulate
 
 MEASURE = Path(__file__).parents[2] / "jobs" / "measured" / "measure.py"
 MEASUREMENTS, COUNTED, TRUE_SAMPLES = 20, 500, 300
@@ -45,7 +46,7 @@ DEGREES = (3, 4)
 def predicted(emulated, string, samples):
     """Return pseudo-values of new samples of a string, (samples, Q)."""
     campaign, numbers = emulated.box.campaign, range(FIRST_SAMPLE, FIRST_SAMPLE + samples)
-    censuses = [campaign.simulate(string, k).measured.census for k in numbers]
+    censuses = [simulate(campaign, string, k).measured.census for k in numbers]
     census = campaign.measured_at(campaign.parameters(string)).census(censuses)
     return pseudo_values(census, emulated.data)
 
@@ -60,6 +61,7 @@ def measured_anew(emulated, values, random):
         else:
             made.append(random.normal(values[rows], np.sqrt(np.diag(datum.covariance))))
     other = copy.copy(emulated)
+    other.__dict__.pop("_nearest", None)  # of other data
     all_values = np.concatenate(made)
     other.measured = emulated.numbers_of(all_values)
     framed = all_values @ emulated.frame.basis - emulated.centre

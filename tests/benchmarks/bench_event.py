@@ -34,6 +34,7 @@ from agglom_mpi.simulation.particles import (
 from agglom_mpi.simulation.sample import place_grains
 from agglom_mpi.simulation.scene import Scene, new_engine_state, run_to_end
 from agglom_mpi.variables import TEN
+from agglom_mpi.verbs.simulate import simulate
 
 ENGINE = EventDriven.Numbers(100_000)
 HALF = 0.01
@@ -342,11 +343,11 @@ def named(row):
 
 def many_samples(campaign, parameters, engine):
     """Return outcomes of samples for about three seconds, but of 20 to 1000."""
-    campaign.simulate(parameters, 0, engine)
+    simulate(campaign, parameters, 0, engine)
     found = []
     begin = time.perf_counter()
     while len(found) < 20 or (time.perf_counter() - begin < 3.0 and len(found) < 1000):
-        found.append(campaign.simulate(parameters, len(found), engine))
+        found.append(simulate(campaign, parameters, len(found), engine))
     return found
 
 

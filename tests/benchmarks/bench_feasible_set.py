@@ -42,6 +42,7 @@ from agglom_mpi.inference import feasible_set
 from agglom_mpi.inference.feasible_set import FeasibleSet
 from agglom_mpi.outcome import OUTCOME
 from agglom_mpi.random_streams import sample_stream
+from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.simulation.sample import simulate_scene
 from agglom_mpi.storage.reader import read_campaign
 
@@ -166,7 +167,7 @@ def known_truth(name, jobs, folder):
 
 def truth_of(name, jobs):
     campaign, question = Campaign.from_text(campaign_text(name, 1, 32)), QUESTIONS[name]
-    space, coordinates = campaign.variables.space(), coordinates_of(campaign)
+    space, coordinates = SearchSpace.of(campaign.variables), coordinates_of(campaign)
     criterion = campaign.objective.criterion(question.tolerance)
     units = qmc.Sobol(space.dimensions, seed=99).random(question.points)
     strings = space.from_unit(units)

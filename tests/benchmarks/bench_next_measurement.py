@@ -62,6 +62,7 @@ def simulated(emulated, strings, random):
 def with_value(emulated, value):
     """Return the emulator of all data with another value of the last one."""
     other = copy.copy(emulated)
+    other.__dict__.pop("_nearest", None)  # of other data
     other.frame = copy.copy(emulated.frame)
     other.frame.measured = emulated.frame.measured.copy()
     other.frame.measured[emulated.frame.rows[-1]] = value

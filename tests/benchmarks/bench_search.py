@@ -20,6 +20,7 @@ from agglom_mpi.random_streams import sample_stream
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.search.decisions import GenerationSummary
 from agglom_mpi.search.ensemble import Ensemble
+from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.simulation.sample import simulate_scene
 
 JOBS = Path(__file__).parents[2] / "jobs"
@@ -133,7 +134,7 @@ def searched_by_pymoo(name, seed, samples):
     from pymoo.problems.static import StaticProblem
 
     of = campaign(name, seed)
-    space, ensemble = of.variables.space(), of.ensemble
+    space, ensemble = SearchSpace.of(of.variables), of.ensemble
     problem = Problem(n_var=space.dimensions, n_obj=1, xl=0.0, xu=1.0)
     algorithm = GA(pop_size=20)
     algorithm.setup(problem, termination=NoTermination(), seed=seed, verbose=False)

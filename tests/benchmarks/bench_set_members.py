@@ -35,7 +35,7 @@ def scores(found, members):
     """Mean P of members, how many are, coverage of 90 % intervals, and the mean z-score."""
     emulated = found.emulated
     strings = found.points.draw(emulated, members, np.random.default_rng(0))
-    _, mean, deviation, _ = emulated.known(strings)
+    mean, deviation = emulated.mean(strings)[:, 0], emulated.deviation(strings)[:, 0]
     campaign = emulated.box.campaign
     values = [simulated(campaign, s, FRESH, SAMPLES)["mean_radius_ratio"] for s in strings]
     true = np.mean(values, axis=1)

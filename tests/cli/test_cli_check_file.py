@@ -13,7 +13,8 @@ from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.storage.compact import write_compact
 from agglom_mpi.storage.create import enlarge_campaign_file
 from agglom_mpi.storage.reader import read_campaign
-from agglom_mpi.storage.schema import FORMAT_VERSION, table_schemas
+from agglom_mpi.storage.room import TableSizes
+from agglom_mpi.storage.schema import FORMAT_VERSION
 from agglom_mpi.storage.table import Table
 
 TABLES = ("strings", "results", "samples", "generations")
@@ -390,7 +391,7 @@ def test_a_campaign_file_is_known_by_its_content(agglom, copy):
 
 def test_every_table_is_read_or_known_to_have_no_checksum(copy):
     with h5py.File(copy, "r") as file:
-        tables = table_schemas(file.attrs)
+        tables = TableSizes.of(file.attrs).tables()
     assert {table.name for table in tables if table.final} == {*TABLES, "legs", "failures"}
 
 

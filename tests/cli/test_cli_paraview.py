@@ -18,6 +18,7 @@ from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.report import paraview as module
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.variables import TEN
+from agglom_mpi.verbs.simulate import simulate
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +34,7 @@ def simulated(string, sample, frames):
     """Return the frames of a sample of the tiny campaign."""
     row = read_campaign("tiny.h5").string_rows()[string]
     parameters = np.array([row[name] for name in TEN.names])
-    return load_campaign("tiny.yaml").simulate(parameters, sample, frames=frames).frames
+    return simulate(load_campaign("tiny.yaml"), parameters, sample, frames=frames).frames
 
 
 def best(path="tiny.h5"):

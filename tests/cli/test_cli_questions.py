@@ -9,6 +9,7 @@ from campaign_runs import environment, need_mpirun
 from processes import HANG, program
 
 from agglom_mpi.config.loading import load_campaign
+from agglom_mpi.verbs.simulate import simulate
 
 QUESTIONS = Path(__file__).parents[2] / "jobs" / "questions"
 
@@ -84,7 +85,7 @@ def test_a_powder_that_lost_half_of_its_fines_is_a_fifth_coarser_at_any_speed(tm
 @pytest.mark.slow(guard="runtime/test_quantity_runs.py")
 def test_the_readings_of_a_powder_are_what_a_granulometer_measures(tmp_path):
     campaign = load_campaign(QUESTIONS / "fines.yaml", allow_code=True)
-    outcome = campaign.simulate({}, 0)
+    outcome = simulate(campaign, {}, 0)
     radii = outcome.radii
     assert outcome.quantities["rate"] == outcome.collisions / 5e-3
     assert 1.0 < outcome.quantities["coarsening"] < (radii**4).sum() / (radii**3).sum()

@@ -6,6 +6,7 @@ import pytest
 from campaign_runs import QUICKSTART, invert
 
 from agglom_mpi import load_campaign
+from agglom_mpi.verbs.simulate import simulate
 
 BOXES = (("[0.1, 30]", "4.3"), ("[0.4, 0.8]", "0.633"), ("[10 MPa, 200 MPa]", "67 MPa"))
 
@@ -35,7 +36,7 @@ def test_a_scene_is_checked(agglom, scene):
 def test_a_scene_is_simulated(agglom, scene):
     done = agglom("simulate", scene, "--samples", 3, "--json")
     report = json.loads(done.stdout)
-    outcomes = [load_campaign(scene).simulate({}, sample) for sample in range(3)]
+    outcomes = [simulate(load_campaign(scene), {}, sample) for sample in range(3)]
     mean = sum(outcome.mean_radius_ratio for outcome in outcomes) / 3
     assert done.exit_code == 0
     assert report["measured"]["mean_radius_ratio"]["mean"] == pytest.approx(mean, rel=1e-14)

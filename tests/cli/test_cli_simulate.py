@@ -9,13 +9,13 @@ from path_campaigns import COLD, COLD_VARIABLES, text_of
 
 from agglom_mpi import load_campaign
 from agglom_mpi.analysis import resimulation
-from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.config.simulate import changes_until
 from agglom_mpi.outcome import COLUMNS
 from agglom_mpi.report import simulate as module
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.schema import FORMAT_VERSION
 from agglom_mpi.variables import TEN
+from agglom_mpi.verbs.estimate import estimate as estimated
+from agglom_mpi.verbs.simulate import changes_until, simulate
 
 
 def test_a_string_is_averaged_over_samples(agglom):
@@ -23,7 +23,7 @@ def test_a_string_is_averaged_over_samples(agglom):
     assert done.exit_code == 0
     report = json.loads(done.stdout)
     campaign = load_campaign("tiny.yaml")
-    outcomes = [campaign.simulate({"hardness": 67e6}, sample) for sample in range(4)]
+    outcomes = [simulate(campaign, {"hardness": 67e6}, sample) for sample in range(4)]
     mean = sum(outcome.mean_radius_ratio for outcome in outcomes) / 4
     assert report["samples"] == 4
     assert report["measured"]["mean_radius_ratio"]["mean"] == pytest.approx(mean, rel=1e-14)
@@ -162,7 +162,7 @@ def test_a_sample_that_fails_is_told_by_the_exit_code(agglom, monkeypatch):
     def fail(*arguments):
         raise RuntimeError("sample 0 failed: non-finite state")
 
-    monkeypatch.setattr("agglom_mpi.config.campaign.Campaign.simulate", fail)
+    monkeypatch.setattr(module, "simulate", fail)
     done = agglom("simulate", "tiny.yaml")
     assert (done.exit_code, done.stdout) == (1, "sample 0 failed: non-finite state\n")
     done = agglom("simulate", "tiny.yaml", "--json")
@@ -170,14 +170,12 @@ def test_a_sample_that_fails_is_told_by_the_exit_code(agglom, monkeypatch):
 
 
 def test_a_few_samples_that_fail_are_left_out_and_counted(agglom, monkeypatch):
-    simulate = Campaign.simulate
-
-    def sometimes(self, parameters, sample=0, engine=None, frames=None):
+    def sometimes(campaign, parameters, sample=0, engine=None, frames=None):
         if sample in (0, 2):
             raise RuntimeError(f"sample {sample} failed: non-finite state")
-        return simulate(self, parameters, sample, engine, frames)
+        return simulate(campaign, parameters, sample, engine, frames)
 
-    monkeypatch.setattr(Campaign, "simulate", sometimes)
+    monkeypatch.setattr(module, "simulate", sometimes)
     done = agglom("simulate", "tiny.yaml", "--samples", 5)
     assert done.exit_code == 0
     assert "mean ± standard error over 3 samples" in done.stdout
@@ -197,7 +195,7 @@ def test_the_mean_leaves_out_samples_that_find_no_place_as_an_estimate_does(aggl
     path.write_text(text_of(scene, COLD_VARIABLES | fraction))
     words = ("simulate", path, "--samples", 60, "--json")
     done = agglom(*words)
-    report, estimate = json.loads(done.stdout), load_campaign(path).estimate({}, 60)
+    report, estimate = json.loads(done.stdout), estimated(load_campaign(path), {}, 60)
     assert done.exit_code == 0
     assert 0 < report["failed"] == estimate.failed < 60
     assert report["measured"]["merges"]["mean"] == estimate.merges.value
@@ -212,7 +210,7 @@ def test_results_of_a_crowded_box_are_warned_of(agglom, tmp_path, end_time):
     settings = [word for name in values for word in ("--set", f"{name}={values[name]}")]
     done = agglom("simulate", path, *settings, "--samples", 3)
     campaign = load_campaign(path)
-    outcomes = [campaign.simulate(values, sample) for sample in range(3)]
+    outcomes = [simulate(campaign, values, sample) for sample in range(3)]
     string = campaign.parameters(values)
     early = [changes_until(campaign, string, sample, 0.1) for sample in range(3)]
     merges = [outcome.merges for outcome in outcomes]
@@ -225,12 +223,12 @@ def test_results_of_a_crowded_box_are_warned_of(agglom, tmp_path, end_time):
 
 def test_changes_until_the_end_are_those_of_the_sample(tiny_folder):
     campaign = load_campaign(tiny_folder / "tiny.yaml")
-    string, outcome = campaign.parameters(), campaign.simulate({}, 3)
+    string, outcome = campaign.parameters(), simulate(campaign, {}, 3)
     counts = [changes_until(campaign, string, 3, share) for share in (0.0, 0.1, 0.5, 1.0)]
     assert counts == sorted(counts)
     assert counts[0] == 0
     assert counts[-1] == outcome.merges + outcome.breakups > 0
-    assert campaign.simulate({}, 3).record.tobytes() == outcome.record.tobytes()
+    assert simulate(campaign, {}, 3).record.tobytes() == outcome.record.tobytes()
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from agglom_mpi import load_campaign
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.variables import TEN
+from agglom_mpi.verbs.simulate import simulate
 
 NAMES = ["cloud.png", "cloud.svg", "evolution.png", "evolution.svg", "particles.vtkhdf"]
 
@@ -37,7 +38,7 @@ def test_a_run_of_a_campaign_is_shown(agglom, tmp_path):
     assert "result of 1 sample, without a standard error" in done.stdout
     assert done.stdout.splitlines()[-5:] == [f"{tmp_path}/run/{name}" for name in NAMES]
     assert_pictures(tmp_path / "run", 4)
-    frames = load_campaign("tiny.yaml").simulate({"hardness": 67e6}, 0, frames=4).frames
+    frames = simulate(load_campaign("tiny.yaml"), {"hardness": 67e6}, 0, frames=4).frames
     assert_shows(tmp_path / "run" / "particles.vtkhdf", frames)
 
 
@@ -51,7 +52,7 @@ def test_a_recorded_sample_is_shown_and_is_the_one_that_was_recorded(agglom, tmp
     assert_pictures(tmp_path, 9)
     row = read_campaign("tiny.h5").string_rows()[2]
     parameters = np.array([row[name] for name in TEN.names])
-    frames = load_campaign("tiny.yaml").simulate(parameters, 3, frames=12).frames
+    frames = simulate(load_campaign("tiny.yaml"), parameters, 3, frames=12).frames
     assert_shows(tmp_path / "particles.vtkhdf", frames)
 
 

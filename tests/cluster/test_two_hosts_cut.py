@@ -25,8 +25,8 @@ from processes import output_of
 from two_host_runs import GONE, OPEN_MPI, Launch
 from two_hosts import CACHES, NAMES, TwoHosts, need_two_hosts
 
-from agglom_mpi.runtime.coordinator_watch import CUT_OFF_AFTER
-from agglom_mpi.runtime.heart import BEAT_EVERY
+from agglom_mpi.runtime.silence import BEAT_EVERY
+from agglom_mpi.runtime.watches import CUT_OFF_AFTER
 
 pytestmark = pytest.mark.parallel_hdf5 if OPEN_MPI else pytest.mark.slow
 

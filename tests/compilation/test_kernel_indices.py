@@ -10,6 +10,7 @@ from numba import types
 from agglom_mpi import load_campaign
 from agglom_mpi.compilation.kernel_indices import unsigned
 from agglom_mpi.compilation.kernel_linking import COMPILER, LinkingCompiler
+from agglom_mpi.verbs.simulate import simulate
 
 JOBS = Path(__file__).parents[2] / "jobs"
 compiled = pytest.mark.skipif(
@@ -82,6 +83,6 @@ def test_no_kernel_reaches_out_of_its_arrays(scene, folder):
     path = with_escape(JOBS / f"{job}.yaml", escape, folder)
     campaign = load_campaign(path)
     string = campaign.parameters({}, fill="centre")
-    record = campaign.simulate(string, 0, engine or None, frames=2).record
+    record = simulate(campaign, string, 0, engine or None, frames=2).record
     found = record[["mean_radius_ratio", "collisions", "breakups", "steps", "energy_error"]]
     assert said_by(SAMPLES, folder, path, engine).strip() == str(found)

@@ -83,7 +83,7 @@ wanted = [(0.3 * once - rarely).sum(), (1.7 * once**2 - rarely).sum()]
 assert np.allclose([float.fromhex(number) for number in result], wanted, rtol=1e-12)
 """
 SCENE = """
-from agglom_mpi.config.loading import load_campaign
+from agglom_mpi import load_campaign
 campaign = load_campaign(sys.argv[2])
 strings = [campaign.parameters({"size_ratio": 0.6}) for _ in range(2)]
 result = [

@@ -9,6 +9,7 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import check_campaign, load_campaign
 from agglom_mpi.config.user_function import recorded_function
 from agglom_mpi.config.yaml_source import CampaignError
+from agglom_mpi.errors import CodeNotAllowedError
 from agglom_mpi.outcome import FAILED_SUMMARY
 from agglom_mpi.search.objectives.objective import Objective
 
@@ -131,8 +132,10 @@ def test_the_identity_has_units_and_function_and_a_recorded_campaign_is_the_same
     assert checked.identity() == identity
     recorded = Campaign.from_text(allowed.text, "file.h5", recorded_function(identity))
     assert recorded.sha256() == allowed.sha256()
-    assert recorded.objective.needs_code
-    assert not allowed.objective.needs_code
+    one = FAILED_SUMMARY._replace(quantities=(1.0,))
+    with pytest.raises(CodeNotAllowedError):
+        recorded.objective.influence_values([one])
+    assert allowed.objective.influence_values([one]).tolist() == [2.0]
     entries = {"law": "function", "call": "shape:worth", "quantities": {"loss": "kg"}}
     objective = Objective.of_entries(entries | {"of_means": "shape:value"})
     assert objective.entries() == recorded.objective.entries()
@@ -151,7 +154,6 @@ def test_the_order_of_the_names_does_not_matter(written):
 
 def test_a_campaign_with_its_functions_can_be_sent_to_other_ranks(written):
     sent = pickle.loads(pickle.dumps(load_campaign(written, allow_code=True)))
-    assert not sent.objective.needs_code
     one = FAILED_SUMMARY._replace(quantities=(1.0,))
     assert sent.objective.influence_values([one]).tolist() == [2.0]
 

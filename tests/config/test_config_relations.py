@@ -8,7 +8,7 @@ from agglom_mpi.analysis.estimates import Estimate
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.expressions import evaluate
 from agglom_mpi.config.quantities import CONSTANTS, QUANTITIES
-from agglom_mpi.config.relation_reader import COLUMNS, MAX_ENTRIES
+from agglom_mpi.config.relations import COLUMNS, MAX_ENTRIES
 from agglom_mpi.config.searchable import check_constraints, check_searchable, log_narrow
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.physics import scales
@@ -108,7 +108,7 @@ def test_the_identity_holds_the_constraints_but_not_how_they_are_spelled():
             ["derived: {p: density + hardness}"],
             "does not fit together in 'density + hardness': 'density' is density, 'hardness' is",
         ),
-        (["derived: {p: exp(density)}"], "which has a call"),
+        (["derived: {p: exp(density)}"], "which has 'exp(density)'"),
         (["constraints: pressure < 1"], "constraints: is 'pressure < 1'; must be a list of texts"),
         (["constraints: []"], "constraints: is []; must be a list of texts like ['pressure"),
         (["constraints: [3]"], "constraints.0: is 3; must be a text like 'pressure < 0.1 * hard"),

@@ -6,6 +6,7 @@ from campaign_text import TEXT, campaign, edited
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.searchable import check_searchable
 from agglom_mpi.config.yaml_source import CampaignError
+from agglom_mpi.verbs.simulate import simulate
 
 FIXED = (
     ("  relative_speed", "  relative_speed: 3"),
@@ -158,7 +159,7 @@ def test_a_scene_beyond_what_can_be_calculated_is_refused(
     assert expected in str(caught.value)
     assert str(caught.value).startswith("campaign.yaml:")
     with pytest.raises(CampaignError) as again:
-        alone.simulate({})
+        simulate(alone, {})
     assert str(again.value) == str(caught.value)
 
 
@@ -166,7 +167,7 @@ def test_what_is_beyond_is_a_matter_of_the_string() -> None:
     loaded = campaign()
     loaded.check_scales(loaded.parameters())
     with pytest.raises(CampaignError, match=r"U/\(R theta\) is 1\.203e\+04; must be at most 600"):
-        loaded.simulate({"activation_energy": 3e7})
+        simulate(loaded, {"activation_energy": 3e7})
     timed = campaign(("  end_time", "  end_time: 1 s"))
     timed.check_scales(timed.parameters({"activation_energy": 3e7}))
 

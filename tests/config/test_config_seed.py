@@ -4,8 +4,7 @@ import pytest
 from campaign_text import TEXT
 
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.config.seeded_text import with_seed
-from agglom_mpi.config.yaml_source import CampaignError, parse
+from agglom_mpi.config.yaml_source import CampaignError, parse, with_seed
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from agglom_mpi.config.loading import campaign_of_record, load_campaign
 from agglom_mpi.config.searchable import check_searchable
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.variables import TEN
+from agglom_mpi.verbs.simulate import simulate
 
 JOBS = Path(__file__).parents[2] / "jobs"
 EVENT = {"law": "event", "budget": 20_000}
@@ -151,7 +152,7 @@ def test_impossible_parameters_are_refused(values: dict[str, float | str], expec
 
 def test_a_parameter_vector_must_have_ten_numbers() -> None:
     with pytest.raises(CampaignError, match=r"parameters: have the shape \(3,\)"):
-        campaign().simulate([1.0, 2.0, 3.0])
+        simulate(campaign(), [1.0, 2.0, 3.0])
 
 
 def test_engines_have_short_names() -> None:
@@ -241,22 +242,21 @@ def test_loading_imports_nothing_heavy() -> None:
 
 
 @pytest.mark.parametrize(
-    ("begin", "text", "both"),
+    ("begin", "text"),
     [
-        ("  temperature", "[20, 80 degC]", "[20 degC, 80 degC]"),
-        ("  temperature", "[20 degC, 353]", "[20 degC, 353 degC]"),
-        ("  temperature", "[250, 80 degF, log]", "[250 degF, 80 degF]"),
-        ("  relative_speed", "[0.05, 20 cm/s]", "[0.05 cm/s, 20 cm/s]"),
-        ("  relative_speed", "[5 cm/s, 20]", "[5 cm/s, 20 cm/s]"),
-        ("  relative_speed", "[1 mm/s, 1, log]", "[1 mm/s, 1 m/s]"),
-        ("  size_ratio", "[0.4, 80 %]", "[0.4 %, 80 %]"),
-        ("  density", "[1e99, 2 g/cm^3]", "[1e+99 g/cm^3, 2 g/cm^3]"),
+        ("  temperature", "[20, 80 degC]"),
+        ("  temperature", "[20 degC, 353]"),
+        ("  temperature", "[250, 80 degF, log]"),
+        ("  relative_speed", "[0.05, 20 cm/s]"),
+        ("  relative_speed", "[5 cm/s, 20]"),
+        ("  relative_speed", "[1 mm/s, 1, log]"),
+        ("  size_ratio", "[0.4, 80 %]"),
+        ("  density", "[1e99, 2 g/cm^3]"),
     ],
 )
-def test_a_unit_on_one_end_of_a_range_is_refused(begin: str, text: str, both: str) -> None:
-    with pytest.raises(CampaignError, match="with a unit on one end alone") as caught:
+def test_a_unit_on_one_end_of_a_range_is_refused(begin: str, text: str) -> None:
+    with pytest.raises(CampaignError, match="with a unit on one end alone"):
         campaign((begin, f"{begin}: {text}"))
-    assert str(caught.value).endswith(f"write it on both, like {both}")
 
 
 @pytest.mark.parametrize(

@@ -6,9 +6,9 @@ from campaign_text import campaign
 from path_campaigns import COLD, COLD_VARIABLES, campaign_of
 from plain_python import PLAIN_ALONE
 
-from agglom_mpi.config.simulate import random_numbers
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.variables import volume_fraction
+from agglom_mpi.verbs.simulate import random_numbers, simulate
 
 LENGTHS = [
     ("half_width", {**COLD, "half_width": None}, "[5 mm, 2 cm, log]"),
@@ -129,6 +129,6 @@ def test_a_larger_volume_has_the_text_and_the_identity_of_the_campaign():
 @PLAIN_ALONE
 def test_a_sample_of_a_larger_volume_starts_with_as_many_times_the_grains():
     own = campaign(("  end_time", "  end_time: 1e-9 s"))
-    outcome = own.in_volume(3).simulate(own.parameters())
-    assert outcome.particles == 3 * own.simulate(own.parameters()).particles
+    outcome = simulate(own.in_volume(3), own.parameters())
+    assert outcome.particles == 3 * simulate(own, own.parameters()).particles
     assert np.allclose(outcome.radii, 1.0)

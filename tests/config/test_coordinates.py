@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from agglom_mpi.config.coordinates import coordinates_of
-from agglom_mpi.config.groups import groups_of
+from agglom_mpi.config.coordinates import coordinates_of, groups_of
 from agglom_mpi.config.loading import load_campaign
+from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.variables import TEN
 
 
@@ -18,7 +18,7 @@ def three():
 
 
 def strings(campaign, count=50):
-    space = campaign.variables.space()
+    space = SearchSpace.of(campaign.variables)
     return space.from_unit(np.random.default_rng(1).random((count, space.dimensions)))
 
 

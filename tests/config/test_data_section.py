@@ -13,7 +13,7 @@ from agglom_mpi.config.loading import campaign_of_record, check_campaign, load_c
 from agglom_mpi.config.plausibility import implausible
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.declaration.reading import Reading
-from agglom_mpi.measurements.datum import QUANTITIES
+from agglom_mpi.measurements.quantities import QUANTITIES
 
 SIEVES = "Sieve (mm);Passing (%)\n1;100\n0.5;90\n0.25;60\n0.125;25\n0.053;0\n"
 DATA = """\
@@ -190,7 +190,7 @@ def test_a_datum_does_not_stand_under_two_names(first, again):
         with pytest.raises(CampaignError) as caught:
             Campaign.from_text(text)
         assert [problem.field for problem in caught.value.problems] == ["data.1"]
-        recorded = Campaign.from_text(text, "stored", None, None, Reading(recorded=True))
+        recorded = Campaign.from_text(text, "stored", None, Reading(recorded=True))
         assert len(recorded.data) == 2
 
 

@@ -4,9 +4,8 @@ import pytest
 from campaign_text import TEXT
 from ruamel.yaml import YAML
 
-from agglom_mpi.config.explanation import UnknownKeyError, below, find, topics
+from agglom_mpi.config.explanation import UnknownKeyError, below, component_kinds, find, topics
 from agglom_mpi.config.loading import load_campaign
-from agglom_mpi.config.reference import component_kinds
 from agglom_mpi.variables import PAPER_VARIABLES
 
 COMPONENTS = [topic for topic in topics().values() if topic.example]
@@ -25,7 +24,7 @@ def test_a_sentence_is_said_of_every_key(topic):
 def test_every_component_of_every_kind_is_explained():
     for key, kind in component_kinds().items():
         for name, component in kind.components().items():
-            path = (*key.split("."), name)
+            path = (*key, name)
             assert path in topics()
             hidden = (component.named_by, *component.not_in_files)
             own = [each for each in component.model_fields if each not in hidden]

@@ -12,6 +12,7 @@ from agglom_mpi.config.identity import identity
 from agglom_mpi.config.scene_paths import find_path, given_at, paths_of, with_number, with_numbers
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.physics.hardness import ArrheniusHardness, ConstantHardness
+from agglom_mpi.verbs.simulate import simulate
 
 TEXT = """\
 seed: 1
@@ -123,7 +124,7 @@ def test_numbers_that_laws_refuse_together_are_refused_inside_too():
     [found] = caught.value.problems
     assert (found.line, found.field) == (14, "variables.restitution.dry.film_thickness")
     campaign = Campaign.from_text(text(wet, more.replace("LOW", "2")))
-    path = campaign.variables.paths[0]
+    [path] = campaign.variables.of_scene
     section = with_numbers(campaign.scene, {path: 2e-6})
     assert section.restitution.dry.film_thickness == 2e-6
     with pytest.raises(ValueError, match=r"restitution\.dry\.roughness"):
@@ -153,7 +154,7 @@ def test_contacts_last_in_a_scene_where_those_of_the_inner_law_do():
     dry = "{law: constant, value: 0.5, contact_time: 1 ns}"
     campaign = Campaign.from_text(text(dry))
     assert campaign.scene.restitution.keeps_last_impact
-    outcome = campaign.simulate({"relative_speed": 1.0}, 0)
+    outcome = simulate(campaign, {"relative_speed": 1.0}, 0)
     assert outcome.collisions > 0
 
 
@@ -170,7 +171,7 @@ def test_a_law_of_ones_own_is_the_dry_one(tmp_path):
     assert campaign.scene.restitution.dry.speed == 3.0
     entries = identity(campaign)
     assert len(entries["scene.restitution.dry.source_sha256"]) == 64
-    outcome = campaign.simulate({"relative_speed": 1.0}, 0)
+    outcome = simulate(campaign, {"relative_speed": 1.0}, 0)
     assert outcome.record["momentum_error"] < 1e-12
     with pytest.raises(CampaignError) as caught:
         load_campaign(path)
@@ -183,7 +184,7 @@ def test_a_law_of_ones_own_has_another_within_it(tmp_path):
     path = write(tmp_path, own, SPEED + WRAPPER)
     campaign = load_campaign(path, allow_code=True)
     assert campaign.scene.restitution.dry.inside.value == 0.8
-    assert campaign.simulate({"relative_speed": 1.0}, 0).record["momentum_error"] < 1e-12
+    assert simulate(campaign, {"relative_speed": 1.0}, 0).record["momentum_error"] < 1e-12
 
 
 @pytest.mark.slow(guard="config/test_inner_laws.py::test_a_law_of_ones_own_is_the_dry_one")

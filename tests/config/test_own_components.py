@@ -58,7 +58,7 @@ def test_its_numbers_are_searched_by_their_paths(tmp_path):
     edits = [(", sticking: 30 cm/s", ""), ("variables: {", f"variables: {{{numbers}")]
     path = write_scene(tmp_path, SPEED, *edits)
     campaign = load_campaign(path, allow_code=True)
-    variable = campaign.variables.table["restitution.sticking"]
+    variable = campaign.variables["restitution.sticking"]
     assert (variable.unit, variable.limits.at_least) == ("m/s", 0.0)
     string = campaign.parameters({"restitution.sticking": "50 cm/s"})
     assert campaign.at(string).section.restitution.sticking == 0.5

@@ -9,6 +9,7 @@ from path_campaigns import COLD, COLD_VARIABLES, HOT, HOT_VARIABLES, campaign_of
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.variables import TEN
+from agglom_mpi.verbs.simulate import simulate
 
 FREE = COLD | {"restitution": "constant"}
 """A scene without its restitution."""
@@ -32,7 +33,7 @@ def message(scene: dict, variables: dict, more: str = "") -> str:
 def test_strings_have_the_ten_first_and_then_paths_by_name():
     variables = COLD_VARIABLES | {"restitution.value": "[0.2, 0.8]", "end_time": "[1 ms, 2 ms]"}
     campaign = campaign_of(FREE | {"end_time": None}, variables)
-    table = campaign.variables.table
+    table = campaign.variables
     assert table.names == (*TEN.names, "end_time", "restitution.value")
     assert campaign.variables.searched == ("relative_speed", "end_time", "restitution.value")
     assert campaign.parameters()[-2:] == pytest.approx([1.5e-3, 0.5])
@@ -45,7 +46,7 @@ def test_a_range_by_its_logarithm_has_its_geometric_mean_in_the_scene():
     variables = COLD_VARIABLES | {"end_time": "[1 us, 1 ms, log]", "restitution.value": "0.5"}
     campaign = campaign_of(FREE | {"end_time": None}, variables)
     assert campaign.scene.end_time == pytest.approx(math.sqrt(1e-9), rel=1e-12)
-    assert campaign.variables.logarithmic[campaign.variables.table.index("end_time")]
+    assert campaign.variables.logarithmic[campaign.variables.index("end_time")]
     assert campaign.identity()["variables.end_time.2"] == "log"
 
 
@@ -133,7 +134,7 @@ def test_the_ends_of_ranges_fit_together(smallest, largest, wrong):
     scene = COLD | {"half_width": None, "sizes": "uniform"}
     variables = COLD_VARIABLES | {"sizes.smallest": smallest, "sizes.largest": largest}
     if wrong is None:
-        assert campaign_of(scene, variables).variables.paths
+        assert campaign_of(scene, variables).variables.of_scene
     else:
         assert [field for field, _ in problems(scene, variables)] == [f"variables.{wrong}"]
 
@@ -173,7 +174,7 @@ def test_a_constraint_may_exclude_what_does_not_fit():
     more = "constraints: [sizes.largest > 1.2 * sizes.smallest]\n"
     campaign = campaign_of(scene, variables, more=more)
     strings = campaign.space().sample(np.random.default_rng(0))
-    assert strings[campaign.variables.table.index("sizes.largest")] > 36e-6
+    assert strings[campaign.variables.index("sizes.largest")] > 36e-6
 
 
 def test_sizes_that_jam_at_an_end_are_refused():
@@ -229,9 +230,9 @@ def test_start_and_values_by_name_take_paths():
     whole = campaign.parameters()
     whole[-1] = 1.5
     with pytest.raises(CampaignError, match=r"restitution\.value"):
-        campaign.simulate(whole)
+        simulate(campaign, whole)
     with pytest.raises(CampaignError, match="12"):
-        campaign.simulate(whole[:-1])
+        simulate(campaign, whole[:-1])
 
 
 def test_expressions_name_paths():

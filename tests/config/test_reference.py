@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from agglom_mpi.config.reference import component_kinds, component_tables, section_tables
+from agglom_mpi.config.explanation import component_kinds, component_tables, section_tables
 
 JOBS = Path(__file__).parents[2] / "jobs"
 

@@ -60,9 +60,7 @@ def test_every_field_of_every_law_is_a_path_or_refused(key, name):
         if isinstance(number, In) and key not in NUMERICAL:
             paths = [f"{path}.{i}" for i in range(len(places))] if places else [path]
             assert set(paths) <= known.keys()
-            assert [find_path(each, scene).variable.unit for each in paths] == (
-                [number.unit] * len(paths)
-            )
+            assert [find_path(each, scene).unit for each in paths] == ([number.unit] * len(paths))
         else:
             assert path not in known
             with pytest.raises(ValueError, match=r"\w"):
@@ -73,27 +71,27 @@ def test_every_field_of_every_law_is_a_path_or_refused(key, name):
 def test_a_number_that_is_put_into_a_scene_is_the_one_that_its_law_has(key, name):
     scene = scene_with(key, name)
     for path in paths_of(scene).values():
-        if path.section != key:
+        if path.place[0] != key:
             continue
-        value = allowed_value(path.variable.limits)
+        value = allowed_value(path.limits)
         entry = with_number(scene, path, value)[key]
-        assert given_at({key: entry}, path) == path.keys
+        assert given_at({key: entry}, path) == path.place
         whole = {
-            each: allowed_value(other.variable.limits)
+            each: allowed_value(other.limits)
             for other in paths_of(scene).values()
-            if other.section == key and len(other.keys) == 2
-            for each in [other.keys[1]]
+            if other.place[0] == key and len(other.place) == 2
+            for each in [other.place[1]]
             if law_of_entry(scene, key).model_fields[each].is_required()
         }
         law = law_of_entry(scene, key).recorded({**whole, **entry})
-        found = getattr(law, path.keys[1])
-        assert (found[path.keys[2]] if len(path.keys) == 3 else found) == value
+        found = getattr(law, path.place[1])
+        assert (found[path.place[2]] if len(path.place) == 3 else found) == value
 
 
 @pytest.mark.parametrize("key", SceneSection.NUMBERS)
 def test_a_length_or_the_end_time_of_a_scene_is_a_path(key):
     path = find_path(key, SCENE)
-    assert path.keys == (key,)
+    assert path.place == (key,)
     assert with_number({}, path, 0.25) == {key: 0.25}
     assert given_at(SCENE, path) == ((key,) if key in SCENE else None)
 
@@ -160,7 +158,7 @@ def test_any_text_is_a_path_or_refused(name):
 def test_a_number_stands_where_it_was_put(name, value):
     path = find_path(name, SCENE)
     found = with_number(SCENE, path, value)
-    for key in path.keys:
+    for key in path.place:
         found = found[key]
     assert found == value
 

@@ -8,8 +8,9 @@ import pytest
 from path_campaigns import COLD, COLD_VARIABLES, HOT, HOT_VARIABLES, campaign_of
 
 from agglom_mpi.config.describe import as_dict
-from agglom_mpi.config.simulate import random_numbers
 from agglom_mpi.variables import TEN, volume_fraction
+from agglom_mpi.verbs.estimate import estimate
+from agglom_mpi.verbs.simulate import random_numbers, simulate
 
 CASES = {
     "restitution.value": (COLD, COLD_VARIABLES, "[0.2, 0.9]", 0.45, {}),
@@ -89,8 +90,8 @@ def test_a_string_simulated_at_a_point_is_the_scene_with_that_number(case):
     """Strings share configurations, so that their random numbers are the same."""
     path, value, searched, _, scene, variables = case
     own = campaign_of(scene, variables, common=True)
-    one = searched.simulate({path: value}, 1)
-    other = own.simulate({}, 1)
+    one = simulate(searched, {path: value}, 1)
+    other = simulate(own, {}, 1)
     assert one.record == other.record
     assert np.array_equal(one.final.radii, other.final.radii)
 
@@ -102,7 +103,7 @@ def test_a_number_that_variables_fix_gives_the_samples_of_the_scene_that_has_it(
     _, _, _, fixed, scene, variables = case
     own = campaign_of(scene, variables)
     for sample in range(3):
-        one, other = fixed.simulate({}, sample), own.simulate({}, sample)
+        one, other = simulate(fixed, {}, sample), simulate(own, {}, sample)
         assert one.record == other.record
         assert np.array_equal(one.final.radii, other.final.radii)
 
@@ -169,7 +170,7 @@ def test_a_median_of_the_sizes_leaves_the_volume_fraction_a_size_ratio():
         "sizes.median": "[10 um, 30 um]",
     }
     campaign = campaign_of(scene, variables)
-    assert campaign.variables.table.further_names == ("sizes.median",)
+    assert campaign.variables.further_names == ("sizes.median",)
     assert campaign.variables.by_volume_fraction
 
 
@@ -182,11 +183,11 @@ def test_the_objective_of_a_string_counts_its_own_grains():
     text = campaign.text.replace("{law: growth_target, ratio: 1.5}", "maximum_growth")
     campaign = type(campaign).from_text(text)
     for spread in (1.1, 1.5):
-        outcome = campaign.simulate({"sizes.spread": spread})
+        outcome = simulate(campaign, {"sizes.spread": spread})
         most = (30.0 * math.exp(3.0 * math.log(spread) ** 2)) ** (1.0 / 3.0)
         assert outcome.objective == pytest.approx(1.0 - outcome.mean_radius_ratio / most, rel=1e-12)
-        estimate = campaign.estimate({"sizes.spread": spread}, samples=1)
-        assert estimate.objective.value == pytest.approx(outcome.objective, rel=1e-12)
+        found = estimate(campaign, {"sizes.spread": spread}, samples=1)
+        assert found.objective.value == pytest.approx(outcome.objective, rel=1e-12)
 
 
 def test_scenes_of_strings_are_kept_apart():
@@ -208,5 +209,5 @@ def test_a_law_that_refuses_its_numbers_together_is_named():
     string = campaign.parameters({"sizes.smallest": 5e-5, "sizes.largest": 4e-5})
     with pytest.raises(ValueError, match=r"sizes\.largest"):
         campaign.at(string)
-    [row] = campaign.scenes.rows(campaign.variables.table.columns_by_name(string[None]))
+    [row] = campaign.scenes.rows(campaign.variables.columns_by_name(string[None]))
     assert row is None

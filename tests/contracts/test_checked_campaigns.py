@@ -18,7 +18,7 @@ from agglom_mpi.launcher import python_command
 from agglom_mpi.physics import scales
 from agglom_mpi.runtime.invert import InvertOptions, read_request
 
-pytestmark = pytest.mark.usefixtures("few_points")
+pytestmark = pytest.mark.usefixtures("few_cases")
 
 COMPILED = pytest.mark.skipif(not runs_compiled(), reason="nothing is compiled")
 FORMULA = "deficit = 1.0 - min(1.0, (self.speed / pair.approach_speed) ** 0.25)"

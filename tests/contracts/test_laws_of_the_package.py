@@ -1,11 +1,15 @@
 """Every law of the package has the properties of its kind, or says which it breaks, and does."""
 
+import math
+
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from law_subjects import KEYS, subject_of
 
-from agglom_mpi.contracts.property_findings import Verdict
 from agglom_mpi.contracts.starts import sizes_failures
-from agglom_mpi.contracts.tested_laws import law_findings, properties_of
+from agglom_mpi.contracts.subject import Case
+from agglom_mpi.contracts.tested_laws import guarded, law_findings, properties_of
 from agglom_mpi.physics.sizes import FileSizes, LognormalSizes, Sizes, UniformSizes
 
 LAWS = [law for kind in KEYS.values() for law in kind.components().values() if not law.is_absent]
@@ -20,24 +24,47 @@ SIZES = [
 ]
 
 
-ALL = pytest.mark.slow(guard="contracts/test_laws_of_the_package.py")
-
-
-@pytest.fixture(params=["few", pytest.param("all", marks=ALL)])
-def points(request):
-    """Test at few of the random points, slowly at all of them."""
-    if request.param == "few":
-        request.getfixturevalue("few_points")
-
-
-@pytest.mark.usefixtures("points")
+@pytest.mark.usefixtures("few_cases")
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)
 def test_a_law_has_the_properties_of_its_kind_or_breaks_those_it_names(law):
     subject = subject_of(law)
     found = law_findings(subject)
-    assert {str(each) for each in found if each.verdict is Verdict.FAILS} == set()
-    assert {each.property for each in found if each.verdict is Verdict.BREAKS} == set(law.breaks)
-    assert {each.property for each in found} == {each.name for each in properties_of(subject)}
+    assert {str(each) for each in found if each.fails} == set()
+    assert {each.name for each in found if each.fault} == set(law.breaks)
+    assert {each.name for each in found} == {name for name, _ in properties_of(subject)}
+
+
+def numbers_in(interval):
+    """Return a strategy of the numbers in an interval."""
+    ends = interval.low, interval.high
+    if interval.logarithmic and ends[0] < ends[1]:
+        low, high = map(math.log, ends)
+        plain = st.floats(low, high).map(lambda log: min(max(math.exp(log), ends[0]), ends[1]))
+    else:
+        plain = st.floats(*ends)
+    if interval.whole:
+        plain = plain.map(round).map(float)
+    if interval.signed:
+        plain = plain | plain.map(lambda value: -value)
+    return plain | st.sampled_from(interval.special) if interval.special else plain
+
+
+@pytest.mark.slow(guard="contracts/test_laws_of_the_package.py")
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)
+def test_no_numbers_are_found_at_which_a_law_lacks_a_property(law):
+    subject = subject_of(law)
+    numbers = {name: numbers_in(interval) for name, interval in subject.intervals.items()}
+    promised = [(name, check) for name, check in properties_of(subject) if name not in law.breaks]
+
+    @settings(
+        max_examples=100, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck)
+    )
+    @given(st.fixed_dictionaries(numbers))
+    def holds(drawn):
+        for name, check in promised:
+            assert guarded(check, Case(subject, 0, drawn)) is None, name
+
+    holds()
 
 
 @pytest.mark.parametrize("sizes", SIZES, ids=lambda sizes: sizes.summary)

@@ -90,7 +90,7 @@ def test_an_output_that_cannot_be_is_refused(copy, output, words):
 
 def test_changed_sources_are_refused_unless_accepted(copy):
     with CampaignWriter(copy / "small.h5") as writer:
-        writer.log.begin_leg(leg_start(1, "")._replace(sources_sha256="0" * 64))
+        writer.log.begin_leg(**leg_start(1, "") | {"sources_sha256": "0" * 64})
     more = ("small.yaml", "--generations", "4")
     message = refused(copy, *more)
     assert "was computed by other simulation sources" in message

@@ -109,11 +109,10 @@ from agglom_mpi.search.objectives.objective import Objective
 from agglom_mpi.search.stopping import StoppingRule
 Objective.of_entries({"law": "growth_target", "ratio": 2.0}).of_grains(100)
 StoppingRule.of_entries({"rule": "fixed", "samples": 3})
-assert SearchMethod.recorded_in({"search.method": "surrogate"}).ranks_itself
-genetic = {"search.method": "genetic", "search.blend.0": 0.0}
-assert not SearchMethod.recorded_in(genetic).ranks_itself
-assert SearchMethod.recorded_in({**genetic, "search.more_samples": 5}).ranks_itself
-assert SearchMethod.recorded_in({"seed": 1}) is None
+assert SearchMethod.of_entries({"method": "surrogate"}).ranks_itself
+genetic = {"method": "genetic", "blend": {"0": 0.0}}
+assert not SearchMethod.of_entries(genetic).ranks_itself
+assert SearchMethod.of_entries({**genetic, "more_samples": 5}).ranks_itself
 assert not {"pydantic", "pint", "scipy"} & set(sys.modules)
 """
 

@@ -21,6 +21,7 @@ from agglom_mpi.random_streams import sample_stream
 from agglom_mpi.simulation.impact import solve_impact
 from agglom_mpi.simulation.sample import simulate_scene
 from agglom_mpi.variables import volume_fraction
+from agglom_mpi.verbs.simulate import simulate
 
 SCENES = sorted((Path(__file__).parents[2] / "jobs" / "extremes").glob("*.yaml"))
 NAMES = [path.stem for path in SCENES]
@@ -66,13 +67,13 @@ def campaign(name):
 @cache
 def outcomes(name, samples=None):
     samples = samples or (1 if name == "elastic" else SAMPLES)
-    return [campaign(name).simulate({}, sample) for sample in range(samples)]
+    return [simulate(campaign(name), {}, sample) for sample in range(samples)]
 
 
 def simulated(name, samples=SAMPLES, **changes):
     """Simulate a scene with some entries of its section changed."""
     scene = campaign(name).scene.model_copy(update=changes)
-    return [replace(campaign(name), scene=scene).simulate({}, n) for n in range(samples)]
+    return [simulate(replace(campaign(name), scene=scene), {}, n) for n in range(samples)]
 
 
 def total(name, quantity):
@@ -467,7 +468,7 @@ def test_an_aggregate_may_break_into_hundreds_of_pieces_at_once():
 
 
 def pieces_of_a_breakup(sample):
-    outcome = campaign("thousand_pieces").simulate({}, sample)
+    outcome = simulate(campaign("thousand_pieces"), {}, sample)
     if outcome.breakups == 0:
         return 0.0
     return (outcome.particles - 5000 + outcome.merges) / outcome.breakups + 1.0
@@ -519,7 +520,7 @@ def test_steps_beyond_the_mean_free_time_miss_bonds_and_leave_overlaps():
     for outcome in outcomes("coarse_steps"):
         assert outcome.steps == 10
         assert outcome.ledger["overlaps"] > 10
-    exact = [campaign("coarse_steps").simulate({}, n, engine="event") for n in range(SAMPLES)]
+    exact = [simulate(campaign("coarse_steps"), {}, n, engine="event") for n in range(SAMPLES)]
     assert total("coarse_steps", "merges") < 0.95 * sum(outcome.merges for outcome in exact)
     assert max(outcome.ledger["overlaps"] for outcome in exact) <= 2
 

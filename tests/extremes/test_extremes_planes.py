@@ -6,11 +6,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from agglom_mpi.accuracy.map_scene import map_scene
-from agglom_mpi.accuracy.planes import DEFAULT, PLANES
+from agglom_mpi.accuracy.maps.planes import DEFAULT, PLANES
+from agglom_mpi.accuracy.maps.scene import map_scene
 from agglom_mpi.accuracy.soundness import CLOSED, overlaps_part
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import REASONS, FailureReason
+from agglom_mpi.verbs.simulate import simulate
+from agglom_mpi.verbs.simulate_many import simulate_many
 
 EXAMPLES = max(1, int(os.environ.get("AGGLOM_EXTREMES_EXAMPLES", "300")) // 40)
 SHARE = st.integers(0, 1024).map(lambda k: k / 1024.0)
@@ -29,7 +31,7 @@ def assert_sound_at(scene, plane, across, up, sample):
     campaign = methods[DEFAULT]
     if plane.remedy:
         assert_ledger_closes(methods[plane.remedy], sample)
-        found = campaign.simulate_many(campaign.parameters(), first_sample=sample)
+        found = simulate_many(campaign, campaign.parameters(), first_sample=sample)
         if found.failed.any():
             assert found.reasons == {(0, 0): REASONS[FailureReason.BUDGET_EXCEEDED]}
             return
@@ -37,7 +39,7 @@ def assert_sound_at(scene, plane, across, up, sample):
 
 
 def assert_ledger_closes(campaign, sample):
-    record = campaign.simulate(campaign.parameters(), sample).record
+    record = simulate(campaign, campaign.parameters(), sample).record
     assert abs(record["energy_error"]) <= CLOSED
     assert record["capped_iterations"] == 0
     assert record["floored_temperatures"] == 0
@@ -49,7 +51,7 @@ def assert_ledger_closes(campaign, sample):
 @pytest.mark.parametrize("job", JOBS.values(), ids=JOBS)
 @pytest.mark.parametrize("name", PLANES)
 def test_the_default_method_is_sound_everywhere_in_a_plane(job, name):
-    scene = map_scene(load_campaign(job), {}, 40, 5000, False)
+    scene = map_scene(load_campaign(job), {}, 40, 5000)
 
     @settings(
         max_examples=EXAMPLES,

@@ -17,7 +17,7 @@ from agglom_mpi.cli.invert import invert_command
 from agglom_mpi.errors import FAILURE, FINISHED, UserError
 
 WORK = [
-    "agglom_mpi.config.simulate.simulate",
+    "agglom_mpi.verbs.simulate.simulate",
     "agglom_mpi.doctor.checks.run_checks",
     "agglom_mpi.planning.plan.pilot_samples",
     "agglom_mpi.report.page.write_report",

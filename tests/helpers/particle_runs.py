@@ -8,6 +8,7 @@ from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.variables import TEN
+from agglom_mpi.verbs.simulate import simulate
 
 COUNT, STRINGS, SAMPLES = 5, 3, 2
 FRAMES = f"frames: {{count: {COUNT}, strings: {STRINGS}, samples: {SAMPLES}}}"
@@ -43,11 +44,11 @@ def assert_particles_are_those_of_the_samples(path, campaign_path):
         pair = int(row["string"]), int(row["sample"])
         if (final := file.particles.final(*pair)) is not None:
             assert row["state"] == COMPLETED
-            assert_same_arrays(final, campaign.simulate(parameters[pair[0]], pair[1]).final)
+            assert_same_arrays(final, simulate(campaign, parameters[pair[0]], pair[1]).final)
             assert len(final.radii) == row["particles"]
             kept.append(pair)
     for string, sample in file.particles.framed():
-        outcome = campaign.simulate(parameters[string], sample, frames=COUNT)
+        outcome = simulate(campaign, parameters[string], sample, frames=COUNT)
         found = file.particles.frames(string, sample)
         # A kill may have come between two pictures of a sample.
         taken = np.isin(outcome.frames.times, found.times)

@@ -6,6 +6,7 @@ from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import COLUMNS
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.variables import TEN
+from agglom_mpi.verbs.simulate import simulate
 
 FREE = {"seconds", "cpu_seconds", "finished", "rank", "crc"}
 
@@ -41,6 +42,6 @@ def assert_fresh_are_those_of_the_best(path, campaign_path, strings, samples):
     known = {int(row["string"]): row for row in file.string_rows()}
     for row in rows:
         parameters = np.array([known[int(row["string"])][name] for name in TEN.names])
-        record = campaign.simulate(parameters, int(row["sample"])).record
+        record = simulate(campaign, parameters, int(row["sample"])).record
         for column in COLUMNS:
             assert row[column.name].tobytes() == record[column.name].tobytes()

@@ -1,16 +1,15 @@
 """A small campaign file and rows whose content follows from their numbers."""
 
+import json
 from pathlib import Path
 
 import numpy as np
 
 from agglom_mpi.config.identity import digest
-from agglom_mpi.storage.create import CampaignRecord, create_campaign_file
+from agglom_mpi.storage.create import create_campaign_file
 from agglom_mpi.storage.room import TableSizes
-from agglom_mpi.storage.run_log import LegStart
 from agglom_mpi.storage.schema import RESULTS, sample_dtype
 from agglom_mpi.storage.table import make_row, sealed
-from agglom_mpi.storage.writer import GenerationRow
 
 STRINGS, MAX_SAMPLES, GENERATIONS, POPULATION = 40, 100, 5, 6
 LOWER = np.array([0.1, 0.4, 1e3, 1e7, 10.0, 0.01, 273.0, 10.0, 5e6, np.nan])
@@ -21,19 +20,20 @@ TEXT = "title: grünes Korn\n" + "# a long remark\n" * 8000
 def make(path: Path, **changes: object) -> Path:
     identity = {"particles": 100, "box": [0.1, 30.0]}
     given = {
-        "text": TEXT,
-        "sha256": digest(changes.get("identity", identity)),
-        "identity": identity,
+        "campaign": changes.pop("text", TEXT),
+        "campaign_sha256": digest(changes.get("identity", identity)),
+        "identity": json.dumps(changes.pop("identity", identity), sort_keys=True),
         "seed": 2**62 + 1,
         "title": "grünes Korn",
         "code_version": "0.1.0",
         "sources_sha256": "s" * 64,
-        "lower": LOWER,
-        "upper": UPPER,
+        "purpose": "inversion",
+        **changes.pop("own", {}),
     }
-    of_record = {name: changes.pop(name) for name in CampaignRecord._fields if name in changes}
-    record = CampaignRecord(**(given | of_record))
-    create_campaign_file(path, record, table_room(STRINGS, GENERATIONS)._replace(**changes))
+    given |= {name: changes.pop(name) for name in given.keys() & changes.keys()}
+    box = changes.pop("lower", LOWER), changes.pop("upper", UPPER)
+    sizes = table_room(STRINGS, GENERATIONS)._replace(**changes)
+    create_campaign_file(path, given, box, sizes)
     return path
 
 
@@ -84,8 +84,8 @@ def put_result(writer, string: int, objective: float, used: int = 10, failed: in
 
 
 def put_generation(writer, generation: int) -> None:
-    row = GenerationRow(
-        generation=generation,
+    writer.put_generation(
+        generation,
         best_string=3,
         best_objective=0.25,
         best_standard_error=0.01,
@@ -98,11 +98,10 @@ def put_generation(writer, generation: int) -> None:
         population=np.arange(POPULATION)[::-1],
         digest=2**64 - 1,
     )
-    writer.put_generation(row)
 
 
 def begin_leg(writer, started: float = 1e9) -> int:
-    start = LegStart(
+    return writer.log.begin_leg(
         started=started,
         ranks=4,
         nodes=2,
@@ -112,6 +111,6 @@ def begin_leg(writer, started: float = 1e9) -> int:
         code_version="0.1.0",
         sources_sha256="s" * 64,
         git_revision="a" * 40,
-        versions={"python": "3.11.7", "mpi": "MPICH " + "x" * 100},
+        python="3.11.7",
+        mpi="MPICH " + "x" * 100,
     )
-    return writer.log.begin_leg(start)

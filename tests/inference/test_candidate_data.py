@@ -5,14 +5,13 @@ import math
 import pytest
 
 from agglom_mpi.inference.candidate_data import (
-    ASSUMED_RELATIVE_ERROR,
-    AssumedError,
     assumed_error,
     quantities_to_measure,
     read_errors,
     repeated,
 )
-from agglom_mpi.measurements.datum import QUANTITIES, Datum
+from agglom_mpi.measurements.datum import Datum
+from agglom_mpi.measurements.quantities import QUANTITIES, AssumedError, MeasuredQuantity
 
 TIMES = 2e-3, None
 TEMPERATURE = Datum.of_value("temperature", 400.0, 3.0)
@@ -70,7 +69,7 @@ def test_errors_are_those_of_the_same_kind_unless_they_are_stated():
     data = TEMPERATURE, MEDIAN, Datum.of_value("d90", 2e-4, 4e-6)
     assert assumed_error("d32", data, {}) == (pytest.approx(0.03), True)  # of 4 and 2 %
     assert assumed_error("temperature", data, {}) == (3.0, False)
-    assert assumed_error("spread", data, {}) == (ASSUMED_RELATIVE_ERROR, True)
+    assert assumed_error("spread", data, {}) == MeasuredQuantity.assumed_error
     assert assumed_error("temperature", (), {}).is_relative is False
     stated = {"d32": AssumedError(1e-6, is_relative=False)}
     assert assumed_error("d32", data, stated).at(5e-4) == 1e-6

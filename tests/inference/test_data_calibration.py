@@ -6,6 +6,7 @@ from toy_posteriors import linear_emulator, measurements
 
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.inference import data_calibration
+from agglom_mpi.inference.calibration import Region
 from agglom_mpi.inference.data_calibration import DataCalibration, calibrate_posterior
 from agglom_mpi.inference.data_posterior import posterior_of
 
@@ -22,7 +23,7 @@ def posterior(tmp_path_factory):
 
 
 def calibration(ranks=EVEN, held_out=0.9, size=300.0):
-    return DataCalibration(NAMES, ranks, size, held_out, 50)
+    return DataCalibration(NAMES, ranks, size, Region("near", 50, held_out, 1.0))
 
 
 def test_ranges_of_a_toy_hold_the_truth_as_often_as_they_claim(posterior):

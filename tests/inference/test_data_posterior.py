@@ -9,17 +9,14 @@ from toy_posteriors import correlated, linear_emulator, measurements
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.inference import data_calibration
 from agglom_mpi.inference.data_emulator import log_densities
-from agglom_mpi.inference.data_posterior import (
-    DataPosterior,
-    data_posterior,
-    posterior_of,
-)
-from agglom_mpi.inference.mean_posterior import MeasuredMean
-from agglom_mpi.inference.membership import KnownStrings
+from agglom_mpi.inference.data_posterior import data_posterior, posterior_of
+from agglom_mpi.inference.emulated_box import EmulatedStrings
+from agglom_mpi.inference.measured_mean import MeasuredMean
 from agglom_mpi.inference.posterior import PosteriorError
 from agglom_mpi.inference.posterior_sampling import BoxPart
 from agglom_mpi.measurements.datum import Datum
 from agglom_mpi.measurements.misfit import UNLIKELY
+from agglom_mpi.search.criteria import Band
 from agglom_mpi.storage.reader import read_campaign
 
 SLOPES = np.array([[1.0, 0.0], [1.0, 1.0], [0.5, -0.5]])
@@ -88,8 +85,7 @@ def test_measurements_that_are_made_up_have_the_stated_covariance(tmp_path):
     of = linear_emulator(tmp_path, SLOPES, data, noise=1e-4)
     count, random = 4000, np.random.default_rng(1)
     strings = np.repeat(of.box.even_strings(1), count, axis=0)
-    posterior = DataPosterior(of, None, None)
-    draws = np.hstack(posterior.predicted(random).measurements(strings, False))
+    draws = np.hstack(of.measurements(strings, random, given=False))
     kept = of.frame.basis @ of.components
     made_up, _ = single_threaded(data_calibration._made_up)(of, strings[:400], random)
     for found, expected in ((draws, COVARIANCE), (made_up, kept.T @ COVARIANCE @ kept)):
@@ -112,15 +108,21 @@ def test_one_number_has_the_density_of_a_measured_mean(tmp_path):
     emulated = linear_emulator(tmp_path, SLOPES[:1], data)
 
     class OneNumber:
-        def known(self, strings):
+        box, coordinates = emulated.box, emulated.coordinates
+        criterion = Band("mean", 1.3, 1.5, "a mean")
+
+        @property
+        def prior(self):
+            return None, self.at(self.box.even_strings(64))
+
+        def at(self, strings):
             found = emulated.at(strings)
             scale = emulated.emulator.mixing[0, 0] * 0.05 * np.sign(emulated.components[0, 0])
             start = float(emulated.values_of(np.zeros((1, 1)), np.zeros((1, 0)))[0, 0])
-            mean = start + scale * found.means[:, 0]
-            deviation = np.abs(scale) * found.deviations[:, 0]
-            return KnownStrings(strings, mean, deviation, found.failing)
+            means = start + scale * found.means
+            return EmulatedStrings(means, np.abs(scale) * found.deviations, found.failing)
 
-    alone = MeasuredMean(OneNumber(), float(datum.values[0]), 0.05, np.inf)
+    alone = MeasuredMean(OneNumber(), float(datum.values[0]), 0.05)
     strings = emulated.box.even_strings(512)
     away = alone.log_density(strings) - emulated.log_density(strings)
     assert away == pytest.approx(np.full(len(strings), away[0]), abs=1e-6)
@@ -290,7 +292,7 @@ def test_given_precise_data_the_error_of_the_emulator_is_smaller(posterior, tmp_
     expected = {False: own, True: own @ np.linalg.inv(own + np.eye(len(own)))}
     for given, covariance in expected.items():
         random = np.random.default_rng(7)
-        drawn, _ = single_threaded(known._drawn_components)(strings, random, given=given)
+        drawn, _ = single_threaded(known.of.drawn_components)(strings, random, given=given)
         assert np.cov(drawn.T) == pytest.approx(covariance, rel=0.0, abs=error)
 
 

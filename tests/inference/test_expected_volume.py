@@ -27,7 +27,8 @@ def normal_points(at, deviation):
 
 
 def number(means, error, deviation=0.0):
-    return Candidate.of_number(means, np.full(len(means), deviation), error)
+    covariances = np.full((len(means), 1, 1), deviation**2)
+    return Candidate(means[:, None], covariances, np.array([[error**2]]))
 
 
 def stream():

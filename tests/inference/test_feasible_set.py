@@ -12,6 +12,7 @@ from agglom_mpi.inference.feasible_set import FeasibleSet, NoFeasibleSetError
 from agglom_mpi.inference.set_directions import MIN_FREE_SHARE, _slopes
 from agglom_mpi.search.criteria import DRAWN_FUNCTIONS
 from agglom_mpi.storage.reader import read_campaign
+from agglom_mpi.verbs.estimate import estimate
 
 MEMBER = {"relative_speed": 4.3, "hardness": 67e6, "friction": 0.3}
 """Near the first row of [A] table 1, which doubles the grains."""
@@ -40,7 +41,7 @@ def test_outside_of_the_box_nothing_is_known(doubling):
 
 def test_the_mean_is_that_of_many_samples(doubling):
     """An estimate of 200 samples, and the emulator's own deviation."""
-    simulated = doubling.emulated.box.campaign.estimate(MEMBER, samples=200).mean_radius_ratio
+    simulated = estimate(doubling.emulated.box.campaign, MEMBER, samples=200).mean_radius_ratio
     error = np.hypot(simulated.error, doubling.deviation(MEMBER)[0])
     assert abs(doubling.mean(MEMBER)[0] - simulated.value) < 4.0 * error
     # The standard deviation of a standard deviation of 200 values, and what 240 samples say of it.

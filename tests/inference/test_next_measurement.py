@@ -10,6 +10,7 @@ from agglom_mpi.config.yaml_source import ArgumentError
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.inference import data_posterior as data_posteriors
 from agglom_mpi.inference import next_measurement
+from agglom_mpi.inference import posterior as posterior_module
 from agglom_mpi.inference.data_posterior import data_posterior, posterior_of
 from agglom_mpi.inference.next_measurement import dense_points, next_measurements
 from agglom_mpi.measurements.datum import Datum
@@ -82,7 +83,7 @@ def few_strings(measured_file):
 @pytest.fixture
 def measured(few_strings, monkeypatch):
     """Return that posterior, used also where so few strings seem to miss the data."""
-    monkeypatch.setattr(data_posteriors, "IMPOSSIBLE", 0.0)
+    monkeypatch.setattr(posterior_module, "IMPOSSIBLE", 0.0)
     return few_strings
 
 
@@ -129,7 +130,7 @@ def test_an_impossible_error_is_refused_with_its_quantity(measured):
 
 
 def test_nothing_is_said_of_what_to_measure_next_where_no_string_fits(few_strings, monkeypatch):
-    monkeypatch.setattr(data_posteriors, "IMPOSSIBLE", math.nextafter(few_strings.p_value, 1.0))
+    monkeypatch.setattr(posterior_module, "IMPOSSIBLE", math.nextafter(few_strings.p_value, 1.0))
     with pytest.raises(data_posteriors.PosteriorError, match="is not known before"):
         few_strings.what_to_measure_next()
 

@@ -85,7 +85,7 @@ def test_a_measurement_of_several_numbers_is_refused_without_an_emulator(doublin
 
 
 def test_an_error_in_percent_is_relative_to_what_was_measured(doubling):
-    assert doubling.posterior("2", "2%").error == pytest.approx(0.04)
+    assert doubling.posterior("2", "2%").of.error == pytest.approx(0.04)
 
 
 def test_quantiles_are_of_searched_variables(doubling):
@@ -103,3 +103,10 @@ def test_a_chain_takes_over_where_weights_are_too_few(doubling, posterior, monke
         # Half of the chain is below the median, by as many independent strings as both are worth.
         sizes = np.array([min(chain.effective_size, 1000), posterior.effective_size])
         assert abs(share - 0.5) < 4.0 * 0.5 * np.sqrt(np.sum(1.0 / sizes))
+
+
+def test_a_measured_mean_has_no_predictions_for_data(posterior):
+    with pytest.raises(PosteriorError, match="three"):
+        _ = posterior.predictions
+    assert posterior.calibration is None
+    assert (posterior.as_dict()["measured"], posterior.as_dict()["error"]) == (2.0, 0.05)

@@ -5,6 +5,7 @@ import pytest
 from set_runs import three_variable_file
 
 from agglom_mpi import open_campaign
+from agglom_mpi.verbs.estimate import estimate
 
 SLOW, FAST = {"relative_speed": 0.5}, {"relative_speed": 28.0}
 REST = {"hardness": 2e7, "friction": 0.3}
@@ -51,7 +52,7 @@ def test_moments_are_told_one_by_one_with_their_deviations(moments):
 
 def test_moments_are_those_of_many_samples(moments):
     at = {"relative_speed": 4.3, "hardness": 67e6, "friction": 0.3}
-    reached = moments.emulated.box.campaign.estimate(at, samples=200).moments
+    reached = estimate(moments.emulated.box.campaign, at, samples=200).moments
     mean, deviation = moments.mean(at)[0], moments.deviation(at)[0]
     for each, found, unsure in zip(reached, mean, deviation, strict=True):
         # The mean of 160 samples all over the box, and that the spread of few particles is skewed.

@@ -6,9 +6,8 @@ from measured_samples import drawn_census
 
 from agglom_mpi.inference.stored_samples import stored_samples
 from agglom_mpi.inference.string_values import pseudo_values, string_values
-from agglom_mpi.measurements.datum import Datum
+from agglom_mpi.measurements.datum import Datum, predictions
 from agglom_mpi.measurements.misfit import sampling_noise
-from agglom_mpi.measurements.prediction import predictions
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
 

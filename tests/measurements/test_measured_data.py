@@ -3,12 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from agglom_mpi.measurements.datum import (
-    PARTICLE_WEIGHTS,
-    QUANTITIES,
-    Datum,
-    data_times,
-)
+from agglom_mpi.measurements.datum import Datum, data_times
+from agglom_mpi.measurements.quantities import PARTICLE_WEIGHTS, QUANTITIES
 
 EDGES = np.array([0.0, 1e-4, np.inf])
 HALVES = np.array([0.5, 0.5])

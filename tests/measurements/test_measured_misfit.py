@@ -8,9 +8,8 @@ from hypothesis import strategies as st
 from measured_samples import counted_covariance, drawn_census, expected_census
 from scipy.stats import chi2, f
 
-from agglom_mpi.measurements.datum import Datum
+from agglom_mpi.measurements.datum import Datum, predictions
 from agglom_mpi.measurements.misfit import misfit, sampling_noise, tail_probability
-from agglom_mpi.measurements.prediction import predictions
 
 SAMPLES = [5, 20, pytest.param(100, marks=pytest.mark.slow)]
 CLASSES = np.array([0.0, 1e-4, 1.3e-4, 1.7e-4, np.inf])

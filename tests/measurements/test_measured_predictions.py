@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from measured_samples import bins, census_of, drawn_census, expected_census
 from scipy.special import ndtr, ndtri
 
-from agglom_mpi.measurements.datum import PARTICLE_WEIGHTS, QUANTITIES, Datum
-from agglom_mpi.measurements.prediction import QUANTILES, predictions
+from agglom_mpi.measurements.datum import Datum, predictions
+from agglom_mpi.measurements.quantities import PARTICLE_WEIGHTS, QUANTITIES
 
 POWERS = {"number": 0, "area": 2, "mass": 3}
 CLASSES = np.array([0.0, 0.7e-4, 1e-4, 1.3e-4, np.inf])
@@ -24,6 +24,7 @@ def classes(edges, weight="mass"):
     return Datum("sizes", np.full(size, 1.0 / size), np.eye(size), weight, edges=edges)
 
 
+QUANTILES = {name: kind.share for name, kind in QUANTITIES.items() if kind.share is not None}
 ALL = [
     *(
         number(name, weight)

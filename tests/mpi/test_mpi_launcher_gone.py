@@ -23,16 +23,16 @@ from campaign_runs import (
 from processes import HANG, descendants, program, wait_until_gone
 
 LOOKS_OFTEN = f"""{SLOWLY}
-import agglom_mpi.runtime.launcher_watch as launcher_watch
+import agglom_mpi.runtime.watches as watches
 
-launcher_watch.CHECKED_EVERY = 0.1
+watches.CHECKED_EVERY = 0.1
 """
 
 STOPS_NOBODY = """
 from agglom_mpi.runtime.stop_request import StopRequest
 
 StopRequest.request = lambda self, reason: None
-launcher_watch.TIME_TO_STOP = 0.5
+watches.TIME_TO_STOP = 0.5
 """
 
 

@@ -21,24 +21,24 @@ from mpi_injections import RANK
 from processes import output_of, wait_until_gone
 
 SHORT_TIMES = f"""{RANK}
-import agglom_mpi.runtime.coordinator_watch as coordinator_watch
-import agglom_mpi.runtime.heart as heart
+import agglom_mpi.runtime.watches as watches
+import agglom_mpi.runtime.silence as silence
 
-coordinator_watch.LOOKED_EVERY, coordinator_watch.NAMED_AFTER = 0.05, 2.0
-heart.BEAT_EVERY = 0.2
+watches.LOOKED_EVERY, watches.NAMED_AFTER = 0.05, 2.0
+silence.BEAT_EVERY = 0.2
 """
 
 ON_ANOTHER_HOST = """
 import agglom_mpi.runtime.run as run
 
-find_nodes, coordinator_watch.CUT_OFF_AFTER = run.find_nodes, 4.0
+find_nodes, watches.CUT_OFF_AFTER = run.find_nodes, 4.0
 run.find_nodes = lambda world: find_nodes(world)._replace(has_rank_zero=False)
 """
 
 NOTES_WHAT_IS_SAID = """
 from pathlib import Path
 
-report = coordinator_watch.CoordinatorWatch._report
+report = watches.CoordinatorWatch._report
 
 def noting(self, text):
     if self._speaks:
@@ -46,7 +46,7 @@ def noting(self, text):
             file.write(text + "\\n")
     report(self, text)
 
-coordinator_watch.CoordinatorWatch._report = noting
+watches.CoordinatorWatch._report = noting
 """
 
 NOTES_HEARTBEATS = """

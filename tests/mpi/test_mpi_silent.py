@@ -32,7 +32,7 @@ import time
 from pathlib import Path
 from types import SimpleNamespace
 
-import agglom_mpi.runtime.active_clock as active_clock
+import agglom_mpi.runtime.abort_flag as abort_flag
 import agglom_mpi.runtime.silence as silence
 import agglom_mpi.runtime.worker_pool as pool
 from agglom_mpi.display.run_display import Display
@@ -46,7 +46,7 @@ def note(name, text):
 def told():
     return float((here / "clock").read_text())
 
-silence.ALIVE_EVERY, active_clock.LONGEST_STEP = 0.05, 5.0
+silence.ALIVE_EVERY, abort_flag.LONGEST_STEP = 0.05, 5.0
 decoded, error = pool.decoded, Display.error
 
 def decoding(rank, tag, records):
@@ -59,7 +59,7 @@ def telling(self, text):
 
 pool.decoded, Display.error = decoding, telling
 if rank == "0":
-    pool.time = active_clock.time = SimpleNamespace(monotonic=told, sleep=time.sleep)
+    pool.time = abort_flag.time = SimpleNamespace(monotonic=told, sleep=time.sleep)
 """
 """Rank 0 goes by a clock that the test sets, and notes whom it hears and what it says."""
 

@@ -18,6 +18,8 @@ from agglom_mpi.physics.cooling import cooling_rate, exact_temperature
 from agglom_mpi.physics.friction import friction_loss, impulse_slopes, tangential_impulse
 from agglom_mpi.physics.restitution import solve_restitution
 from agglom_mpi.storage.reader import read_campaign
+from agglom_mpi.verbs.estimate import estimate
+from agglom_mpi.verbs.simulate import simulate
 
 JOB = Path(__file__).parents[2] / "jobs" / "own_laws"
 PAGE = Path(agglom_mpi.__file__).parent / "physics" / "README.md"
@@ -127,9 +129,9 @@ def test_the_campaign_of_dust_searches_the_speed_below_which_it_sticks(tmp_path)
     for own in ("DustSticking", "RollingFriction", "FreeConvection"):
         assert f"laws.py:{own} " in described
     slow, fast = ({"restitution.sticking": s, "relative_speed": 1.0} for s in (0.1, 10.0))
-    few, many = (campaign.estimate(string, samples=5) for string in (slow, fast))
+    few, many = (estimate(campaign, string, samples=5) for string in (slow, fast))
     assert few.mean_radius_ratio.value + 1.0 < many.mean_radius_ratio.value
-    outcome = campaign.simulate(slow)
+    outcome = simulate(campaign, slow)
     assert abs(outcome.ledger["momentum_error"]) < 1e-12
     assert abs(outcome.ledger["energy_error"]) < 1e-9
     assert outcome.merges == 200 - outcome.particles
@@ -155,7 +157,7 @@ variables: {relative_speed: 5, size_ratio: 0.5, density: 2500}
 """)
     campaign = load_campaign(tmp_path / "plastic.yaml", allow_code=True)
     assert "fourth root" in campaign.describe()
-    outcome = campaign.simulate({})
+    outcome = simulate(campaign, {})
     assert outcome.collisions > 3
     assert outcome.merges == 0
     assert outcome.record["momentum_error"] < 1e-12

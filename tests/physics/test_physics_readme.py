@@ -26,6 +26,7 @@ USE = """
 import sys
 import agglom_mpi
 from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.verbs.simulate import simulate
 from agglom_mpi.physics.pair import ContactPair
 from agglom_mpi.physics.restitution import SpeedRestitution, solve_restitution
 
@@ -35,7 +36,7 @@ print(1.0 - solve_restitution(SpeedRestitution.Numbers(1.0), None, pair).deficit
 print(1.0 - solve_restitution(SpeedRestitution.Numbers(20.0), None, pair).deficit)
 campaign = Campaign.from_text(sys.argv[1])
 print("restitution: speed" in campaign.describe(), "fourth root" in campaign.describe())
-outcome = campaign.simulate({}, sample=0)
+outcome = simulate(campaign, {}, sample=0)
 print(outcome.collisions, outcome.merges, bool(outcome.record["momentum_error"] < 1e-12))
 """
 

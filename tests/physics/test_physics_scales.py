@@ -11,6 +11,7 @@ from agglom_mpi.physics import scales
 from agglom_mpi.physics.kinetic_theory import contact_value
 from agglom_mpi.physics.velocities import draw_velocities
 from agglom_mpi.variables import TEN
+from agglom_mpi.verbs.simulate import simulate
 
 SPREAD = "{law: spread, mean: [10, 0, 3], transverse: 0.4}"
 
@@ -62,7 +63,7 @@ def test_the_rate_of_collisions_is_that_of_the_mean_relative_speed():
 def test_elastic_grains_collide_as_often_as_expected(ratio):
     campaign = elastic("uniform_x")
     values = {"size_ratio": ratio, "relative_speed": 2}
-    outcomes = [campaign.simulate(values, sample) for sample in range(100)]
+    outcomes = [simulate(campaign, values, sample) for sample in range(100)]
     counts = np.array([2.0 * outcome.collisions / 100 for outcome in outcomes])
     error = np.std(counts) / math.sqrt(len(counts))
     # A grain has N - 1 partners, and some collisions pass before the velocities are Maxwellian.

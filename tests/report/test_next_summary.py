@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from agglom_mpi.inference.candidate_data import AssumedError
 from agglom_mpi.inference.expected_volume import ExpectedVolume
 from agglom_mpi.inference.next_measurement import NextMeasurement, NextMeasurements
 from agglom_mpi.measurements.datum import Datum, datum_name
+from agglom_mpi.measurements.quantities import AssumedError
 from agglom_mpi.report.figures.figure import figures
 from agglom_mpi.report.figures.next_measurement import MAX_BARS, draw_next
 from agglom_mpi.report.next_summary import MAX_SHOWN, PosteriorRequest, next_as_list, next_text

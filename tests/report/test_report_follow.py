@@ -86,7 +86,7 @@ def carried_out(tmp_path_factory):
         coordinator.replay(StopRequest())
         runner = SampleRunner(work, 0)
         runner.warm_up()
-        writer.log.begin_leg(leg_start(1, ""))
+        writer.log.begin_leg(**leg_start(1, ""))
         writer.set_status("running")
         reader = FileProgress(read_campaign(path))
         pool = WorkerPool(runner, None)

@@ -30,7 +30,6 @@ from agglom_mpi.runtime.file_setup import prepare
 from agglom_mpi.runtime.provenance import leg_start
 from agglom_mpi.storage.lock import CampaignLock
 from agglom_mpi.storage.reader import read_campaign
-from agglom_mpi.storage.run_log import LegEnd
 from agglom_mpi.storage.schema import RESULTS, sample_dtype
 from agglom_mpi.storage.table import checksums, make_row
 from agglom_mpi.storage.writer import CampaignWriter
@@ -79,7 +78,7 @@ def begin(path, failed=0):
     parameters = np.full((3, 10), 2.0)
     parameters[:, 9] = np.nan
     with CampaignWriter(path) as writer:
-        writer.log.begin_leg(leg_start(1, ""))
+        writer.log.begin_leg(**leg_start(1, ""))
         writer.set_status("running")
         writer.put_strings(0, 0, np.arange(3), np.zeros(3, int), np.full((3, 2), -1), parameters)
         for string in range(3):
@@ -190,9 +189,9 @@ def test_a_file_that_is_being_written_has_a_page_of_what_is_there(waiting, tmp_p
 def test_the_starts_show_how_much_of_their_busy_time_ranks_were_on_a_core(waiting):
     times = {"busy_seconds": 8.0, "cpu_seconds": 6.0, "database_seconds": 0.5}
     with CampaignWriter(waiting) as writer:
-        leg = writer.log.begin_leg(leg_start(2, "")._replace(started=1e9))
-        writer.log.end_leg(leg, LegEnd(stopped=1e9 + 5.0, exit_code=0, samples=30, **times))
-        writer.log.begin_leg(leg_start(2, ""))
+        leg = writer.log.begin_leg(**leg_start(2, "") | {"started": 1e9})
+        writer.log.end_leg(leg, stopped=1e9 + 5.0, exit_code=0, samples=30, **times)
+        writer.log.begin_leg(**leg_start(2, ""))
     table = legs(read_campaign(waiting))
     places = [table.headings.index(name) for name in ("busy", "on a core", "writing")]
     ended, running = table.cells

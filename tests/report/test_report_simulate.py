@@ -12,6 +12,7 @@ from agglom_mpi import load_campaign
 from agglom_mpi.report.figures.evolution import draw_evolution, evolution, evolution_size
 from agglom_mpi.report.simulate import FILES, MAX_PANELS, panel_frames, write_frames
 from agglom_mpi.simulation.frames import new_frames
+from agglom_mpi.verbs.simulate import simulate
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +24,7 @@ def campaign():
 
 @pytest.fixture(scope="module")
 def outcome(campaign):
-    return campaign.simulate({}, 3, frames=50)
+    return simulate(campaign, {}, 3, frames=50)
 
 
 def two_and_one():

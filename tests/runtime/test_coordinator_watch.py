@@ -4,17 +4,17 @@ from types import SimpleNamespace
 
 import pytest
 
-from agglom_mpi.runtime import active_clock, coordinator_watch
-from agglom_mpi.runtime.coordinator_watch import (
+from agglom_mpi.runtime import abort_flag, watches
+from agglom_mpi.runtime.silence import BEAT_EVERY
+from agglom_mpi.runtime.watches import (
     CUT_OFF_AFTER,
     ENDS_AFTER,
     NAMED_AFTER,
     CoordinatorWatch,
-    Patience,
+    patience,
 )
-from agglom_mpi.runtime.heart import BEAT_EVERY
 
-ELSEWHERE = Patience.of(same_host=False, beats=True)
+ELSEWHERE = patience(same_host=False, beats=True)
 
 
 class Rank:
@@ -23,12 +23,12 @@ class Rank:
     def __init__(self, monkeypatch, patience=ELSEWHERE, speaks=True):
         self.time, self.shown, self.left = 100.0, [], []
         clock = SimpleNamespace(monotonic=lambda: self.time)
-        monkeypatch.setattr(active_clock, "time", clock)
-        monkeypatch.setattr(coordinator_watch, "LOOKED_EVERY", 1e6)
-        monkeypatch.setattr(coordinator_watch, "leave", self.left.append)
-        monkeypatch.setattr(coordinator_watch, "own_host", lambda: b"b")
+        monkeypatch.setattr(abort_flag, "time", clock)
+        monkeypatch.setattr(watches, "LOOKED_EVERY", 1e6)
+        monkeypatch.setattr(watches, "leave", self.left.append)
+        monkeypatch.setattr(watches, "own_host", lambda: b"b")
         write = SimpleNamespace(write=lambda _, text: self.shown.append(text.decode()))
-        monkeypatch.setattr(coordinator_watch, "os", write)
+        monkeypatch.setattr(watches, "os", write)
         self.watch = CoordinatorWatch(3, patience, speaks=speaks)
         self.watch.hear()
 
@@ -105,9 +105,9 @@ def test_before_its_first_message_rank_0_may_take_long(monkeypatch):
 
 def test_ranks_on_the_host_of_rank_0_and_where_it_sends_no_heartbeats_have_longer():
     assert ELSEWHERE == (NAMED_AFTER, CUT_OFF_AFTER)
-    assert Patience.of(same_host=True, beats=True) == (NAMED_AFTER, ENDS_AFTER)
+    assert patience(same_host=True, beats=True) == (NAMED_AFTER, ENDS_AFTER)
     for same_host in (True, False):
-        assert Patience.of(same_host=same_host, beats=False) == (ENDS_AFTER / 2, ENDS_AFTER)
+        assert patience(same_host=same_host, beats=False) == (ENDS_AFTER / 2, ENDS_AFTER)
 
 
 def test_all_have_left_within_a_minute_after_a_connection_was_lost():

@@ -6,9 +6,14 @@ from types import SimpleNamespace
 import pytest
 
 from agglom_mpi.runtime import silence as module
-from agglom_mpi.runtime.coordinator_watch import CUT_OFF_AFTER, ENDS_AFTER
-from agglom_mpi.runtime.heart import BEAT_EVERY, LOOKS_PER_BEAT
-from agglom_mpi.runtime.silence import ALIVE_EVERY, NAMED_AFTER, GoneRanks
+from agglom_mpi.runtime.silence import (
+    ALIVE_EVERY,
+    BEAT_EVERY,
+    LOOKS_PER_BEAT,
+    NAMED_AFTER,
+    GoneRanks,
+)
+from agglom_mpi.runtime.watches import CUT_OFF_AFTER, ENDS_AFTER
 
 
 @pytest.fixture

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from agglom_mpi.outcome import FailureReason
-from agglom_mpi.runtime import active_clock
-from agglom_mpi.runtime.abort_flag import AbortFlag
+from agglom_mpi.runtime import abort_flag
+from agglom_mpi.runtime.abort_flag import AbortFlag, SampleClock, SampleUnderWay
 from agglom_mpi.runtime.failures import (
     FACTOR,
     FIRST_SECONDS,
@@ -15,7 +15,6 @@ from agglom_mpi.runtime.failures import (
     HangingSamples,
 )
 from agglom_mpi.runtime.messages import NOT_NEEDED, RESULT
-from agglom_mpi.runtime.under_way import SampleClock, SampleUnderWay
 
 
 def watching(longest, max_seconds=None):
@@ -88,7 +87,7 @@ def test_a_limit_that_does_not_end_a_sample_is_not_recommended():
 @pytest.fixture
 def clock(monkeypatch):
     clock = SimpleNamespace(now=50.0)
-    monkeypatch.setattr(active_clock, "time", SimpleNamespace(monotonic=lambda: clock.now))
+    monkeypatch.setattr(abort_flag, "time", SimpleNamespace(monotonic=lambda: clock.now))
     return clock
 
 
@@ -103,7 +102,7 @@ def test_the_time_of_a_sample_counts_from_its_begin_without_stops_of_the_rank(cl
         seconds = samples.read().seconds
     assert seconds == 2.0
     clock.now += 1000.0  # stopped
-    assert samples.read() == (7, 2, 2.0 + active_clock.LONGEST_STEP)
+    assert samples.read() == (7, 2, 2.0 + abort_flag.LONGEST_STEP)
     flag.end()
     assert samples.read() is None
 

@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import pytest
 from processes import HANG
 
-from agglom_mpi.runtime import heart as module
-from agglom_mpi.runtime.heart import BEAT_EVERY, LOOKS_PER_BEAT, Heart
+from agglom_mpi.runtime import silence as module
 from agglom_mpi.runtime.messages import ALIVE
+from agglom_mpi.runtime.silence import BEAT_EVERY, LOOKS_PER_BEAT, Heart
 
 pytest.importorskip("mpi4py.MPI", exc_type=ImportError)
 

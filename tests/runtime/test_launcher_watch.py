@@ -7,9 +7,9 @@ import pytest
 from processes import HANG
 
 from agglom_mpi.launcher import launching_process
-from agglom_mpi.runtime import launcher_watch
-from agglom_mpi.runtime.launcher_watch import LauncherWatch
+from agglom_mpi.runtime import watches
 from agglom_mpi.runtime.stop_request import StopRequest
+from agglom_mpi.runtime.watches import LauncherWatch
 
 
 @pytest.fixture
@@ -37,7 +37,7 @@ def parents(proc, pid=50):
 
 @pytest.fixture
 def watch(proc, monkeypatch):
-    monkeypatch.setattr(launcher_watch, "CHECKED_EVERY", 1e6)
+    monkeypatch.setattr(watches, "CHECKED_EVERY", 1e6)
     watch = LauncherWatch(lambda: None, proc)
     yield watch
     watch._ended.set()
@@ -75,7 +75,7 @@ def test_a_shell_is_not_missed_where_the_launcher_takes_its_children(watch, proc
 
 
 def test_an_unknown_launcher_is_missed_if_it_is_the_parent(proc, monkeypatch):
-    monkeypatch.setattr(launcher_watch, "CHECKED_EVERY", 1e6)
+    monkeypatch.setattr(watches, "CHECKED_EVERY", 1e6)
     put(proc, 30, 1, "other")
     watch = LauncherWatch(lambda: None, proc)
     assert not is_gone(watch)
@@ -84,7 +84,7 @@ def test_an_unknown_launcher_is_missed_if_it_is_the_parent(proc, monkeypatch):
 
 
 def test_a_system_that_does_not_show_processes_shows_the_parent(tmp_path, monkeypatch):
-    monkeypatch.setattr(launcher_watch, "CHECKED_EVERY", 1e6)
+    monkeypatch.setattr(watches, "CHECKED_EVERY", 1e6)
     watch = LauncherWatch(lambda: None, tmp_path / "none")
     assert not is_gone(watch)
     monkeypatch.setattr(os, "getppid", lambda: 1)
@@ -98,9 +98,9 @@ def test_a_process_that_ends_meanwhile_decides_nothing(watch, proc):
 
 def test_who_is_without_a_launcher_stops_and_then_is_ended(proc, monkeypatch):
     ended, codes = threading.Event(), []
-    monkeypatch.setattr(launcher_watch, "CHECKED_EVERY", 1e-3)
-    monkeypatch.setattr(launcher_watch, "TIME_TO_STOP", 1e-3)
-    monkeypatch.setattr(launcher_watch, "leave", lambda code: (codes.append(code), ended.set()))
+    monkeypatch.setattr(watches, "CHECKED_EVERY", 1e-3)
+    monkeypatch.setattr(watches, "TIME_TO_STOP", 1e-3)
+    monkeypatch.setattr(watches, "leave", lambda code: (codes.append(code), ended.set()))
     stop = StopRequest()
     LauncherWatch(lambda: stop.request("the launcher is gone"), proc)
     put(proc, 40, 1, "bash")
@@ -111,7 +111,7 @@ def test_who_is_without_a_launcher_stops_and_then_is_ended(proc, monkeypatch):
 
 def test_an_end_without_a_launcher_is_one_without_mpi(watch, proc, monkeypatch):
     codes = []
-    monkeypatch.setattr(launcher_watch, "leave", codes.append)
+    monkeypatch.setattr(watches, "leave", codes.append)
     watch.end(0)
     assert codes == []
     put(proc, 40, 1, "bash")

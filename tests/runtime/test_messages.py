@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from agglom_mpi.runtime.abort_flag import SampleUnderWay
 from agglom_mpi.runtime.messages import (
     ALIVE,
     FAILURE,
@@ -21,7 +22,6 @@ from agglom_mpi.runtime.messages import (
     merged,
     record_types,
 )
-from agglom_mpi.runtime.under_way import SampleUnderWay
 
 GRAINS = 3
 TYPES = record_types(GRAINS)

@@ -29,8 +29,12 @@ from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.analysis.warm_start import warm_start
 from agglom_mpi.cli import main
 from agglom_mpi.config.yaml_source import CampaignError
+from agglom_mpi.declaration.reading import own_names
+from agglom_mpi.errors import CodeNotAllowedError
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.schema import parameters_of
+from agglom_mpi.verbs.estimate import estimate
+from agglom_mpi.verbs.simulate import simulate
 
 NAMES = tuple(f"mine.py:{ALL[key].__name__}" for key in DECIDING)
 """What has to be compiled is copied in the slow tier alone, and in plain Python: a copy of a law is
@@ -69,19 +73,39 @@ def test_copies_of_laws_decide_as_the_package_s_do_to_the_bit(own, tmp_path):
     write_copies(tmp_path, "own", **NUMBERS_OF_COPIES)
     finish(tmp_path, "own.yaml", "--allow-code")
     assert_same(tmp_path / "own.h5", decisions(own / "own.h5"))
-    assert sorted(json.loads(read_campaign(tmp_path / "own.h5").attributes["own_components"])) == (
+    assert sorted(own_names(read_campaign(tmp_path / "own.h5").identity).values()) == (
         sorted(NAMES_OF_ALL)
     )
 
 
-def test_the_file_has_the_bytes_and_tells_of_each_component(own):
-    attributes = read_campaign(own / "own.h5").attributes
-    [module] = json.loads(attributes["own_modules"])
+def test_the_file_has_the_bytes_of_the_module_of_each_component(own):
+    stored = read_campaign(own / "own.h5")
+    [module] = json.loads(stored.attributes["own_modules"])
     assert module["source"] == (own / "mine.py").read_text()
-    records = json.loads(attributes["own_components"])
-    assert sorted(records) == sorted(NAMES)
-    assert records["mine.py:GrowthTarget"]["fields"]["ratio"]["unit"] == "1"
-    assert {each["sha256"] for each in records.values()} == {module["sha256"]}
+    sections = own_names(stored.identity)
+    assert sorted(sections.values()) == sorted(NAMES)
+    digests = {stored.identity[f"{section}.source_sha256"] for section in sections}
+    assert digests == {module["sha256"]}
+    assert "own_components" not in stored.attributes
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("report", "own.h5"),
+        ("report", "own.h5", "--json"),
+        ("export", "own.h5", "--csv", "tables"),
+        ("export", "own.h5", "--compact", "small.h5"),
+        ("check", "own.h5"),
+    ],
+)
+def test_without_its_code_a_file_is_its_tables_and_says_so(moved, arguments, monkeypatch):
+    monkeypatch.setattr("agglom_mpi.declaration.own_modules.executed", refuse)
+    done = moved(*arguments)
+    assert done.exit_code == 0, done.output
+    [line] = [line for line in done.output.splitlines() if "--allow-code" in line]
+    assert "own.h5 has code of its own" in line
+    assert all(name in line for name in NAMES)
 
 
 @pytest.mark.parametrize(
@@ -89,17 +113,57 @@ def test_the_file_has_the_bytes_and_tells_of_each_component(own):
     [
         ("report", "own.h5", "own.h5"),
         ("report", "own.h5", "--sensitivity"),
-        ("export", "own.h5", "--csv", "tables"),
-        ("export", "own.h5", "--compact", "small.h5"),
-        ("check", "own.h5"),
+        ("report", "own.h5", "--posterior"),
+        ("report", "own.h5", "--feasible-set"),
+        ("report", "own.h5", "--follow"),
+        ("report", "own.h5", "--out", "page"),
+        ("export", "own.h5", "--paraview", "best.vtkhdf"),
+        ("export", "own.h5", "--json", "set.json"),
+        ("pareto", "own.h5", "own.h5", "--x", "mean_radius_ratio"),
+        ("simulate", "own.h5", "--string", "1"),
     ],
 )
-def test_what_needs_no_code_works_where_the_module_is_not(moved, arguments, monkeypatch):
+def test_what_needs_its_code_ends_with_one_message(moved, arguments, monkeypatch, tmp_path):
     monkeypatch.setattr("agglom_mpi.declaration.own_modules.executed", refuse)
     done = moved(*arguments)
-    assert done.exit_code == 0, done.output
-    if arguments[0] != "check" and "--compact" not in arguments:
-        assert "own.h5: left out without --allow-code: estimates on fresh samples" in done.output
+    assert done.exit_code == 2, done.output
+    assert isinstance(done.exception, SystemExit)
+    [line] = [line for line in done.stderr.splitlines() if "--allow-code" in line]
+    assert "own.h5 has code of its own" in line
+    assert [path.name for path in tmp_path.iterdir()] == ["own.h5"]
+
+
+def test_the_report_without_code_has_the_best_string_of_the_last_generation(moved, tmp_path):
+    found = json.loads(moved("report", "own.h5", "--json").stdout)
+    stored = read_campaign(tmp_path / "own.h5")
+    last = stored.generation_rows()[-1]
+    assert (found["state"], found["generations"]) == ("finished", 2)
+    assert (found["best_string"], found["objective"]) == (
+        *(last["best_string"], pytest.approx(last["best_objective"], rel=1e-12)),
+    )
+    speed = stored.values([last["best_string"]], "relative_speed")[0]
+    assert found["relative_speed"] == pytest.approx(speed, rel=1e-12)
+
+
+def test_a_file_of_an_earlier_version_is_read_and_checked(moved, tmp_path):
+    import h5py
+
+    with h5py.File(tmp_path / "own.h5", "r+") as file:
+        described = json.dumps({name: {"summary": "text"} for name in NAMES})
+        file.attrs["own_components"] = described
+        both = file.attrs["own_modules"] + described
+        file.attrs["own_sha256"] = hashlib.sha256(both.encode()).hexdigest()
+        checksums = json.loads(file.attrs["checksums"])
+        changed = [name for name in checksums if name not in ("own_sha256", "own_components")]
+        file.attrs["checksums"] = json.dumps({name: checksums[name] for name in changed})
+    for allowed in ([], ["--allow-code"]):
+        done = moved("check", "own.h5", *allowed)
+        assert done.exit_code == 0, done.output
+    with h5py.File(tmp_path / "own.h5", "r+") as file:
+        file.attrs["own_components"] = described.replace("text", "other")
+    done = moved("check", "own.h5")
+    assert done.exit_code == 1
+    assert "own_components" in done.output
 
 
 def refuse(own):
@@ -142,7 +206,7 @@ def test_a_check_verifies_rows_and_leaves_out_the_decisions(moved):
     assert "replay: the samples lead again to 6 of 6 strings, 6 of 6 results and 2 of 2" in text
 
 
-@pytest.mark.parametrize("name", ["own_modules", "own_components", "own_sha256"])
+@pytest.mark.parametrize("name", ["own_modules", "own_sha256"])
 @pytest.mark.parametrize("absent", [True, False])
 def test_an_altered_record_of_components_is_a_fault_also_where_nothing_needs_it(
     moved, name, absent, tmp_path
@@ -171,28 +235,14 @@ def test_sources_that_are_none_are_one_message(moved, text, tmp_path):
         assert "damaged" in done.output or command == "report"
 
 
-@pytest.mark.parametrize("name", ["own_modules", "own_components"])
-def test_a_damaged_record_of_components_is_one_message(moved, name, tmp_path):
+@pytest.mark.parametrize("allowed", [[], ["--allow-code"]])
+def test_a_damaged_record_is_a_fault_whatever_its_digest_is(moved, allowed, tmp_path):
     import h5py
 
     with h5py.File(tmp_path / "own.h5", "r+") as file:
-        file.attrs[name] = "{"
-    allowed = ["--allow-code"] if name == "own_modules" else []
+        file.attrs["own_modules"] = "{"
+        file.attrs["own_sha256"] = hashlib.sha256(b"{").hexdigest()
     done = moved("check", "own.h5", *allowed)
-    assert done.exit_code == 1
-    assert "damaged" in done.output
-    assert "Traceback" not in done.output
-
-
-@pytest.mark.parametrize("name", ["own_modules", "own_components"])
-def test_a_damaged_record_is_a_fault_whatever_its_digest_is(moved, name, tmp_path):
-    import h5py
-
-    with h5py.File(tmp_path / "own.h5", "r+") as file:
-        file.attrs[name] = "{"
-        both = file.attrs["own_modules"] + file.attrs["own_components"]
-        file.attrs["own_sha256"] = hashlib.sha256(both.encode()).hexdigest()
-    done = moved("check", "own.h5")
     assert isinstance(done.exception, SystemExit | None)
     assert done.exit_code == 1
     assert "damaged" in done.output
@@ -222,27 +272,15 @@ def sizes(tmp_path_factory):
     return made_once(shared_folder(tmp_path_factory) / "own-sizes", make) / "sizes.h5"
 
 
-@pytest.mark.parametrize(
-    ("arguments", "left_out"),
-    [
-        (("check",), "replay: left out"),
-        (("report",), "estimates on fresh samples, derived quantities, drawn volume fractions"),
-        pytest.param(
-            *(("report", "--out", "page"), "drawn volume fractions"),
-            marks=pytest.mark.slow(guard="runtime/test_own_component_runs.py"),
-        ),
-        (("export", "--csv", "tables"), "derived quantities"),
-    ],
-)
+@pytest.mark.parametrize("arguments", [("check",), ("report",), ("export", "--csv", "tables")])
 def test_a_searched_number_of_an_own_law_of_sizes_needs_no_code_to_be_read(
-    sizes, tmp_path, monkeypatch, arguments, left_out
+    sizes, tmp_path, monkeypatch, arguments
 ):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "own.h5").write_bytes(sizes.read_bytes())
     done = CliRunner().invoke(main, [arguments[0], "own.h5", *arguments[1:]])
     assert done.exit_code == 0, done.output
-    assert left_out in done.output
-    assert "simulating" not in done.output
+    assert "own.h5 has code of its own (flat.py:" in done.output
     assert read_campaign(tmp_path / "own.h5").variables.further_names == (
         "sizes.ratio",
         "volume_fraction",
@@ -250,9 +288,10 @@ def test_a_searched_number_of_an_own_law_of_sizes_needs_no_code_to_be_read(
 
 
 def test_the_estimates_are_those_of_the_code_where_it_may_run(own, moved, tmp_path):
-    without = open_campaign(tmp_path / "own.h5").estimates
-    allowed = open_campaign(tmp_path / "own.h5", allow_code=True).estimates
-    assert (len(without), len(allowed)) == (0, 2)
+    with pytest.raises(CodeNotAllowedError):
+        _ = open_campaign(tmp_path / "own.h5").estimates
+    assert len(open_campaign(tmp_path / "own.h5").strings) == 6
+    assert len(open_campaign(tmp_path / "own.h5", allow_code=True).estimates) == 2
     assert moved("report", "own.h5", "--allow-code").exit_code == 0
 
 
@@ -324,9 +363,9 @@ def test_the_public_interface_simulates_and_estimates(own):
     campaign = load_campaign(own / "own.yaml", allow_code=True)
     stored = read_campaign(own / "own.h5")
     first = stored.parameters[0]
-    outcome = campaign.simulate(first, 0)
+    outcome = simulate(campaign, first, 0)
     row = stored.sample_rows(0)[0]
     assert outcome.mean_radius_ratio == row["mean_radius_ratio"]
     assert outcome.objective == abs(outcome.mean_radius_ratio / 2.0 - 1.0)
-    assert np.isfinite(campaign.estimate(first, samples=3).mean_radius_ratio.value)
+    assert np.isfinite(estimate(campaign, first, samples=3).mean_radius_ratio.value)
     assert len(ALL) == len(set(ALL.values())) >= 9

@@ -19,6 +19,7 @@ from agglom_mpi.outcome import FAILED
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.schema import FORMAT_VERSION
 from agglom_mpi.variables import PAPER_VARIABLES
+from agglom_mpi.verbs.simulate import simulate
 
 NAMES = ("end_time", "sizes.spread", "volume_fraction")
 
@@ -175,7 +176,7 @@ def test_a_box_takes_values_by_path(run):
     campaign = load_campaign(path)
     values = {"sizes.spread": 1.25, "volume_fraction": 0.1}
     box = Box(path, values, sample=2)
-    outcome = campaign.simulate(values, 2, frames=[0.0])
+    outcome = simulate(campaign, values, 2, frames=[0.0])
     assert np.array_equal(np.sort(box.particles.radii), np.sort(outcome.frames.radii[0]))
     narrow = Box(path, values | {"sizes.spread": 1.13}, sample=2)
     assert np.std(narrow.particles.radii) < np.std(box.particles.radii)

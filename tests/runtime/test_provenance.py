@@ -56,11 +56,11 @@ def test_what_is_no_checkout_has_no_revision(tmp_path):
 
 
 def test_a_leg_records_the_revision_of_these_sources():
-    assert leg_start(1, "").git_revision == git_revision()
+    assert leg_start(1, "")["git_revision"] == git_revision()
 
 
 def test_a_leg_records_what_it_ran_with():
     start = leg_start(3, "MPICH 4.3")
-    assert start.ranks == 3
-    assert start.versions["mpi"] == "MPICH 4.3"
+    assert start["ranks"] == 3
+    assert start["mpi"] == "MPICH 4.3"
     assert all(versions()[name] for name in ("python", "numpy", "numba", "h5py", "hdf5"))

@@ -20,6 +20,7 @@ from agglom_mpi.outcome import COLUMNS
 from agglom_mpi.search.proposals import ORIGINS
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.variables import TEN
+from agglom_mpi.verbs.simulate import simulate
 
 NUMBERS = {"generations": 4, "max_samples": 12, "population": 8, "parents": 4}
 
@@ -50,7 +51,7 @@ def test_a_parent_has_its_own_samples_and_is_worth_all_of_them(undisturbed):
     assert len(own) == 5
     first = campaign.first_sample(int(row["string"]))
     assert first > 0
-    record = campaign.simulate(parameters, first + 2).record
+    record = simulate(campaign, parameters, first + 2).record
     assert all(record[c.name].tobytes() == own[c.name][2].tobytes() for c in COLUMNS)
     line = [int(row["string"])]
     while strings["origin"][line[-1]] == ORIGINS.index("again"):
@@ -79,11 +80,11 @@ def agglom_simulate():
 
     from agglom_mpi.cli import main
 
-    def simulate(path, string, sample):
+    def printed(path, string, sample):
         words = ["simulate", path, "--string", string, "--sample", sample]
         return CliRunner().invoke(main, [*map(str, words)]).stdout
 
-    return simulate
+    return printed
 
 
 @pytest.mark.slow

@@ -17,7 +17,7 @@ def test_a_seed_of_the_command_line_is_one_of_the_file(tmp_path):
     finish(tmp_path, "tiny.yaml", "--seed", "5", "-o", "mine.h5")
     for seed, name in ((3, "tiny_seed3.h5"), (5, "mine_seed5.h5")):
         file = read_campaign(tmp_path / name)
-        assert file.seed == Campaign.from_text(file.campaign_text).seed == seed
+        assert file.attributes["seed"] == Campaign.from_text(file.campaign_text).seed == seed
         assert_sound(tmp_path / name)
     assert not (tmp_path / "tiny.h5").exists()
     (tmp_path / "other.yaml").write_text(f"seed : 5\n{without}")

@@ -5,11 +5,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from agglom_mpi.runtime import active_clock
-from agglom_mpi.runtime.heart import BEAT_EVERY
+from agglom_mpi.runtime import abort_flag
 from agglom_mpi.runtime.messages import RankMessage
 from agglom_mpi.runtime.silence import (
     ALIVE_EVERY,
+    BEAT_EVERY,
     NAMED_AFTER,
     RANKS_AT_THIS_PACE,
     REASSIGNED_AFTER,
@@ -27,7 +27,7 @@ class Ranks:
 
     def __init__(self, monkeypatch, hosts=HOSTS):
         self.time, self.shown, self.marks = 100.0, [], []
-        monkeypatch.setattr(active_clock, "time", SimpleNamespace(monotonic=lambda: self.time))
+        monkeypatch.setattr(abort_flag, "time", SimpleNamespace(monotonic=lambda: self.time))
         self.gone = GoneRanks({3, 4} if hosts is HOSTS else (), beat_every=BEAT_EVERY)
         self.watch = RankWatch(len(hosts), hosts, self.shown.append, self.gone)
         self.present = set(hosts)

@@ -30,6 +30,7 @@ from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.runtime.simulation_thread import MAX_DELAY, SimulationThread
 from agglom_mpi.runtime.wakeup import Wakeup
 from agglom_mpi.scheduling.interface import task_type
+from agglom_mpi.verbs.simulate import simulate
 
 
 @pytest.fixture(scope="module")
@@ -111,7 +112,7 @@ def done(simulator, task):
 
 def test_a_rank_computes_what_the_campaign_does_for_everybody(campaign):
     batch = done(SampleRunner(InversionExperiment(campaign), 2), tasks(campaign)[0])
-    outcome = campaign.simulate(campaign.parameters(), 0)
+    outcome = simulate(campaign, campaign.parameters(), 0)
     [result] = batch.results
     assert (len(batch.failures), batch.final_particles, batch.frames) == (0, None, ())
     assert result["state"] == COMPLETED

@@ -19,8 +19,10 @@ from agglom_mpi.outcome import FailureReason
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
 from agglom_mpi.variables import TEN
+from agglom_mpi.verbs.estimate import estimate
+from agglom_mpi.verbs.simulate import simulate
 
-pytestmark = pytest.mark.slow(guard="config/test_size_curve_file.py")
+pytestmark = pytest.mark.slow(guard="measurements/test_curve_file.py")
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +70,7 @@ def test_other_sizes_are_another_campaign(run):
 
 def test_all_grains_are_in_the_particles_that_are_left(run):
     _, campaign = run
-    final = campaign.simulate({}).final
+    final = simulate(campaign, {}).final
     assert final.grains.sum() == campaign.scene.particles
 
 
@@ -80,7 +82,7 @@ def test_the_report_states_what_the_drawn_grains_of_completed_samples_fill(run):
     parameters = file.parameters[string]
     scene = campaign.scene.build(parameters)
     filled = [
-        campaign.simulate(parameters, int(sample)).final.masses.sum()
+        simulate(campaign, parameters, int(sample)).final.masses.sum()
         / (scene.mass / (4.0 / 3.0 * np.pi * scene.radius**3) * (2.0 * scene.half_width) ** 3)
         for sample in rows["sample"]
     ]
@@ -90,9 +92,9 @@ def test_the_report_states_what_the_drawn_grains_of_completed_samples_fill(run):
     best = collect_summary(file).best[0]
     assert best["drawn_volume_fraction"] == drawn.as_dict()
     size_ratio = file.parameters[string][TEN.names.index("size_ratio")]
-    assert drawn.wanted == pytest.approx(campaign.fraction(size_ratio), rel=1e-12)
-    estimate = campaign.estimate(parameters, 3)
-    assert estimate.volume_fraction.value == pytest.approx(np.mean(filled[:3]), rel=1e-12)
+    assert drawn.wanted == pytest.approx(campaign.variables.fraction(size_ratio), rel=1e-12)
+    found = estimate(campaign, parameters, 3)
+    assert found.volume_fraction.value == pytest.approx(np.mean(filled[:3]), rel=1e-12)
 
 
 def test_jammed_samples_of_a_wide_law_are_warned_of(run, monkeypatch):

@@ -21,7 +21,6 @@ SAME = [
     ("physics/cooling.py", "\n\n\n", "\n\n\n# A remark.\n"),
     ("config/describe.py", "def ", "def other_"),
     ("config/consequences.py", "mean free path", "free path"),
-    ("config/estimate.py", "result of 1 sample", "result of one sample"),
     ("config/searchable.py", "allow {share} of the box; a narrower", "allow {share}; a narrower"),
     ("config/campaign.py", "must be event, fixed", "must be one of event, fixed"),
     ("physics/sizes.py", "must ", "has to "),
@@ -77,7 +76,7 @@ BEGUN_BY = ("config/loading.py", "runtime/experiment.py", "runtime/sample_runner
 """Modules that lead a run from a text to samples and decisions."""
 LOOKED_AT_FIRST = ("analysis/warm_start.py",)
 """A counted module that the run time itself calls."""
-ANSWERS = ("description", "describe", "estimate", "simulate", "try_function", "warnings")
+ANSWERS = ("description", "describe", "warnings")
 """Methods of a `Campaign` that no run calls for its results."""
 
 

@@ -11,7 +11,7 @@ from campaign_runs import assert_same, decisions, finish, invert, state
 from click.testing import CliRunner
 from user_function_runs import WORTH, write_own
 
-from agglom_mpi.accuracy import search_history
+from agglom_mpi.accuracy.time_integration import search_history
 from agglom_mpi.cli import main
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import CampaignError
@@ -21,6 +21,7 @@ from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.scheduling.interface import task_type
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.variables import TEN
+from agglom_mpi.verbs.simulate import simulate
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +72,7 @@ def test_decisions_are_made_of_what_the_function_returned(own):
         assert result["objective"] == pytest.approx(np.mean(rows["objective"]), rel=1e-12)
         error = np.std(rows["objective"], ddof=1) / np.sqrt(len(rows))
         assert result["standard_error"] == pytest.approx(error, rel=1e-9)
-        outcome = campaign.simulate(np.array([string[name] for name in TEN.names]), 0)
+        outcome = simulate(campaign, np.array([string[name] for name in TEN.names]), 0)
         largest, size = outcome.radii.max(), string["size_ratio"]
         assert rows["objective"][0] == outcome.objective
         assert outcome.objective == largest / outcome.mean_radius_ratio - size
@@ -151,7 +152,7 @@ def test_a_replayed_sample_is_shown_without_its_objective(agglom):
 def test_a_forward_run_shows_the_mean_of_the_function(agglom, own):
     done = agglom("simulate", "own.yaml", "--allow-code", "--samples", 4, "--json")
     campaign = load_campaign(own / "own.yaml", allow_code=True)
-    alone = [campaign.simulate({}, sample).objective for sample in range(4)]
+    alone = [simulate(campaign, {}, sample).objective for sample in range(4)]
     objective = json.loads(done.stdout)["objective"]
     assert objective["mean"] == pytest.approx(np.mean(alone), rel=1e-12)
     error = np.std(alone, ddof=1) / 2
@@ -174,11 +175,11 @@ def test_a_forecast_takes_the_samples_of_the_same_function_only(agglom, own):
 def test_strings_are_estimated_again_with_the_unchanged_function_only(own):
     history = read_campaign(own / "own.h5")
     code = load_campaign(own / "own.yaml", allow_code=True).user_function
-    setups = search_history.setups(history, 5, code)
+    setups = search_history.history_part(history, 5, code).setups
     assert all(setup.campaign.user_function == code for setup in setups.values())
     for other in (None, code._replace(sha256="0" * 64)):
         with pytest.raises(CampaignError, match="a function that is not run from a file: give"):
-            search_history.setups(history, 5, other)
+            search_history.history_part(history, 5, other)
 
 
 def test_a_resume_with_the_same_source_ends_as_one_run_does(own, tmp_path):
@@ -425,8 +426,8 @@ def test_moments_are_searched_and_checked_like_any_objective(tmp_path):
     done = CliRunner().invoke(main, ["check", str(tmp_path / "own.h5")])
     assert done.exit_code == 0, done.output
     file = read_campaign(tmp_path / "own.h5")
-    outcome = load_campaign(path).simulate(
-        np.array([file.string_rows()[0][name] for name in TEN.names]), 0
+    outcome = simulate(
+        load_campaign(path), np.array([file.string_rows()[0][name] for name in TEN.names]), 0
     )
     mean, second, third, _ = outcome.moments
     skewness = third / second**1.5

@@ -28,6 +28,7 @@ from agglom_mpi.outcome import COLUMNS
 from agglom_mpi.scheduling.interface import volume_string
 from agglom_mpi.statistics import mean_of
 from agglom_mpi.storage.reader import read_campaign
+from agglom_mpi.verbs.simulate import simulate
 
 STRINGS, SAMPLES = 2, 8
 ONE = f"{{strings: {STRINGS}, samples: {SAMPLES}}}"
@@ -73,7 +74,7 @@ def test_each_volume_has_the_samples_that_the_campaign_simulates_there(three):
         wanted = [(string, first + k) for string in best for k in range(SAMPLES)]
         assert rows[["string", "sample"]].tolist() == wanted
         for row in rows:
-            outcome = larger.simulate(file.parameters[int(row["string"])], int(row["sample"]))
+            outcome = simulate(larger, file.parameters[int(row["string"])], int(row["sample"]))
             assert row["objective"] == outcome.objective
             for column in COLUMNS:
                 assert row[column.name].tobytes() == outcome.record[column.name].tobytes()

@@ -10,7 +10,6 @@ from agglom_mpi.search.ending import (
     ExpectedError,
     Generations,
     MeanOfBest,
-    all_of,
     any_of,
 )
 
@@ -43,17 +42,8 @@ def test_any_of_several_ends_by_the_first_that_holds():
     assert (ending.best_strings, ending.max_generations) == (6, 4)
 
 
-def test_all_of_several_end_together():
-    ending = all_of(KNOWN, LAST)
-    assert not ending.holds(4, search())
-    assert not ending.holds(3, search(error=0.01))
-    assert ending.met(4, search(error=0.01)) == ending
-    assert (ending.best_strings, ending.max_generations) == (None, math.inf)
-    assert any_of(ending, LOW).met(4, search(0.4)) == LOW
-
-
 def test_one_criterion_is_composed_of_nothing():
-    assert any_of(LAST) == all_of(LAST) == LAST
+    assert any_of(LAST) == LAST
 
 
 @pytest.mark.parametrize("mean", [0.49, 0.51])

@@ -146,13 +146,11 @@ def test_an_accumulator_goes_on_from_a_copy():
 
 def test_without_its_code_an_objective_of_means_is_refused_in_one_line():
     bare = law(None)
-    assert bare.needs_code
     for ask in (bare.accumulator, lambda: bare.influence_values([completed(1.5)])):
         with pytest.raises(CodeNotAllowedError) as caught:
             ask()
         assert "shape:value" in str(caught.value)
         assert "--allow-code" in str(caught.value)
-    assert not MeanOfFunction(call="shape:worth").needs_code
 
 
 def by_cases(means):

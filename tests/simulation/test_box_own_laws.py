@@ -11,6 +11,7 @@ from plain_python import PLAIN, PLAIN_ALONE
 
 from agglom_mpi import Box, load_campaign
 from agglom_mpi.config.yaml_source import CampaignError
+from agglom_mpi.verbs.simulate import simulate
 
 ELSEWHERE = """
 import pickle, sys
@@ -38,7 +39,7 @@ def test_a_box_with_a_law_of_one_s_own_goes_on_in_another_process(tmp_path):
 @PLAIN_ALONE
 def test_a_box_is_the_sample_of_the_campaign(tmp_path):
     campaign = load_campaign(write_scene(tmp_path), allow_code=True)
-    outcome = campaign.simulate({"relative_speed": 1.0}, 0)
+    outcome = simulate(campaign, {"relative_speed": 1.0}, 0)
     box = Box(campaign, {"relative_speed": 1.0})
     box.advance(0.3)
     assert outcome.merges > 0

@@ -11,6 +11,7 @@ from plain_python import cases
 
 from agglom_mpi import Box
 from agglom_mpi.simulation.engines import EventDriven
+from agglom_mpi.verbs.simulate import simulate
 
 INSTANTANEOUS = (
     "time",
@@ -65,7 +66,7 @@ def test_boxes_do_what_they_are_named_for():
 @pytest.mark.plain
 @pytest.mark.parametrize("engine", ["event", "fixed:200"])
 def test_a_box_run_to_the_end_time_is_the_sample_of_its_number(engine):
-    outcome = QUICKSTART.simulate({}, 3, engine)
+    outcome = simulate(QUICKSTART, {}, 3, engine)
     box = Box(QUICKSTART, sample=3, engine=engine)
     end, merges = float(outcome.record["end_time"]), 0
     for time in np.linspace(0.0, end, 6)[1:]:

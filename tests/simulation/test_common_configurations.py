@@ -5,6 +5,7 @@ from campaign_runs import QUICKSTART
 
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.random_streams import sample_stream
+from agglom_mpi.verbs.simulate import simulate
 
 TEXT = QUICKSTART.read_text()
 OWN = Campaign.from_text(TEXT)
@@ -15,7 +16,7 @@ SAMPLES = range(12)
 
 
 def ratios(of, **values):
-    return [of.simulate(values, k).mean_radius_ratio for k in SAMPLES]
+    return [simulate(of, values, k).mean_radius_ratio for k in SAMPLES]
 
 
 def test_strings_that_hardly_differ_end_alike_only_with_common_configurations():

@@ -11,6 +11,7 @@ from agglom_mpi import load_campaign
 from agglom_mpi.compilation.kernels import kernel, prefetch, runs_compiled
 from agglom_mpi.simulation.event_driven.cell_crossing import next_cell
 from agglom_mpi.simulation.event_driven.prefetching import PREFETCH_ABOVE, cells_behind, match_above
+from agglom_mpi.verbs.simulate import simulate
 
 JOBS = Path(__file__).parents[2] / "jobs"
 compiled = pytest.mark.skipif(not runs_compiled(), reason="nothing is compiled")
@@ -84,7 +85,7 @@ def test_results_do_not_depend_on_prefetching(tmp_path):
     path = with_escape(JOBS / "agglomeration_2004.yaml", "periodic", tmp_path)
     campaign = load_campaign(path)
     assert campaign.scene.particles < PREFETCH_ABOVE
-    outcome = campaign.simulate(campaign.parameters({}, fill="centre"), 0, frames=2)
+    outcome = simulate(campaign, campaign.parameters({}, fill="centre"), 0, frames=2)
     without = outcome.record[
         ["mean_radius_ratio", "collisions", "breakups", "steps", "energy_error"]
     ]

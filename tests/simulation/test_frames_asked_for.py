@@ -10,6 +10,7 @@ from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.random_streams import sample_stream
 from agglom_mpi.simulation.frames import frame_times
 from agglom_mpi.simulation.sample import simulate_scene
+from agglom_mpi.verbs.simulate import simulate
 
 TEXT = """\
 title: frames
@@ -48,7 +49,7 @@ END = 5e-3
 
 @pytest.mark.plain
 def test_so_many_frames_are_evenly_spaced_and_change_nothing():
-    plain, seen = CAMPAIGN.simulate({}, 4), CAMPAIGN.simulate({}, 4, frames=11)
+    plain, seen = simulate(CAMPAIGN, {}, 4), simulate(CAMPAIGN, {}, 4, frames=11)
     assert plain.frames is None
     assert plain.merges > 3
     assert seen.record.tobytes() == plain.record.tobytes()
@@ -64,13 +65,13 @@ def test_so_many_frames_are_evenly_spaced_and_change_nothing():
 @pytest.mark.plain
 @pytest.mark.parametrize("times", [[0.0, 1e-3, END], np.array([1e-3]), (END,)])
 def test_frames_are_taken_at_the_times_given(times):
-    seen = CAMPAIGN.simulate({}, 4, frames=times)
+    seen = simulate(CAMPAIGN, {}, 4, frames=times)
     assert seen.frames.times.tolist() == list(times)
     assert np.all(seen.frames.particles > 0)
 
 
 def test_the_final_particles_are_always_there():
-    outcome = CAMPAIGN.simulate({}, 4)
+    outcome = simulate(CAMPAIGN, {}, 4)
     scene = CAMPAIGN.scene.build(CAMPAIGN.parameters())
     assert type(scene.laws) is type(
         breaking_event_periodic(particles=2, size_ratio=0.1, end_time=1.0).laws
@@ -108,7 +109,7 @@ def test_the_final_particles_are_always_there():
 )
 def test_impossible_frames_are_one_clear_error(frames, message):
     with pytest.raises(CampaignError) as caught:
-        CAMPAIGN.simulate({}, frames=frames)
+        simulate(CAMPAIGN, {}, frames=frames)
     assert str(caught.value).startswith(f"campaign.yaml: {message}")
 
 

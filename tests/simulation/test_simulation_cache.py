@@ -26,8 +26,9 @@ result = [float(number).hex() for number in impact]
 SAMPLE = """
 import json, sys
 from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.verbs.simulate import simulate
 from agglom_mpi.simulation.sample import measure_sample as used
-record = Campaign.from_text(sys.argv[1]).simulate({"size_ratio": 0.6}, 1).record
+record = simulate(Campaign.from_text(sys.argv[1]), {"size_ratio": 0.6}, 1).record
 result = record.tobytes().hex()
 """
 

@@ -17,6 +17,7 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.simulation.engines import AdaptiveSteps
 from agglom_mpi.variables import TEN
+from agglom_mpi.verbs.simulate import simulate
 
 JOB = Path(__file__).parents[2] / "jobs" / "accretion_2003.yaml"
 JOB_2004 = JOB.with_name("agglomeration_2004.yaml")
@@ -58,7 +59,7 @@ def growth(job, row, samples, engine):
     """Mean radius ratio of each sample; all ledgers must close."""
     campaign, ratios = load_campaign(job), []
     for sample in range(samples):
-        outcome = campaign.simulate(named(row), sample, engine)
+        outcome = simulate(campaign, named(row), sample, engine)
         assert outcome.ledger["momentum_error"] <= 1e-12
         assert abs(outcome.ledger["energy_error"]) <= 1e-10
         assert outcome.ledger["capped_iterations"] == 0
@@ -122,8 +123,9 @@ def test_shorter_steps_converge_to_the_event_engine(law):
 TINY = """
 import json, sys
 from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.verbs.simulate import simulate
 campaign = Campaign.from_text(sys.argv[2])
-outcome = campaign.simulate(json.loads(sys.argv[1]), int(sys.argv[3]))
+outcome = simulate(campaign, json.loads(sys.argv[1]), int(sys.argv[3]))
 print(json.dumps([float(value) for value in outcome.record] + outcome.temperatures.tolist()))
 """
 
@@ -154,7 +156,7 @@ def test_plain_python_computes_the_same_sample_as_the_compiled_code(engine, cool
     else:
         text = text.replace("particles: 100", "particles: 5")
     campaign = Campaign.from_text(text)
-    outcomes = (campaign.simulate(string, sample) for sample in range(100))
+    outcomes = (simulate(campaign, string, sample) for sample in range(100))
     if engine == "event":  # a sample in which some bounce and some merge
         wanted = (one.collisions > one.merges > 2 for one in outcomes)
     else:
@@ -164,6 +166,6 @@ def test_plain_python_computes_the_same_sample_as_the_compiled_code(engine, cool
     with program(words, env=os.environ | {"NUMBA_DISABLE_JIT": "1"}) as process:
         said, complaint = output_of(process)
     assert process.returncode == 0, complaint
-    outcome = campaign.simulate(string, sample)
+    outcome = simulate(campaign, string, sample)
     compiled = [float(value) for value in outcome.record] + outcome.temperatures.tolist()
     assert json.loads(said) == pytest.approx(compiled, rel=tolerance, abs=1e-13)

@@ -24,6 +24,7 @@ from agglom_mpi.physics.velocities import UniformX
 from agglom_mpi.simulation.boundary import Periodic
 from agglom_mpi.simulation.initial_state import DifferentSizes, scatter
 from agglom_mpi.simulation.sample import simulate_scene
+from agglom_mpi.verbs.simulate import simulate
 
 QUICKSTART = (Path(__file__).parents[2] / "jobs" / "quickstart.yaml").read_text()
 NEVER = np.zeros(1, np.uint8)
@@ -58,7 +59,7 @@ def test_grains_of_one_size_are_equal_grains_to_the_bit(engine):
 @pytest.mark.plain
 @pytest.mark.parametrize("engine", cases(ENGINES, ["event", "fixed"], pytest.mark.slow))
 def test_no_grain_and_no_mass_is_lost(engine):
-    outcome = LOGNORMAL.simulate({}, 2, ENGINES[engine], frames=[0.0])
+    outcome = simulate(LOGNORMAL, {}, 2, ENGINES[engine], frames=[0.0])
     first, final = outcome.frames, outcome.final
     assert outcome.merges > 10
     assert final.grains.sum() == 60
@@ -72,7 +73,7 @@ def test_no_grain_and_no_mass_is_lost(engine):
 
 @pytest.mark.plain
 def test_grains_are_placed_apart_the_largest_first():
-    frames = AT_THE_START.simulate({}, 0, frames=[0.0]).frames
+    frames = simulate(AT_THE_START, {}, 0, frames=[0.0]).frames
     radii, places = frames.radii[0], frames.positions[0]
     assert np.all(np.diff(radii) <= 0.0)
     assert radii[0] > 1.5 * radii[-1]
@@ -86,7 +87,7 @@ def test_grains_are_placed_apart_the_largest_first():
 @pytest.mark.plain
 def test_each_sample_draws_its_own_sizes_and_again_the_same():
     first, again, other = (
-        AT_THE_START.simulate({}, sample, frames=[0.0]).frames.radii[0] for sample in (0, 0, 1)
+        simulate(AT_THE_START, {}, sample, frames=[0.0]).frames.radii[0] for sample in (0, 0, 1)
     )
     assert first.tobytes() == again.tobytes()
     assert np.all(first != other)
@@ -103,7 +104,7 @@ def test_the_mean_radius_at_the_start_is_that_of_the_law():
 @pytest.mark.plain
 @pytest.mark.parametrize("engine", cases(ENGINES, ["event"], pytest.mark.slow))
 def test_a_box_has_the_grains_of_the_sample_of_its_number(engine):
-    outcome = LOGNORMAL.simulate({}, 3, ENGINES[engine])
+    outcome = simulate(LOGNORMAL, {}, 3, ENGINES[engine])
     box = Box(LOGNORMAL, sample=3, engine=ENGINES[engine])
     box.advance(float(outcome.record["end_time"]))
     assert box.particles.radii.tobytes() == outcome.final.radii.tobytes()
@@ -116,7 +117,7 @@ def test_aggregates_of_different_grains_break_into_no_more_pieces_than_they_have
     line = next(line for line in text.splitlines() if line.strip().startswith("half_width"))
     text = text.replace(line, f"{line}\n  sizes: {{law: uniform, ratio: 3}}")
     campaign = Campaign.from_text(text)
-    outcome = campaign.simulate({})
+    outcome = simulate(campaign, {})
     assert outcome.breakups > 0
     assert outcome.final.grains.sum() == campaign.scene.particles
     assert outcome.final.grains.min() >= 1

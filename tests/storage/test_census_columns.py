@@ -6,20 +6,22 @@ import math
 import pytest
 
 from agglom_mpi.measurements.layout import CensusLayout
-from agglom_mpi.storage.columns import CENSUS, census_attributes, census_of
+from agglom_mpi.storage.room import CENSUS, TableSizes
 from agglom_mpi.storage.schema import SAMPLES, samples_schema
 
 LAYOUT = CensusLayout.between((2e-3, math.inf), 0.5, 4.0)
+SIZES = TableSizes(8, 4, 2, 4, census=LAYOUT)
 
 
 def test_a_layout_is_read_as_it_was_written():
-    assert census_of(census_attributes(LAYOUT)) == LAYOUT
-    assert census_of({}) is None
-    assert census_attributes(None) == {}
+    assert TableSizes.of(SIZES.attributes()) == SIZES._replace(generations=0)
+    without = SIZES._replace(census=None).attributes()
+    assert CENSUS not in without
+    assert TableSizes.of(without).census is None
 
 
 def test_the_attribute_names_the_edges_for_other_readers():
-    entries = json.loads(census_attributes(LAYOUT)[CENSUS])
+    entries = json.loads(SIZES.attributes()[CENSUS])
     assert entries["times"] == [2e-3, None]
     assert entries["edges"] == LAYOUT.edges.tolist()
 
@@ -46,6 +48,6 @@ def test_columns_have_the_shape_of_the_layout_and_samples_without_stay_as_they_a
     ids=str,
 )
 def test_a_damaged_layout_is_refused(change):
-    entries = json.loads(census_attributes(LAYOUT)[CENSUS]) | change
+    entries = json.loads(SIZES.attributes()[CENSUS]) | change
     with pytest.raises(ValueError, match="census"):
-        census_of({CENSUS: json.dumps(entries)})
+        TableSizes.of(SIZES.attributes() | {CENSUS: json.dumps(entries)})

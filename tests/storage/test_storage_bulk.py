@@ -334,7 +334,7 @@ def test_particles_of_another_sample_or_number_are_a_fault(filled):
     other = final_row(2, 4, final(2, 3), GRAINS)
     few = final_row(0, 6, FinalParticles(*(array[:1] for array in final(0, 6))), GRAINS)
     with CampaignWriter(filled) as writer:
-        finals = writer.samples._finals
+        finals = writer.samples._finals.table
         finals.write(2 * MAX_SAMPLES + 3, other)
         finals.write(6, few)
     [fault] = verify_rows(filled).faults

@@ -26,7 +26,6 @@ from agglom_mpi.storage.compact import CopyCounts, write_compact
 from agglom_mpi.storage.create import enlarge_campaign_file
 from agglom_mpi.storage.files import CheckedFile
 from agglom_mpi.storage.reader import NotACampaign, read_campaign
-from agglom_mpi.storage.run_log import LegEnd
 from agglom_mpi.storage.writer import CampaignWriter
 
 
@@ -177,8 +176,9 @@ def test_a_leg_that_is_just_rewritten_is_read_again(path, copy, monkeypatch):
         torn = legs.read(leg, 1)
         torn["samples"] = 5
         legs.write(leg, torn)
-        end = LegEnd(2e9, 0, 5, busy_seconds=1.0, cpu_seconds=0.9, database_seconds=0.1)
-        monkeypatch.setattr(compact.time, "sleep", lambda seconds: writer.log.end_leg(leg, end))
+        end = {"stopped": 2e9, "exit_code": 0, "samples": 5, "busy_seconds": 1.0}
+        end |= {"cpu_seconds": 0.9, "database_seconds": 0.1}
+        monkeypatch.setattr(compact.time, "sleep", lambda seconds: writer.log.end_leg(leg, **end))
         assert write_compact(path, copy).damaged == 0
     assert read_campaign(copy).legs()["exit_code"].tolist() == [0]
 

@@ -11,7 +11,7 @@ from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.storage import room
 from agglom_mpi.storage.files import CheckedFile
-from agglom_mpi.storage.room import TableSizes, check_room, file_bytes, size_text, table_sizes
+from agglom_mpi.storage.room import TableSizes, check_room, size_text, table_sizes
 
 SIZES = TableSizes(STRINGS, MAX_SAMPLES, GENERATIONS, POPULATION)
 HDF5_BYTES = 200_000
@@ -24,7 +24,7 @@ HDF5_BYTES = 200_000
 )
 def test_the_size_of_a_file_is_known_before_it_is_made(tmp_path, more):
     path = make(tmp_path / "a.h5", text="a: 1", **more)
-    expected = file_bytes(SIZES._replace(**more))
+    expected = SIZES._replace(**more).file_bytes()
     assert expected <= path.stat().st_size < expected + HDF5_BYTES
 
 
@@ -48,7 +48,9 @@ def test_too_many_generations_are_refused_with_the_most_that_fit(tmp_path):
     [most] = re.findall(r"at most ([\d,]+) generations", problem.message)
     most = int(most.replace(",", ""))
     fits, too_large = (campaign.with_generations(most + more) for more in (0, 1))
-    assert file_bytes(table_sizes(fits)) <= room.MAX_FILE_BYTES < file_bytes(table_sizes(too_large))
+    assert (
+        table_sizes(fits).file_bytes() <= room.MAX_FILE_BYTES < table_sizes(too_large).file_bytes()
+    )
     check_room(fits, table_sizes(fits))
     refusal(too_large)
 
@@ -57,7 +59,7 @@ def test_a_file_that_is_there_already_is_as_large_as_it_is(tmp_path):
     campaign = load_campaign(
         write_campaign(tmp_path / "a.yaml", generations=10**6, population=10**4)
     )
-    check_room(campaign, table_sizes(campaign), present=file_bytes(table_sizes(campaign)))
+    check_room(campaign, table_sizes(campaign), present=table_sizes(campaign).file_bytes())
 
 
 def test_where_one_generation_is_too_large_something_else_is_named(tmp_path, monkeypatch):
@@ -79,6 +81,5 @@ def test_a_place_that_the_file_system_cannot_have_is_a_failed_write(tmp_path):
 
 
 def test_the_schema_tells_the_size_of_rows_as_numpy_has_it():
-    attributes = {"population": 7, "grains": 9, "final_particles": 1, "frames": 2}
-    for table in room.table_schemas(attributes):
+    for table in SIZES._replace(grains=9, final_particles=True, frames=2).tables():
         assert room._row_bytes(table) == np.dtype(table.dtype).itemsize + table.final

@@ -19,7 +19,6 @@ from agglom_mpi.storage import sample_writer
 from agglom_mpi.storage.access import open_file
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.rows import Rows
-from agglom_mpi.storage.run_log import LegEnd
 from agglom_mpi.storage.sample_writer import FLUSH_AGE
 from agglom_mpi.storage.schema import (
     FAILURE_CAPACITY,
@@ -147,7 +146,7 @@ def test_legs(path, writer):
     assert row["host"].decode() == "knöten"
     assert len(row["mpi"]) == 64
     times = {"busy_seconds": 19.5, "cpu_seconds": 17.0, "database_seconds": 0.2}
-    writer.log.end_leg(0, LegEnd(stopped=1e9 + 5, exit_code=75, samples=300, **times))
+    writer.log.end_leg(0, stopped=1e9 + 5, exit_code=75, samples=300, **times)
     row = read_campaign(path).legs()[0]
     assert (row["exit_code"], row["stopped"], row["samples"]) == (75, 1e9 + 5, 300)
     assert {name: row[name] for name in times} == times
@@ -242,7 +241,7 @@ def test_a_failed_write_names_the_file_and_can_be_repeated(path, file_size_limit
 
 
 def test_a_repeated_write_succeeds(path, writer, monkeypatch):
-    table = writer.samples._table
+    table = writer.samples._samples.table
     put = table.write
     monkeypatch.setattr(table, "write", lambda *_, **__: (_ for _ in ()).throw(OSError(28, "full")))
     writer.put_samples(sample_rows(1, 0, 10))
@@ -264,7 +263,7 @@ def test_a_checksum_from_where_a_sample_was_simulated_is_kept(path, writer):
 
 def test_rows_of_a_closed_file_are_not_written_into_another_one(path, tmp_path):
     writer = CampaignWriter(path)
-    rows = writer.samples._table.rows
+    rows = writer.samples._samples.table.rows
     writer.close()
     with (tmp_path / "other").open("wb") as other:  # it may get the descriptor
         with pytest.raises(ValueError, match="closed"):

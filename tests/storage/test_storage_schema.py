@@ -5,9 +5,9 @@ import h5py
 import numpy as np
 import pytest
 from storage_rows import (
+    GENERATIONS,
     LOWER,
     MAX_SAMPLES,
-    POPULATION,
     STRINGS,
     TEXT,
     UPPER,
@@ -18,20 +18,16 @@ from storage_rows import (
 
 from agglom_mpi.outcome import OUTCOME
 from agglom_mpi.storage.create import create_campaign_file, enlarge_campaign_file
-from agglom_mpi.storage.schema import (
-    sample_dtype,
-    table_schemas,
-    volume_attributes,
-    volumes_of_file,
-)
+from agglom_mpi.storage.room import TableSizes
+from agglom_mpi.storage.schema import sample_dtype
 from agglom_mpi.storage.writer import CampaignWriter
 from agglom_mpi.variables import TEN
 
 
 def test_every_dataset_and_field_is_explained(path):
     with h5py.File(path, "r") as file:
-        known = {layout.name: layout for layout in table_schemas({"population": POPULATION})}
-        done = {layout.done for layout in known.values() if layout.final}
+        known = {table.name: table for table in table_room(STRINGS, GENERATIONS).tables()}
+        done = {table.done for table in known.values() if table.final}
         assert set(file) == set(known) | done
         for name, dataset in file.items():
             assert dataset.attrs["meaning"]
@@ -148,9 +144,10 @@ def test_create_needs_a_record_and_sizes(tmp_path):
 )
 def test_an_attribute_of_volumes_that_no_run_writes_is_refused(text, fault):
     with pytest.raises(ValueError, match=f"volumes is {fault}"):
-        volumes_of_file({"volumes": text})
+        TableSizes.of(table_room(2, 2).attributes() | {"volumes": text})
 
 
 def test_volumes_are_read_as_they_are_written():
     for volumes in ((), (2,), (2, 16, 128)):
-        assert volumes_of_file(volume_attributes(reversed(volumes))) == volumes
+        sizes = table_room(2, 2, volumes=volumes[::-1])
+        assert TableSizes.of(sizes.attributes()).volumes == volumes

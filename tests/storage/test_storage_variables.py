@@ -10,9 +10,8 @@ from storage_rows import LOWER, UPPER, make
 from agglom_mpi.storage.access import NotACampaign
 from agglom_mpi.storage.create import enlarge_campaign_file
 from agglom_mpi.storage.reader import read_campaign
-from agglom_mpi.storage.room import TableSizes, file_bytes
+from agglom_mpi.storage.room import FURTHER_VARIABLES, TableSizes
 from agglom_mpi.storage.schema import parameters_of
-from agglom_mpi.storage.stored_variables import FURTHER_VARIABLES, variables_of
 from agglom_mpi.storage.writer import CampaignWriter
 from agglom_mpi.variables import MAX_VARIABLE_NAME, TEN, Variable, VariableTable
 
@@ -75,7 +74,7 @@ def test_the_longest_name_fits(tmp_path):
 
 def test_each_variable_takes_its_room():
     sizes = [TableSizes(1000, 1, 1, 1, variables=table) for table in (TEN, TABLE)]
-    assert file_bytes(sizes[1]) - file_bytes(sizes[0]) == 2 * (8 * 1000 + 32 + 16 + 17)
+    assert sizes[1].file_bytes() - sizes[0].file_bytes() == 2 * (8 * 1000 + 32 + 16 + 17)
 
 
 @pytest.mark.parametrize(
@@ -111,5 +110,7 @@ def test_names_of_other_variables_are_damage(path):
 
 
 def test_variables_are_kept_by_their_attribute():
-    assert variables_of({}) is TEN
-    assert variables_of({FURTHER_VARIABLES: '[["a.b", "s", "m"]]'})["a.b"].meaning == "m"
+    attributes = TableSizes(2, 2, 2, 2).attributes()
+    assert TableSizes.of(attributes).variables is TEN
+    attributes[FURTHER_VARIABLES] = '[["a.b", "s", "m"]]'
+    assert TableSizes.of(attributes).variables["a.b"].meaning == "m"

@@ -115,8 +115,8 @@ class ComparedDatum(NamedTuple):
 
 def draw_data_fit(figure: Any, compared: Sequence[ComparedDatum]) -> NDArray[Any]:
     """Draw two panels for each size curve, and one for all numbers; return the axes, (panels,)."""
-    curves = [each for each in compared if each.datum.quantity == "sizes"]
-    numbers = [each for each in compared if each.datum.quantity != "sizes"]
+    curves = [each for each in compared if each.datum.kind.is_curve]
+    numbers = [each for each in compared if not each.datum.kind.is_curve]
     heights = [
         *([CURVE_HEIGHT] * len(curves)),
         *([_residual_height(len(numbers))] if numbers else []),
@@ -279,7 +279,7 @@ def _compared(data: CampaignData, options: FigureOptions) -> list[ComparedDatum]
 
 def data_fit_size(compared: Sequence[ComparedDatum]) -> tuple[float, float]:
     """Return width and height of the figure of some data, inches."""
-    curves = sum(each.datum.quantity == "sizes" for each in compared)
+    curves = sum(each.datum.kind.is_curve for each in compared)
     numbers = len(compared) - curves
     height = CURVE_HEIGHT * curves + (_residual_height(numbers) if numbers else 0.0)
     return WIDTH, height + 0.4

@@ -17,6 +17,7 @@ from agglom_mpi.search.objectives.objective import Objective
 from agglom_mpi.search.stopping import StoppingRule
 from agglom_mpi.search.studied_rules import compared_rules
 from agglom_mpi.storage.reader import CampaignData
+from agglom_mpi.storage.recorded_campaign import recorded_component
 
 Floats = NDArray[np.float64]
 
@@ -111,7 +112,7 @@ def stopping_points(data: CampaignData, string: int) -> list[StoppingPoint]:
 
 def own_rule(data: CampaignData) -> StoppingRule:
     """Return the stopping rule of a campaign's ensembles."""
-    return StoppingRule.of_entries(data.section("ensemble"), data.reading)
+    return recorded_component(data, "ensemble", StoppingRule.of_entries)
 
 
 def samples_until(
@@ -298,8 +299,6 @@ def draw_sample_counts(ax: Any, counts: SampleCounts) -> Any:
 
 
 def _ensembles_data(data: CampaignData, _: FigureOptions) -> EnsembleHistories | None:
-    if objective_of(data).needs_code:
-        return None
     samples = data.counted_samples
     completed = {*samples["string"][samples["state"] == COMPLETED].tolist()}
     shown = [i for i in rank_strings(data).order if i in completed][:STRINGS]

@@ -18,15 +18,15 @@ from agglom_mpi.analysis.estimates import objective_of
 from agglom_mpi.config.arguments import read_count
 from agglom_mpi.config.yaml_source import ArgumentError
 from agglom_mpi.errors import require_library
-from agglom_mpi.inference.data_posterior import DataPosterior, data_posterior
+from agglom_mpi.inference.data_posterior import data_posterior
 from agglom_mpi.report.drawing import SIZE, Drawing, note, style_axes
 from agglom_mpi.report.sample_particles import RESIMULATION_SECONDS
 from agglom_mpi.storage.reader import CampaignData
 
 if TYPE_CHECKING:
     from agglom_mpi.inference.feasible_set import FeasibleSet
-    from agglom_mpi.inference.mean_posterior import MeanPosterior
     from agglom_mpi.inference.next_measurement import NextMeasurements
+    from agglom_mpi.inference.posterior import Posterior
 
 
 def objective_label(data: CampaignData) -> str:
@@ -59,8 +59,8 @@ class FigureOptions(NamedTuple):
     seconds: float = RESIMULATION_SECONDS
     sensitivity: bool = False
     feasible_set: "FeasibleSet | None" = None
-    mean_posterior: "MeanPosterior | None" = None
-    posterior: "DataPosterior | None" = None
+    mean_posterior: "Posterior | None" = None
+    posterior: "Posterior | None" = None
     further: "NextMeasurements | None" = None
     truth: Any = None
     plotted: bool = False

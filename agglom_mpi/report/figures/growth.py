@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from agglom_mpi.analysis.data_fit import has_data, string_predictions
 from agglom_mpi.analysis.shown_units import TIME, shown_unit
 from agglom_mpi.formatting import axis_label
-from agglom_mpi.measurements.datum import QUANTITIES, Datum
-from agglom_mpi.measurements.prediction import QUANTILES
+from agglom_mpi.measurements.datum import Datum
+from agglom_mpi.measurements.quantities import QUANTITIES, MeanLength, Quantile
 from agglom_mpi.report.drawing import COLOURS, style_axes
 from agglom_mpi.report.figures.data_fit import TWO_SIDED, compared_strings
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
@@ -24,10 +24,8 @@ PANEL_SIZE: Final = (4.2, 3.2)
 """Width and height of a panel, inches."""
 COLUMNS: Final = 2
 """Maximum number of panels side by side."""
-MEANS: Final = ("mean_diameter", "mean_radius")
-"""Quantities that are shown as a mean diameter."""
-STYLES: Final = {"d10": ":", "d50": "-", "d90": "--"}
-"""Line style of each quantile."""
+LINE_STYLES: Final = [each.line_style for each in QUANTITIES.values() if each.share is not None]
+"""Line styles of the quantiles."""
 
 CLASSES_LABEL: Final = "classes with a measured quantile"
 
@@ -122,12 +120,12 @@ def _draw_panel(ax: Any, times: Floats, factor: float, panel: GrowthPanel) -> No
         colour = colours.setdefault(curve.string, COLOURS[len(colours) % len(COLOURS)])
         line = {"color": colour, "marker": "o", "markersize": 2.5}
         above = 3.0 - 0.1 * len(colours)  # the best string lies above the others
-        style = STYLES.get(curve.quantity, "-")
-        ax.plot(times, curve.values, style, label=label, zorder=above, **line)
+        kind = QUANTITIES[curve.quantity]
+        ax.plot(times, curve.values, kind.line_style, label=label, zorder=above, **line)
         half = TWO_SIDED * curve.errors
         low, high = curve.values - half, curve.values + half
         ax.fill_between(times, low, high, color=colour, alpha=0.2, linewidth=0)
-        if curve.quantity in STYLES and len(colours) == 1:
+        if kind.share is not None and len(colours) == 1:
             end = {"xytext": (12, 0), "textcoords": "offset points", "va": "center"}
             ax.annotate(curve.quantity, (times[-1], curve.values[-1]), fontsize="small", **end)
     for point in panel.points:
@@ -143,11 +141,11 @@ def _draw_point(ax: Any, point: MeasuredPoint, factor: float, aside: float) -> N
         bars = [[point.value - point.lower], [point.upper - point.value]]
         ax.errorbar(time, point.value, yerr=bars, fmt="o", markersize=5, label="measured", **style)
         return
-    names = list(STYLES)
-    time += aside * (names.index(point.quantity) - 1)
+    line_style = QUANTITIES[point.quantity].line_style
+    time += aside * (LINE_STYLES.index(line_style) - 1)
     middle, half = 0.5 * (point.lower + point.upper), 0.5 * (point.upper - point.lower)
     found = ax.errorbar(time, middle, yerr=half, fmt="none", label=CLASSES_LABEL, **style)
-    found.lines[2][0].set_linestyle(STYLES[point.quantity])
+    found.lines[2][0].set_linestyle(line_style)
 
 
 def _shape(panels: int) -> tuple[int, int]:
@@ -181,18 +179,25 @@ class _Kind(NamedTuple):
 
 def _kinds(measured: Sequence[Datum]) -> list[_Kind]:
     """Return what the panels show: diameters by the weights of the data, and what else there is."""
-    means = [datum.weight for datum in measured if datum.quantity in MEANS]
-    quantiles = [d.weight for d in measured if d.quantity in QUANTILES or d.edges is not None]
-    kinds = [
-        *(_Kind(f"mean diameter by {each}", MEANS[:1], each) for each in _once(means or quantiles)),
-        *(
-            _Kind(f"diameters by {each}", tuple(QUANTILES), each)
-            for each in _once(quantiles or means)
-        ),
+    means = [datum.weight for datum in measured if datum.kind.panel == MeanLength.panel]
+    quantiles = [
+        datum.weight
+        for datum in measured
+        if datum.kind.panel == Quantile.panel or datum.kind.is_curve
     ]
-    sizes = (*MEANS, *QUANTILES, "sizes")
-    others = _once(datum.quantity for datum in measured if datum.quantity not in sizes)
-    return [*kinds, *(_Kind(each, (each,), "number") for each in others)]
+    weights = {MeanLength.panel: means or quantiles, Quantile.panel: quantiles or means}
+    kinds = [
+        _Kind(panel.format(weight=each), _of_panel(panel), each)
+        for panel, some in weights.items()
+        for each in _once(some)
+    ]
+    others = (d.quantity for d in measured if not d.kind.panel and not d.kind.is_curve)
+    return [*kinds, *(_Kind(each, (each,), "number") for each in _once(others))]
+
+
+def _of_panel(panel: str) -> tuple[str, ...]:
+    """Return the quantities that a panel shows; a radius is shown as a diameter."""
+    return tuple(n for n, each in QUANTITIES.items() if each.panel == panel and not each.shown_as)
 
 
 def _once(names: Iterable[str]) -> list[str]:
@@ -201,7 +206,7 @@ def _once(names: Iterable[str]) -> list[str]:
 
 def _growth(data: CampaignData, options: FigureOptions) -> Growth | None:
     """Return the growth of the best strings, or of one; None without data at several times."""
-    if not has_data(data) or data.census is None or len(data.census.times) < 2:
+    if not has_data(data) or data.sizes.census is None or len(data.sizes.census.times) < 2:
         return None
     campaign = recorded_campaign(data)
     names = compared_strings(data, options.string)
@@ -211,7 +216,7 @@ def _growth(data: CampaignData, options: FigureOptions) -> Growth | None:
     if not known:
         return None
     end = float(campaign.scene.end_time)  # data at several times need a fixed one
-    times = np.array([0.0, *(min(time, end) for time in data.census.times)])
+    times = np.array([0.0, *(min(time, end) for time in data.sizes.census.times)])
     panels = [
         _panel(data, kind, [each[place] for each in known], _points(kind, campaign.data, end))
         for place, kind in enumerate(kinds)
@@ -223,9 +228,9 @@ def _curves(
     data: CampaignData, string: int, name: str, kinds: Sequence[_Kind]
 ) -> list[list[GrowthCurve]] | None:
     """Return the curves of a string in each panel, in SI units; None where no sample completed."""
-    assert data.census is not None
+    assert data.sizes.census is not None
     wanted = [(quantity, kind.weight) for kind in kinds for quantity in kind.quantities]
-    times = [None if time == math.inf else time for time in data.census.times]
+    times = [None if time == math.inf else time for time in data.sizes.census.times]
     asked = [
         Datum.of_value(quantity, 1.0, 1.0, weight, time)
         for quantity, weight in wanted
@@ -251,15 +256,12 @@ def _curves(
 
 def _start(data: CampaignData, string: int, quantity: str) -> float:
     """Return a quantity of the grains of a string in SI units; nan where their sizes differ."""
-    if quantity == "particles_left":
-        return 1.0
-    if quantity == "temperature":
-        return float(data.values([string], "temperature")[0])
-    if "scene.sizes.law" in data.identity:
-        return math.nan
+    kind, temperature = QUANTITIES[quantity], math.nan
+    if kind.needs_heat:
+        temperature = float(data.values([string], "temperature")[0])
     measured = recorded_campaign(data).measured_at(data.parameters[string])
-    numbers = {"spread": 0.0, "largest_mass_fraction": 1.0 / measured.grains}
-    return numbers.get(quantity, measured.diameter)
+    diameter = math.nan if "scene.sizes.law" in data.identity else measured.diameter
+    return kind.at_start(measured.grains, diameter, temperature)
 
 
 def _points(kind: _Kind, measured: Sequence[Datum], end: float) -> list[MeasuredPoint]:
@@ -267,18 +269,19 @@ def _points(kind: _Kind, measured: Sequence[Datum], end: float) -> list[Measured
     points = []
     for datum in measured:
         time = end if datum.time is None else datum.time
-        if QUANTITIES[datum.quantity].has_weight and datum.weight != kind.weight:
+        if datum.kind.has_weight and datum.weight != kind.weight:
             continue
         if datum.edges is not None:
-            for quantity in set(kind.quantities) & set(QUANTILES):
-                if (bounds := quantile_bounds(datum, QUANTILES[quantity])) is not None:
+            for quantity in kind.quantities:
+                share = QUANTITIES[quantity].share
+                bounds = None if share is None else quantile_bounds(datum, share)
+                if bounds is not None:
                     points.append(MeasuredPoint(quantity, time, math.nan, *bounds))
             continue
-        quantity = MEANS[0] if datum.quantity in MEANS else datum.quantity
-        if quantity in kind.quantities:
-            scale = 2.0 if datum.quantity == "mean_radius" else 1.0
-            value = scale * float(datum.values[0])
-            half = scale * TWO_SIDED * math.sqrt(datum.covariance[0, 0])
+        own = datum.kind
+        if (quantity := own.shown_as or datum.quantity) in kind.quantities:
+            value = float(datum.values[0]) / own.factor
+            half = TWO_SIDED * math.sqrt(datum.covariance[0, 0]) / own.factor
             points.append(MeasuredPoint(quantity, time, value, value - half, value + half))
     return points
 

@@ -38,7 +38,6 @@ from agglom_mpi.storage.reader import CampaignData
 if TYPE_CHECKING:
     import matplotlib.figure
 
-    from agglom_mpi.inference.data_posterior import DataPosterior
     from agglom_mpi.inference.posterior import Posterior
 
 Floats = NDArray[np.float64]
@@ -212,7 +211,7 @@ class Predicted(NamedTuple):
     """All data with what a posterior predicts for them, and why it is unreliable, if it is."""
 
     compared: list[ComparedDatum]
-    posterior: "DataPosterior"
+    posterior: "Posterior"
 
 
 def predicted_data(data: CampaignData, options: FigureOptions) -> Predicted | None:

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.formatting import label_of
+from agglom_mpi.inference.emulated_set import BOX_POINTS
 from agglom_mpi.inference.feasible_set import FeasibleSet
-from agglom_mpi.inference.membership import BOX_POINTS
 from agglom_mpi.inference.set_points import INNER_PROBABILITY, OUTER_PROBABILITY
 from agglom_mpi.report.drawing import (
     COLOURS,

@@ -83,9 +83,8 @@ class Page:
         for figure in figures().values():
             if figure.section != section:
                 continue
-            draw = partial(figure.drawing, self.data, self.options)
             try:
-                drawn = self.data.unless_code(f"figure {figure.name}", draw, None)
+                drawn = figure.drawing(self.data, self.options)
             except FramesUnavailableError as error:
                 self.why_no_frames = str(error)
                 continue

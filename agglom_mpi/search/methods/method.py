@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, NamedTuple, P
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.declaration.components import Component, UnknownComponentError, Whole
+from agglom_mpi.declaration.components import Component, Whole
 from agglom_mpi.declaration.declared import LATER, FieldPath
 from agglom_mpi.declaration.given_values import EarlierCampaign, GivenStrings
 from agglom_mpi.declaration.needed import needed
-from agglom_mpi.declaration.reading import PLAIN, Reading
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.search.proposals import Evaluations, Proposals, Ranked
 from agglom_mpi.search.space import SearchSpace
@@ -126,21 +125,6 @@ class SearchMethod(Component):
             return {cls.named_by: DEFAULT_METHOD, **entry}
         return entry
 
-    @classmethod
-    def recorded_in(
-        cls, identity: Mapping[str, Any], reading: Reading = PLAIN
-    ) -> "SearchMethod | None":
-        """Return the method of a campaign by its identity.
-
-        None if it searches nothing, or by a method of a later version. It has the numbers that are
-        entries of their own, and defaults of the others.
-        """
-        entries = {key.removeprefix("search."): value for key, value in identity.items()}
-        try:
-            return cls.of_entries(entries, reading)
-        except UnknownComponentError:
-            return None
-
     @property
     @needed
     def first_generation(self) -> int:
@@ -156,21 +140,6 @@ class SearchMethod(Component):
     def build(self, inputs: SearchInputs) -> RunningSearch:
         """Return the search before its first generation."""
         raise NotImplementedError
-
-    def record(self) -> dict[str, Any]:
-        """Return what a file records of a method of one's own: what a stand-in counts by."""
-        return {
-            "counts": {
-                "strings": [self.strings(1), self.strings(2)],
-                "first_sample": [self.first_sample(1), self.first_sample(2)],
-            }
-        }
-
-    @classmethod
-    def restored(cls, record: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the attributes of a stand-in, which counts on from the first two numbers."""
-        counts = {name: _counting(*numbers) for name, numbers in record["counts"].items()}
-        return super().restored(record) | counts
 
     @property
     def kept(self) -> int:
@@ -241,11 +210,6 @@ class SearchMethod(Component):
     def details(self) -> list[str]:
         """Further lines of `agglom check` on the method."""
         return []
-
-
-def _counting(first: int, second: int) -> Callable[[Any, int], int]:
-    """Return a method of a number from 1 on that rises evenly."""
-    return lambda self, number: first + (number - 1) * (second - first)
 
 
 class PopulationMethod(SearchMethod):

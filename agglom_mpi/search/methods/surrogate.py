@@ -186,7 +186,7 @@ class SurrogateSearch(EvaluatedStrings):
         if generation > self.generation + 1:
             return None
         pending = self._fit_in_background(generation)
-        return (self._count_before(generation), pending.result()) if pending.done() else None
+        return (self.method.strings(generation), pending.result()) if pending.done() else None
 
     def best(self, k: int) -> list[Ranked]:
         """Return the k strings with the best expected objective by the process.
@@ -221,7 +221,7 @@ class SurrogateSearch(EvaluatedStrings):
     @single_threaded
     def _rank(self) -> list[Ranked]:
         """Rank all strings, by a covariance that is fitted already."""
-        model = self._model(self._count_before(self.generation - 1), self.generation)
+        model = self._model(self.method.strings(self.generation - 1), self.generation)
         if model is None:
             return EvaluatedStrings.best(self, len(self))
         points = self.space.to_unit(self.parameters)
@@ -234,10 +234,6 @@ class SurrogateSearch(EvaluatedStrings):
             for i in duplicates_last(points, order[evaluated[order]])
         ]
         return ranked + [Ranked(i, np.inf) for i in np.flatnonzero(~evaluated).tolist()]
-
-    def _count_before(self, generation: int) -> int:
-        """Return the number of strings of all generations before this one."""
-        return self.method.strings(generation)
 
     def _fit_in_background(self, generation: int) -> "Future[Proposals]":
         """Begin to compute the proposals of a generation, unless that was begun before."""
@@ -255,13 +251,13 @@ class SurrogateSearch(EvaluatedStrings):
 
     @single_threaded
     def _propose(self, generation: int) -> Proposals:
-        first, end = map(self._count_before, (generation, generation + 1))
+        first, end = map(self.method.strings, (generation, generation + 1))
         if generation < 2:
             given = self.given[: end - first] if generation == 0 else self.space.no_strings
             first += len(given)
             drawn = self._sobol.strings(first, end - first)
             return begun_with(given, drawn, generation)
-        known = self._count_before(generation - 1)
+        known = self.method.strings(generation - 1)
         random = search_stream(self.seed, SURROGATE, generation)
         model = self._model(known, generation - 1)
         if model is None:
@@ -304,9 +300,9 @@ class SurrogateSearch(EvaluatedStrings):
             return None
         model = self._models.get((fitted, generation))
         if model is None:
-            grows = self._count_before(generation - 1) >= fitted
+            grows = self.method.strings(generation - 1) >= fitted
             earlier = self._model(fitted, generation - 1) if grows else None
-            data = self._data(self._count_before(generation))
+            data = self._data(self.method.strings(generation))
             model = GaussianProcess(covariance, *data, earlier)
             recent = {key: m for key, m in self._models.items() if key[1] >= generation - 1}
             self._models = {**recent, (fitted, generation): model}

@@ -9,15 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.measurements.census import Census
-from agglom_mpi.measurements.datum import Datum
+from agglom_mpi.measurements.datum import Datum, Predictions, predictions
 from agglom_mpi.measurements.layout import CENSUS_COLUMNS, CensusLayout
 from agglom_mpi.outcome import SampleSummary, summaries
 from agglom_mpi.search.criteria import Criterion, NoCriterionError
-from agglom_mpi.search.objectives.objective import Objective
+from agglom_mpi.search.objectives.objective import Objective, accumulated
 
 if TYPE_CHECKING:
     from agglom_mpi.measurements.misfit import Misfit
-    from agglom_mpi.measurements.prediction import Predictions
 
 Floats = NDArray[np.float64]
 
@@ -135,14 +134,11 @@ class MisfitOfData(Objective):
 
     def misfit(self, outcomes: Sequence[SampleSummary]) -> "Misfit":
         """Return the misfit of completed samples with all that is known of each datum."""
-        accumulator = self.accumulator()
-        for outcome in outcomes:
-            accumulator.add(outcome)
-        return accumulator.misfit
+        return accumulated(self.accumulator(), outcomes).misfit
 
     def predictions(
         self, outcomes: Sequence[SampleSummary], data: Sequence[Datum] | None = None
-    ) -> "Predictions":
+    ) -> Predictions:
         """Return what completed samples predict for the values of data.
 
         Parameters
@@ -151,8 +147,6 @@ class MisfitOfData(Objective):
         data
             Measured or not, at the times of the censuses; None: what was measured.
         """
-        from agglom_mpi.measurements.prediction import predictions
-
         census = self._known.census([o.census for o in outcomes])
         return predictions(census, self.data if data is None else data)
 

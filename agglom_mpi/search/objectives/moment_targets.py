@@ -18,7 +18,7 @@ from agglom_mpi.declaration.declared import Declared, FieldPath, Meaning
 from agglom_mpi.outcome import SampleSummary
 from agglom_mpi.search.criteria import Criterion
 from agglom_mpi.search.moments import MOMENTS, NORMALISED, Central, MomentBands, gradient, moment
-from agglom_mpi.search.objectives.objective import Objective, ReachedMoment
+from agglom_mpi.search.objectives.objective import Objective, ReachedMoment, accumulated
 from agglom_mpi.statistics import PooledMomentErrors, PooledMoments, RunningMean
 
 FOURTH_ORDER: Final = ("kurtosis", "fourth")
@@ -237,16 +237,11 @@ class MomentTargets(Objective):
 
         See `FOURTH_ORDER_INTERVALS` on that of a kurtosis.
         """
-        accumulator = self.accumulator()
-        for outcome in outcomes:
-            accumulator.add(outcome)
-        return accumulator.reached if outcomes else ()
+        return accumulated(self.accumulator(), outcomes).reached if outcomes else ()
 
     def influence_values(self, outcomes: Sequence[SampleSummary]) -> NDArray[np.float64]:
         """Return the objective of all samples plus the first-order influence of each."""
-        accumulator = self.accumulator()
-        for outcome in outcomes:
-            accumulator.add(outcome)
+        accumulator = accumulated(self.accumulator(), outcomes)
         return np.array([accumulator.influence_value(outcome) for outcome in outcomes])
 
 

@@ -139,16 +139,6 @@ class Objective(Component):
         return self
 
     @property
-    def needs_code(self) -> bool:
-        """Whether the objective of samples needs a function that is not run here."""
-        return False
-
-    @property
-    def by_mean_radius(self) -> "RadiusObjective | None":
-        """The objective if it depends on the samples' mean radius ratios alone, else None."""
-        return None
-
-    @property
     def tolerance_limits(self) -> tuple[float, float]:
         """Limits of a tolerance of the feasible set, both excluded; 1 of a fraction."""
         return 0.0, 1.0
@@ -227,9 +217,7 @@ class Objective(Component):
 
         The error of a single one is nan; without samples they are inf and nan.
         """
-        accumulator = self.accumulator()
-        for outcome in outcomes:
-            accumulator.add(outcome)
+        accumulator = accumulated(self.accumulator(), outcomes)
         value = accumulator.value
         return (math.inf, math.nan) if math.isnan(value) else (value, accumulator.standard_error)
 
@@ -242,6 +230,16 @@ class Objective(Component):
         return self.of_ensemble(self.summaries(rows))
 
 
+Accumulator = TypeVar("Accumulator", bound=ObjectiveAccumulator)
+
+
+def accumulated(accumulator: Accumulator, outcomes: Iterable[SampleSummary]) -> Accumulator:
+    """Return an accumulator to which completed samples were added."""
+    for outcome in outcomes:
+        accumulator.add(outcome)
+    return accumulator
+
+
 class MeanAccumulator:
     """Running mean of one number of each sample.
 
@@ -249,25 +247,30 @@ class MeanAccumulator:
     ----------
     number
         Returns it.
+
+    Attributes
+    ----------
+    mean
+        Of the samples so far.
     """
 
     def __init__(self, number: Callable[[SampleSummary], float]) -> None:
         self._number = number
-        self._mean = RunningMean()
+        self.mean = RunningMean()
 
     def add(self, outcome: SampleSummary) -> None:
         """Take one more completed sample."""
-        self._mean.add(self._number(outcome))
+        self.mean.add(self._number(outcome))
 
     @property
     def value(self) -> float:
         """The mean."""
-        return self._mean.mean
+        return self.mean.mean
 
     @property
     def standard_error(self) -> float:
         """Standard error of the mean."""
-        return self._mean.standard_error
+        return self.mean.standard_error
 
 
 Ratio = TypeVar("Ratio", float, NDArray[np.float64])
@@ -280,11 +283,6 @@ class RadiusObjective(Objective):
     So their standard error is that of this mean, by the delta method; at an objective near 0
     the magnitude bends, and the error is that of the signed mean.
     """
-
-    @property
-    def by_mean_radius(self) -> Self:
-        """The objective itself."""
-        return self
 
     @abstractmethod
     def deviation(self, ratio: Ratio) -> Ratio:
@@ -307,31 +305,14 @@ class RadiusObjective(Objective):
         return self.deviation(np.array([outcome.mean_radius_ratio for outcome in outcomes]))
 
 
-class RadiusAccumulator:
-    """Running mean of the deviations, whose magnitude is the objective.
-
-    Attributes
-    ----------
-    objective
-        Gives the deviation of a sample.
-    mean
-        That of the deviations.
-    """
+class RadiusAccumulator(MeanAccumulator):
+    """Running mean of the deviations of an `objective`, whose magnitude is the objective."""
 
     def __init__(self, objective: RadiusObjective) -> None:
+        super().__init__(lambda outcome: objective.deviation(outcome.mean_radius_ratio))
         self.objective = objective
-        self.mean = RunningMean()
-
-    def add(self, outcome: SampleSummary) -> None:
-        """Take one more completed sample."""
-        self.mean.add(self.objective.deviation(outcome.mean_radius_ratio))
 
     @property
     def value(self) -> float:
         """Magnitude of the mean."""
         return abs(self.mean.mean)
-
-    @property
-    def standard_error(self) -> float:
-        """Standard error of the mean."""
-        return self.mean.standard_error

@@ -19,14 +19,15 @@ from agglom_mpi.search.objectives.function_of_means import (
     ObjectiveOfMeans,
     OfMeans,
 )
-from agglom_mpi.search.objectives.objective import MeanAccumulator, Objective, ObjectiveAccumulator
+from agglom_mpi.search.objectives.objective import (
+    MeanAccumulator,
+    Objective,
+    ObjectiveAccumulator,
+    accumulated,
+)
 
 MAX_QUANTITIES: Final = 30
 """Maximum number of quantities of a sample."""
-
-
-def _stored_objective(outcome: SampleSummary) -> float:
-    return outcome.objective
 
 
 class Quantities(NamedTuple):
@@ -152,11 +153,6 @@ class MeanOfFunction(Objective):
         bound.__dict__["_function"] = of_means if self.of_means else None
         return bound
 
-    @property
-    def needs_code(self) -> bool:
-        """Whether the objective of samples needs a function that is not run here."""
-        return bool(self.of_means) and self._function is None
-
     def problems(self) -> Iterator[tuple[FieldPath, str]]:
         """Yield functions that are not `module:function`, and a key without the other."""
         must = "must be module:function, of module.py beside the campaign file"
@@ -206,7 +202,9 @@ class MeanOfFunction(Objective):
 
     def accumulator(self) -> ObjectiveAccumulator:
         """Return an accumulator without samples."""
-        return self._means() if self.of_means else MeanAccumulator(_stored_objective)
+        return (
+            self._means() if self.of_means else MeanAccumulator(lambda outcome: outcome.objective)
+        )
 
     def of_samples(self, rows: NDArray[np.void]) -> NDArray[np.float64]:
         """Return the stored value of each sample."""
@@ -217,10 +215,7 @@ class MeanOfFunction(Objective):
         """Return the stored values, or the objective plus the influence of each sample."""
         if not self.of_means:
             return np.array([outcome.objective for outcome in outcomes])
-        accumulator = self._means()
-        for outcome in outcomes:
-            accumulator.add(outcome)
-        return accumulator.influence_values(outcomes)
+        return accumulated(self._means(), outcomes).influence_values(outcomes)
 
     def _means(self) -> MeansAccumulator:
         return MeansAccumulator(self._of_means())

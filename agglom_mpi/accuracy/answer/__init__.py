@@ -1,0 +1,1 @@
+"""The error of what whole searches answer against what they cost."""

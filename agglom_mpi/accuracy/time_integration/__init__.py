@@ -1,0 +1,1 @@
+"""One setting of a scene varied at a time: steps, samples, box, end time; extreme scenes."""

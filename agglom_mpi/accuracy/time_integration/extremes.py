@@ -1,0 +1,98 @@
+"""Stiff and extreme scenes, with this package's method and with the published one."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from agglom_mpi.accuracy.report import (
+    ReportSection,
+    ReportTable,
+    Sentences,
+    TableColumn,
+    time_text,
+)
+from agglom_mpi.accuracy.soundness import CLOSED, heaped_overlaps, summary, troubles
+from agglom_mpi.accuracy.study import Rows, Setup, StudyPart, with_scene
+from agglom_mpi.accuracy.time_integration.published_method import as_published
+from agglom_mpi.accuracy.time_integration.steps import event_engine
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.loading import load_campaign
+from agglom_mpi.formatting import format_mean
+from agglom_mpi.statistics import MeanEstimate
+
+METHODS: Final = ("ours", "published")
+
+
+def read_scenes(directory: Path, allow_code: bool = False) -> dict[str, Campaign]:
+    """Return the scenes of a directory by file stem; raise a CampaignError if one is wrong."""
+    return {path.stem: load_campaign(path, allow_code) for path in sorted(directory.glob("*.yaml"))}
+
+
+def published_name(scene: str) -> str:
+    """Return the name of the set-up that runs a scene as published."""
+    return f"{scene}, as published"
+
+
+def extremes_part(scenes: Mapping[str, Campaign], samples: int) -> StudyPart:
+    """Return the part on extreme scenes: each by this package's method, and as published."""
+    setups = {}
+    for name, campaign in scenes.items():
+        parameters = campaign.parameters()
+        published = with_scene(campaign, **dict(as_published(campaign.scene)))
+        if campaign.scene.engine.has_time_steps:  # the steps are what is extreme
+            published = with_scene(published, engine=campaign.scene.engine)
+        setups[name] = Setup(campaign, parameters, samples, event_engine(campaign))
+        setups[published_name(name)] = Setup(published, parameters, samples)
+    return StudyPart(setups, lambda found: _section(scenes, found))
+
+
+def _section(scenes: Mapping[str, Campaign], samples: Mapping[str, Rows]) -> ReportSection:
+    import pandas as pd
+
+    rows, wrong = [], []
+    for name, campaign in scenes.items():
+        row: dict[str, Any] = {"scene": name, "what": campaign.title}
+        found = [summary(samples[each]) for each in (name, published_name(name))]
+        for method, own in zip(METHODS, found, strict=True):
+            row |= {f"{method}: {key}": value for key, value in own.items()}
+            text = "; ".join(troubles(own, heaped_overlaps(found[0])).values())
+            wrong.append({"scene": name, "method": method, "troubles": text})
+        rows.append(row)
+    frame = pd.DataFrame(rows)
+    texts = {(one["scene"], one["method"]): one["troubles"] or "sound" for one in wrong}
+    published = [one["troubles"] for one in wrong if one["method"] == "published"]
+    sentences = Sentences(
+        "extremes",
+        closed=CLOSED,
+        scenes=len(frame),
+        troubled=[one for one in wrong if one["troubles"]],
+        sound={
+            method: sum(texts[name, method] == "sound" for name in scenes) for method in METHODS
+        },
+        unsolved=sum("impacts unsolved" in text for text in published),
+        below_zero=sum("below zero" in text for text in published),
+        overlaps=sum("overlaps" in text for text in published),
+        energy_error=frame["ours: energy error"].max(),
+    )
+    columns = (
+        TableColumn("scene", lambda row: f"`{row['scene']}`: {row['what']}"),
+        TableColumn("ours: b/b⁰", lambda row: _growth(row, "ours")),
+        TableColumn("ours", lambda row: texts[row["scene"], "ours"]),
+        TableColumn.number("ours: energy error", ".1g", "energy error"),
+        TableColumn.number("ours: collisions per sample", ".3g", "collisions"),
+        TableColumn("processor time", lambda row: time_text(row.rename(_without_method), "sample")),
+        TableColumn("published: b/b⁰", lambda row: _growth(row, "published")),
+        TableColumn("published", lambda row: texts[row["scene"], "published"]),
+    )
+    table = ReportTable("extremes", "One row is one scene.", frame, columns)
+    return sentences.section("Stiff and extreme scenes", tables=[table])
+
+
+def _without_method(column: str) -> str:
+    return column.removeprefix("ours: ")
+
+
+def _growth(row: Any, method: str) -> str:
+    good = row[f"{method}: samples"] - row[f"{method}: failed"]
+    mean = row[f"{method}: mean b/b0"], row[f"{method}: standard error"]
+    return format_mean(MeanEstimate(*mean, good))

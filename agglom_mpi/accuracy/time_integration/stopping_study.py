@@ -1,0 +1,345 @@
+"""Stopping rules over their tolerances: error of the mean, samples spent, luck, coverage.
+
+The rules are those of `search.studied_rules.STUDIED_RULES`; a new one there is studied as well. One
+pool of samples is drawn in many random orders. `search.ensemble.Ensemble` decides sample by sample.
+Here every order is run to its last sample once, all orders side by side, and each rule and
+tolerance is evaluated afterwards.
+"""
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglom_mpi.accuracy.time_integration.steps import cost_at, lasting
+from agglom_mpi.search.objectives.objective import RadiusObjective
+from agglom_mpi.search.stopping import EnsembleState, StoppingRule
+from agglom_mpi.search.studied_rules import STUDIED_RULES
+from agglom_mpi.statistics import t_95
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Floats = NDArray[np.float64]
+
+FIRST_MOMENT: Final = "successive difference, mean radius"
+"""Name of a studied rule, which the moments rule of order 1 is too."""
+
+WITH_ERROR: Final = "standard error"
+"""Name of the studied rule whose tolerance is a half-width."""
+
+OWN: Final = "this campaign's"
+
+PUBLISHED_TOLERANCES: Final = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6)
+"""Tolerances of rules whose tolerance is a share; an absolute one follows from the spread."""
+
+
+class EstimatePaths(NamedTuple):
+    """Statistics of the first 1, 2, … samples of each order; arrays of shape (samples, orders).
+
+    Attributes
+    ----------
+    mean
+        Of b^f/b⁰ over samples.
+    deviation, standard_error
+        Mean over samples of the objective's signed deviation, and its standard error, which is nan
+        for one sample.
+    central
+        Moments 2, 3, 4 of b/b⁰ about its mean, over the particles of all samples [A 24].
+    """
+
+    mean: Floats
+    deviation: Floats
+    standard_error: Floats
+    central: tuple[Floats, Floats, Floats]
+
+    @property
+    def moments(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """Moments 1 to 4 as stopping rules compare them."""
+        return (self.mean, *self.central)
+
+    @property
+    def states(self) -> EnsembleState[Floats]:
+        """Statistics after each sample, as stopping rules take them."""
+        count = np.arange(1, len(self.mean) + 1)[:, None]
+        objective = np.abs(self.deviation)
+        return EnsembleState(count, self.mean, objective, self.standard_error, self.central)
+
+
+class Stops(NamedTuple):
+    """Samples used by each order, and whether the rule was satisfied then; shape (orders,)."""
+
+    used: NDArray[np.int64]
+    satisfied: NDArray[np.bool_]
+
+
+def run_paths(
+    pool: np.ndarray, objective: RadiusObjective, draws: NDArray[np.int64]
+) -> EstimatePaths:
+    """Return the running statistics of samples taken from a pool.
+
+    Sums are taken about a member of the pool, so that equal samples give exact zeros.
+
+    Parameters
+    ----------
+    pool
+        Completed samples as `OUTCOME` rows, shape (rows,).
+    draws
+        Which row each order takes as its 1st, 2nd, … sample, shape (samples, orders).
+    """
+    count = np.arange(1.0, len(draws) + 1.0)[:, None]
+    ratio = pool["mean_radius_ratio"]
+    mean, _ = _running(ratio, draws, count)
+    deviation, error = _running(objective.deviation(ratio), draws, count)
+    return EstimatePaths(mean, deviation, error, _pooled(pool, draws))
+
+
+def stop(rule: StoppingRule, paths: EstimatePaths, min_samples: int, max_samples: int) -> Stops:
+    """Return where an `Ensemble` with this rule and these limits would end.
+
+    Parameters
+    ----------
+    min_samples, max_samples
+        Fewest and most samples, at most as many as the paths have; the rule is evaluated from the
+        second sample on at the earliest.
+    """
+    enough = rule.satisfied_paths(paths.states)[:max_samples]
+    enough[: max(min_samples, 2) - 1] = False
+    satisfied: NDArray[np.bool_] = np.logical_or.reduce(enough)
+    return Stops(np.where(satisfied, enough.argmax(axis=0) + 1, len(enough)), satisfied)
+
+
+def at_stop(values: Floats, stops: Stops) -> Floats:
+    """Return the value that each order ended with, shape (orders,), of paths (samples, orders)."""
+    return values[stops.used - 1, np.arange(values.shape[1])]
+
+
+def pooled_moments(pool: np.ndarray) -> Floats:
+    """Return mean b^f/b⁰ over samples and pooled central moments 2, 3, 4 of a pool, shape (4,)."""
+    everyone = np.arange(len(pool))[:, None]
+    central = [float(moment[-1, 0]) for moment in _pooled(pool, everyone)]
+    return np.array([float(np.mean(pool["mean_radius_ratio"])), *central])
+
+
+def _member(values: Floats) -> float:
+    """Return the median, or the value above it, which is a member of `values`."""
+    return float(np.sort(values)[len(values) // 2])
+
+
+def _running(values: Floats, draws: NDArray[np.int64], count: Floats) -> tuple[Floats, Floats]:
+    """Return the running mean and its standard error."""
+    centre = _member(values)
+    away = (values - centre)[draws]
+    mean = np.cumsum(away, axis=0) / count
+    squares = np.cumsum(away**2, axis=0) - count * mean**2
+    with np.errstate(invalid="ignore"):  # 0/0: one sample has no standard error
+        error = np.sqrt(np.maximum(squares, 0.0) / (count - 1.0) / count)
+    return centre + mean, error
+
+
+def _pooled(pool: np.ndarray, draws: NDArray[np.int64]) -> tuple[Floats, Floats, Floats]:
+    """Return running central moments 2, 3, 4 of the particles of all samples."""
+    ratio = pool["mean_radius_ratio"]
+    away = ratio - _member(ratio)
+    m2, m3, m4 = (pool[f"radius_moment_{order}"] for order in (2, 3, 4))
+    left = pool["particles"].astype(float)
+    particles = np.cumsum(left[draws], axis=0)
+    a1, a2, a3, a4 = (
+        np.cumsum((left * sample)[draws], axis=0) / particles
+        for sample in (
+            away,
+            m2 + away**2,
+            m3 + 3.0 * away * m2 + away**3,
+            m4 + 4.0 * away * m3 + 6.0 * away**2 * m2 + away**4,
+        )
+    )
+    return (
+        a2 - a1**2,
+        a3 - 3.0 * a1 * a2 + 2.0 * a1**3,
+        a4 - 4.0 * a1 * a3 + 6.0 * a1**2 * a2 - 3.0 * a1**4,
+    )
+
+
+class Truth(NamedTuple):
+    """Exact statistics of the pool that samples are drawn from.
+
+    Attributes
+    ----------
+    mean, spread
+        Mean and standard deviation of b^f/b⁰ over the pool's samples.
+    deviation
+        Mean of the objective's signed deviation; the objective is its magnitude.
+    slope
+        Change of the deviation with b^f/b⁰, positive.
+    moments
+        Mean and pooled central moments 2, 3, 4, shape (4,).
+    """
+
+    mean: float
+    spread: float
+    deviation: float
+    slope: float
+    moments: Floats
+
+
+def truth_of(pool: np.ndarray, objective: RadiusObjective) -> Truth:
+    """Return the exact statistics of a pool from which samples are drawn with replacement."""
+    ratio = pool["mean_radius_ratio"]
+    ends = objective.deviation(np.array([0.0, 1.0]))  # linear in b^f/b⁰ up to one single sphere
+    return Truth(
+        mean=float(np.mean(ratio)),
+        spread=float(np.std(ratio)),
+        deviation=float(np.mean(objective.deviation(ratio))),
+        slope=abs(float(ends[1] - ends[0])),
+        moments=pooled_moments(pool),
+    )
+
+
+Rules = list[tuple[str, StoppingRule]]
+"""Rules to study, each with its label: one label has a rule of each tolerance."""
+
+
+def families(truth: Truth, most: int) -> Rules:
+    """Return the rules to study, in ensembles of at most `most` samples."""
+    found: Rules = []
+    for label, make in STUDIED_RULES:
+        rule = make(tolerance=1.0, max_samples=most)
+        widths = half_widths(truth, rule.min_samples, most)
+        for tolerance in PUBLISHED_TOLERANCES if rule.relative_to else widths:
+            found.append((label, make(tolerance=tolerance, max_samples=most)))
+    return found
+
+
+def half_widths(truth: Truth, fewest: int, most: int) -> Iterator[float]:
+    """Yield round half-widths of the objective, widest first, for `fewest` to `most` samples."""
+    spread = truth.slope * truth.spread
+    widest = t_95(fewest - 1) * spread / math.sqrt(fewest)
+    narrowest = t_95(most - 1) * spread / math.sqrt(most)
+    decade = math.floor(math.log10(widest)) + 1
+    while 10.0**decade > 0.1 * narrowest:
+        for digit in (7.0, 5.0, 3.0, 2.0, 1.5, 1.0):
+            width = float(f"{digit}e{decade - 1}")
+            if narrowest <= width <= widest:
+                yield width
+        decade -= 1
+
+
+def study(
+    pool: np.ndarray, objective: RadiusObjective, rules: Rules, draws: NDArray[np.int64]
+) -> "pd.DataFrame":
+    """Apply every rule to the same orders of a pool; one row per rule and tolerance.
+
+    Parameters
+    ----------
+    draws
+        Which row of the pool each order takes next, shape (samples, orders).
+    """
+    import pandas as pd
+
+    truth = truth_of(pool, objective)
+    paths = run_paths(pool, objective, draws)
+    return pd.DataFrame([evaluate(label, rule, paths, truth) for label, rule in rules])
+
+
+def nominal_error(rule: StoppingRule, truth: Truth) -> float:
+    """Return the relative error of mean b^f/b⁰ that the tolerance is, taken as an error bound."""
+    tolerance = rule.tolerance
+    if rule.relative_to == "mean_radius":
+        return tolerance
+    if rule.relative_to == "objective":
+        tolerance = tolerance * abs(truth.deviation)
+    return tolerance / truth.slope / truth.mean
+
+
+def evaluate(
+    label: str, rule: StoppingRule, paths: EstimatePaths, truth: Truth
+) -> dict[str, object]:
+    """Return the row of a rule; proportions come with binomial standard errors."""
+    stops = stop(rule, paths, rule.min_samples, min(rule.max_samples, len(paths.mean)))
+    bound = nominal_error(rule, truth)
+    error = at_stop(paths.mean, stops) / truth.mean - 1.0
+    rms, low, high = root_mean_square(error)
+    place = rule.highest_moment - 1
+    highest = at_stop(paths.moments[place], stops) / truth.moments[place]
+    factor = np.array([t_95(used - 1) for used in stops.used.tolist()])
+    half_width = factor * at_stop(paths.standard_error, stops)
+    covered = np.abs(at_stop(paths.deviation, stops) - truth.deviation) <= half_width
+    lucky, lucky_error = proportion((np.abs(error) > bound)[stops.satisfied])
+    coverage, coverage_error = proportion(covered)
+    return {
+        "rule": label,
+        "tolerance": rule.tolerance,
+        "error believed": bound,
+        "orders": len(error),
+        "samples, mean": float(np.mean(stops.used)),
+        "samples, 10 %": float(np.quantile(stops.used, 0.1)),
+        "samples, 90 %": float(np.quantile(stops.used, 0.9)),
+        "rms error": rms,
+        "rms error, fixed number": truth.spread / truth.mean / math.sqrt(np.mean(stops.used)),
+        "rms error, low": low,
+        "rms error, high": high,
+        "median error": float(np.median(np.abs(error))),
+        "rms error, highest moment": root_mean_square(highest - 1.0)[0],
+        "stopped by luck": lucky,
+        "stopped by luck, standard error": lucky_error,
+        "coverage": coverage,
+        "coverage, standard error": coverage_error,
+        "ended at max_samples": float(np.mean(~stops.satisfied)),
+    }
+
+
+def root_mean_square(errors: Floats) -> tuple[float, float, float]:
+    """Return the root mean square and its 95 % interval, of independent errors."""
+    squares = errors**2
+    mean = float(np.mean(squares))
+    half = 1.96 * float(np.std(squares, ddof=1)) / math.sqrt(len(squares))
+    return math.sqrt(mean), math.sqrt(max(mean - half, 0.0)), math.sqrt(mean + half)
+
+
+def proportion(hits: NDArray[np.bool_]) -> tuple[float, float]:
+    """Return the proportion of hits and its standard error, nan of none (Agresti and Coull 1998).
+
+    The error is that of two hits and two misses more, so that it is not 0 where all hit or miss.
+    """
+    count = len(hits)
+    if count == 0:
+        return math.nan, math.nan
+    smooth = (np.count_nonzero(hits) + 2.0) / (count + 4.0)
+    return float(np.mean(hits)), math.sqrt(smooth * (1.0 - smooth) / (count + 4.0))
+
+
+def round_goal(truth: Truth) -> float:
+    """Return the error at which rules are compared: 1 %, or less if two samples reach that."""
+    goal = 1e-2
+    while (truth.spread / truth.mean / goal) ** 2 < 2.0:
+        goal *= 0.1
+    return goal
+
+
+def of_rules(frame: "pd.DataFrame") -> "pd.DataFrame":
+    """Return the rows without the campaign's own rule, and where most ensembles were stopped."""
+    return frame[(frame["rule"] != OWN) & (frame["ended at max_samples"] <= 0.5)]
+
+
+def at_goal(frame: "pd.DataFrame", goal: float) -> "pd.DataFrame":
+    """Return of each rule the loosest tolerance that reaches a relative error, or the tightest.
+
+    All tighter ones reach it, too.
+    """
+    picked = []
+    for _, rows in frame.groupby("rule", sort=False):
+        reached = np.flatnonzero(lasting(rows["rms error"], goal))
+        picked.append(rows.index[reached[0] if len(reached) else -1])
+    return frame.loc[picked]
+
+
+def samples_needed(rows: "pd.DataFrame", goal: float) -> float:
+    """Return the mean number of samples at which a rule reaches a relative error; inf if never."""
+    return cost_at(rows["rms error"], rows["samples, mean"], goal)
+
+
+def covers_too_little(rows: "pd.DataFrame") -> "pd.Series[bool]":
+    """Return for each row whether its 95 % intervals contain the truth too rarely for chance."""
+    return rows["coverage"] < 0.95 - 4.0 * rows["coverage, standard error"]

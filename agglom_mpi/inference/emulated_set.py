@@ -1,0 +1,147 @@
+"""Probability that a string is a member of the set, by an emulator of the campaign's samples."""
+
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+
+from agglom_mpi.emulation.gaussian_process import Floats
+from agglom_mpi.formatting import ROUNDING
+from agglom_mpi.inference.emulated_box import EmulatedBox, EmulatedStrings
+from agglom_mpi.inference.posterior_sampling import PRIOR_POINTS
+from agglom_mpi.inference.searched_box import SearchedBox
+from agglom_mpi.inference.stored_samples import StoredSamples
+from agglom_mpi.random_streams import FEASIBLE_SET
+from agglom_mpi.search.criteria import Criterion
+
+BOX_POINTS: Final = 1 << 13
+"""Number of even points of the box."""
+SEARCH_STARTS: Final = 8
+"""Number of strings at which the search for the best emulated mean starts."""
+BEST_CANDIDATES: Final = 256
+"""Number of strings of the campaign and of the box that are candidates, too."""
+MAX_DISTANCE: Final = 1e30
+"""Distance in place of one that is infinite or unknown."""
+
+MAXIMUM_STREAM, VOLUME_STREAM = 2, 3
+"""Further random streams of a set."""
+
+
+class EmulatedSet(EmulatedBox):
+    """The search box of a campaign with an emulator of what its objective compares.
+
+    Parameters
+    ----------
+    box
+        The search box.
+    criterion
+        What makes a string a member of the set.
+    stored
+        The samples.
+
+    Attributes
+    ----------
+    criterion : Criterion
+        The criterion, with what it takes from the emulator.
+    """
+
+    def __init__(self, box: SearchedBox, criterion: Criterion, stored: StoredSamples) -> None:
+        numbers = settled_numbers(criterion.numbers(stored.rows, box.campaign.scene.particles))
+        super().__init__(box, stored.strings, numbers, stored, FEASIBLE_SET, criterion.compared)
+        self.criterion = criterion
+        self.criterion = criterion.with_emulator(
+            self.emulator,
+            lambda: self.coordinates.of_strings(self.near_best()),
+            self.stream(MAXIMUM_STREAM),
+        )
+
+    @property
+    def spans(self) -> Floats:
+        """Change of the logarithm of each searched variable along its coordinate, (d,)."""
+        return self.coordinates.spans * [variable.power for variable in self.box.own]
+
+    def mean(self, strings: Floats) -> Floats:
+        """Return the expected quantities at strings, (n, k), shape (n, q)."""
+        return self.emulator.mean(self.coordinates.of_strings(strings))
+
+    def deviation(self, strings: Floats) -> Floats:
+        """Return the standard deviations of the quantities at strings, (n, k), shape (n, q)."""
+        return self.emulator.deviation(self.coordinates.of_strings(strings))
+
+    def mean_only(self, strings: Floats) -> Floats:
+        """Return the quantities of the expected numbers at strings, (n, k), shape (n, q)."""
+        return self.emulator.mean_only(self.coordinates.of_strings(strings))
+
+    def noise(self, strings: Floats) -> Floats:
+        """Return the standard deviations of the numbers of one sample at strings, shape (n, k)."""
+        return self.emulator.noise(self.coordinates.of_strings(strings))
+
+    def at(self, strings: Floats) -> EmulatedStrings:
+        """Return what is known of the quantities of strings, (n, k) in SI units."""
+        points = self.coordinates.of_strings(strings)
+        means, deviations = self.emulator.mean(points), self.emulator.deviation(points)
+        return EmulatedStrings(means, deviations, self.failing(points))
+
+    @cached_property
+    def prior(self) -> tuple[Floats, EmulatedStrings]:
+        """Allowed even points of the box, with what is known there: the prior of any mean."""
+        strings = self.box.even_strings(PRIOR_POINTS)
+        return strings, self.at(strings)
+
+    def probability(self, strings: Floats) -> Floats:
+        """Return the probability that strings, (n, k), are members, (n,); nan outside the box."""
+        found = np.full(len(strings), np.nan)
+        inside = self.box.inside(strings)
+        found[inside] = self._probability_inside(strings[inside])
+        return found
+
+    def _probability_inside(self, strings: Floats) -> Floats:
+        if not len(strings):
+            return np.empty(0)
+        points = self.coordinates.of_strings(strings)
+        found = self.criterion.probability(self.emulator, points)
+        found = found * (1.0 - self.failing(points))
+        if self.box.campaign.relations.constraints:
+            found = np.where(self.box.allowed(strings), found, 0.0)
+        return np.asarray(found)
+
+    def near_best(self) -> Floats:
+        """Return allowed strings, (n, k), at which the emulated mean may be nearest to members.
+
+        For the criterion of a maximum, these are strings where the mean may be largest.
+        """
+        from scipy.optimize import minimize
+
+        space, coordinates = self.box.space, self.coordinates
+        known = np.unique(np.nan_to_num(self.evaluated), axis=0)
+        pool = np.vstack((space.from_unit(space.to_unit(known)), self.box.even_strings(BOX_POINTS)))
+        best = pool[np.argsort(self._distances(pool))[:BEST_CANDIDATES]]
+
+        def distance(point: Floats) -> float:
+            string = coordinates.strings(np.clip(point, 0.0, 1.0)[None])
+            return float(self._distances(string)[0])
+
+        starts = coordinates.own(best[:SEARCH_STARTS])
+        bounds = [(0.0, 1.0)] * starts.shape[1]
+        options = {"maxiter": 30}
+        ends = [
+            minimize(distance, at, bounds=bounds, method="L-BFGS-B", options=options)
+            for at in starts
+        ]
+        optima = coordinates.strings(np.array([np.clip(end.x, 0.0, 1.0) for end in ends]))
+        found = np.vstack((best, optima))
+        return found[self.box.allowed(found)]
+
+    def _distances(self, strings: Floats) -> Floats:
+        """Return the finite distances of strings, (n, k), from members, shape (n,)."""
+        found = self.criterion.distance(self.mean_only(strings))
+        return np.nan_to_num(found, nan=MAX_DISTANCE, posinf=MAX_DISTANCE)
+
+
+def settled_numbers(numbers: Floats) -> Floats:
+    """Return the numbers of samples, (n, k); one that differs by rounding alone is the same in all.
+
+    To an emulator, which scales by the spread of its data, rounding would be all there is.
+    """
+    spread, size = np.ptp(numbers, axis=0), np.abs(numbers).max(axis=0)
+    return np.where(spread <= ROUNDING * size, numbers[0], numbers)

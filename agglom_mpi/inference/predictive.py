@@ -1,0 +1,105 @@
+"""What a posterior of data predicts for each datum, and how well that agrees."""
+
+from collections.abc import Sequence
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from agglom_mpi.emulation.gaussian_process import Floats
+from agglom_mpi.inference.data_emulator import PREDICTIVE_STREAM, EmulatedData, chi_squares
+from agglom_mpi.inference.posterior_sampling import REPORTED_QUANTILES, WeightedStrings
+from agglom_mpi.measurements.datum import Datum
+from agglom_mpi.measurements.misfit import UNLIKELY
+
+PREDICTIVE_DRAWS: Final = 2000
+"""Number of strings whose predictions are drawn."""
+
+
+class PredictedDatum(NamedTuple):
+    """Predictions of the posterior for a datum.
+
+    Attributes
+    ----------
+    datum
+        The datum: its name, quantity, weight, edges, time and unit, values and covariance.
+    draws
+        Predictions without errors of a measurement, in SI units, shape (draws, q).
+    p_value
+        Posterior predictive p-value: probability that a further measurement would differ more from
+        what the string gives, averaged over the posterior. It is near 0 where the datum disagrees.
+    outside
+        Whether the median of a value is beyond what any string of the campaign gave.
+    """
+
+    datum: Datum
+    draws: Floats
+    p_value: float
+    outside: bool = False
+
+    @property
+    def median(self) -> Floats:
+        """Median prediction of each value, shape (q,)."""
+        return np.median(self.draws, axis=0)
+
+    def quantiles(self, shares: Sequence[float] = REPORTED_QUANTILES) -> Floats:
+        """Return quantiles of the prediction of each value, shape (shares, q)."""
+        return np.asarray(np.quantile(self.draws, shares, axis=0))
+
+    @property
+    def disagrees(self) -> bool:
+        """Whether the datum disagrees with what all data together allow."""
+        return self.p_value < UNLIKELY
+
+    @property
+    def verdict(self) -> str:
+        """Faults of the prediction in a few words; empty if there are none."""
+        faults = {"disagrees": self.disagrees, "outside of what strings gave": self.outside}
+        return ", ".join(text for text, is_so in faults.items() if is_so)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the prediction as plain values, in SI units."""
+        datum = self.datum
+        edges = None if datum.edges is None else datum.edges.tolist()
+        return {
+            "name": datum.name,
+            "quantity": datum.quantity,
+            "weight": datum.own_weight,
+            "time": datum.time,
+            "edges": edges,
+            "unit": datum.kind.unit,
+            "measured": datum.values.tolist(),
+            "error": datum.standard_errors.tolist(),
+            "quantiles": self.quantiles().tolist(),
+            "p_value": self.p_value,
+            "disagrees": self.disagrees,
+            "outside": self.outside,
+        }
+
+
+def predict_data(of: EmulatedData, drawn: WeightedStrings) -> tuple[list[PredictedDatum], float]:
+    """Return predictions of all data, and the posterior predictive p-value of all together.
+
+    χ² of a further measurement, by the errors of measurement and emulator at a string, has the
+    distribution of χ² of its rank. So its p-values need no draws.
+    """
+    from scipy.special import chdtrc
+
+    random = of.stream(PREDICTIVE_STREAM)
+    chosen = random.choice(len(drawn.weights), PREDICTIVE_DRAWS, p=drawn.weights)
+    strings = drawn.strings[chosen]
+    components, left_out = of.drawn_components(strings, random, given=True)
+    values = of.values_of(components, left_out)
+    away, covariances = of.framed_residuals(strings)
+    p_values = []
+    for rows in [slice(None), *of.frame.columns]:
+        own = of.frame.roots[rows]
+        factors = np.asarray(np.linalg.cholesky(own @ covariances @ own.T), np.float64)
+        chi = chi_squares((away @ own.T)[None], factors)[0]
+        p_values.append(float(np.mean(chdtrc(factors.shape[1], chi))))
+    middle = np.median(values, axis=0)
+    outside = (middle < of.reached[0]) | (middle > of.reached[1])
+    found = []
+    for datum, rows, p in zip(of.data, of.frame.rows, p_values[1:], strict=True):
+        draws = datum.kind.within_limits(values[:, rows], of.lengths)
+        found.append(PredictedDatum(datum, draws, p, bool(outside[rows].any())))
+    return found, p_values[0]

@@ -1,0 +1,1 @@
+"""Files of measured sizes: tables in text files, size curves and lists of grains."""
