@@ -17,7 +17,6 @@ from agglom_mpi.cli.common import (
 from agglom_mpi.cli.set_options import read_set_request, set_options
 from agglom_mpi.errors import FAILURE, FINISHED, INTERRUPTED
 from agglom_mpi.formatting import pluralise
-from agglom_mpi.storage.recorded_campaign import code_note
 
 if TYPE_CHECKING:
     from agglom_mpi.report.next_summary import PosteriorRequest
@@ -149,6 +148,7 @@ def report(
     request = read_set_request("--feasible-set", feasible_set, *numbers, draws=draws, grid=grid)
     _check_names(out, {"--draws": draws, "--grid": grid, "--what-next-table": what_next_table})
     from agglom_mpi.storage.reader import read_inversion
+    from agglom_mpi.storage.recorded_campaign import code_note
 
     code = _follow(files[0], allow_code) if follow else FINISHED
     if code == INTERRUPTED:

@@ -18,7 +18,7 @@ from rich.text import Text
 from agglom_mpi.formatting import csv_cell, label_of, number_or_none, value_with_error
 
 INDENT: Final = 2
-"""Number of blanks before what belongs to a heading, and minimum between two columns."""
+"""Number of blanks before what belongs to a heading, and between two columns."""
 LEAST_TEXT: Final = 30
 """Minimum width of a text beside its label; with less room the text stands below."""
 
@@ -89,6 +89,8 @@ class Table:
         Key of the column whose numbers name the rows for links, as `string-107`; empty: none.
     mark
         Key of the column whose texts are CSS classes of the rows; empty: none.
+    gap
+        Number of blanks between two columns on the terminal.
     """
 
     columns: Sequence[Column]
@@ -98,6 +100,7 @@ class Table:
     upright: bool = False
     anchor: str = ""
     mark: str = ""
+    gap: int = INDENT
 
     @property
     def shown(self) -> list[Column]:
@@ -135,11 +138,12 @@ class Table:
         left = {place for place, column in enumerate(self.shown) if column.text or place == 0}
         if self.upright:
             lines, left = [list(line) for line in zip(*lines, strict=True)], {0}
-        return _Layout(lines, left, [max(map(cell_len, each)) for each in zip(*lines, strict=True)])
+        widths = [max(map(cell_len, each)) for each in zip(*lines, strict=True)]
+        return _Layout(lines, left, widths, self.gap)
 
     def __rich_measure__(self, console: Console, options: ConsoleOptions) -> Measurement:
         widths = self._layout().widths
-        return Measurement(1, max(1, sum(widths) + INDENT * (len(widths) - 1)))
+        return Measurement(1, max(1, sum(widths) + self.gap * (len(widths) - 1)))
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         if self.title:
@@ -157,6 +161,7 @@ class _Layout(NamedTuple):
     texts: list[list[str]]
     left: set[int]
     widths: list[int]
+    gap: int
 
     def lines(self, console: Console, room: int) -> Iterator[Text]:
         """Yield the lines of the table in a width."""
@@ -173,18 +178,18 @@ class _Layout(NamedTuple):
             for row in [headings, *rows]:
                 cells = [self._aligned(row[i], i) for i in columns]
                 style = "table.header" if row is headings else ""
-                yield _line((" " * INDENT).join(cells).rstrip(), style)
+                yield _line((" " * self.gap).join(cells).rstrip(), style)
 
     def _pieces(self, room: int) -> list[list[int]] | None:
         """Return the columns of each piece of the table; None if one does not fit."""
         pieces = [[0]]
         used = self.widths[0]
         for column, width in enumerate(self.widths[1:], 1):
-            if used + INDENT + width > room and len(pieces[-1]) > 1:
+            if used + self.gap + width > room and len(pieces[-1]) > 1:
                 pieces.append([0])
                 used = self.widths[0]
             pieces[-1].append(column)
-            used += INDENT + width
+            used += self.gap + width
             if used > room:
                 return None
         return pieces

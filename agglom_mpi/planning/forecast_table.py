@@ -61,7 +61,7 @@ COLUMNS: Final = (
 
 def forecast_table(report: ForecastReport) -> RenderableType:
     """Return a table of forecasts, with the samples they are made from and an explanation."""
-    tables = [Table(COLUMNS, _records(report))] if report.forecasts else []
+    tables = [Table(COLUMNS, _records(report), gap=1)] if report.forecasts else []
     return Group(*_heading(report), *tables, *_footer(report))
 
 

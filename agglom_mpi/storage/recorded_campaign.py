@@ -7,16 +7,16 @@ from agglom_mpi.declaration.components import UnknownComponentError
 from agglom_mpi.declaration.reading import OWN_MODULES, SOURCE_SHA256, Reading, own_names
 from agglom_mpi.errors import CodeNotAllowedError
 from agglom_mpi.search.methods.method import SearchMethod
-from agglom_mpi.storage.reader import CampaignData
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
     from agglom_mpi.config.user_function import UserFunction
+    from agglom_mpi.storage.reader import CampaignData
 
 Recorded = TypeVar("Recorded")
 
 
-def recorded_campaign(data: CampaignData) -> "Campaign":
+def recorded_campaign(data: "CampaignData") -> "Campaign":
     """Return the campaign of a file, by its text, read once.
 
     A user's function is called only if it is the `allowed_function` of the file.
@@ -29,7 +29,7 @@ def recorded_campaign(data: CampaignData) -> "Campaign":
     return data.derived(_campaign)
 
 
-def _campaign(data: CampaignData) -> "Campaign":
+def _campaign(data: "CampaignData") -> "Campaign":
     # Imported here: most files are reported without what reads a campaign's text.
     from agglom_mpi.config.loading import campaign_of_record
 
@@ -38,7 +38,7 @@ def _campaign(data: CampaignData) -> "Campaign":
 
 
 def recorded_component(
-    data: CampaignData, section: str, of_entries: Callable[[dict[str, Any], Reading], Recorded]
+    data: "CampaignData", section: str, of_entries: Callable[[dict[str, Any], Reading], Recorded]
 ) -> Recorded:
     """Return the component of a section by the identity in a file, without reading its text.
 
@@ -60,7 +60,7 @@ def recorded_component(
     return of_entries(entries, recorded_reading(data))
 
 
-def recorded_search(data: CampaignData) -> SearchMethod | None:
+def recorded_search(data: "CampaignData") -> SearchMethod | None:
     """Return the search method; None if a file has none, or one of a later version."""
     try:
         # Numbers that are entries of their own suffice for what is asked of the method.
@@ -70,7 +70,7 @@ def recorded_search(data: CampaignData) -> SearchMethod | None:
         return None
 
 
-def recorded_reading(data: CampaignData) -> Reading:
+def recorded_reading(data: "CampaignData") -> Reading:
     """Return how a campaign is read: as it was recorded, and with its own components.
 
     Raises
@@ -84,7 +84,7 @@ def recorded_reading(data: CampaignData) -> Reading:
     return data.reading
 
 
-def _reading(data: CampaignData) -> Reading:
+def _reading(data: "CampaignData") -> Reading:
     if OWN_MODULES not in data.attributes:
         return Reading(recorded=True)
     # Imported here: the others are read without what reads modules.
@@ -94,7 +94,7 @@ def _reading(data: CampaignData) -> Reading:
     return Reading(recorded=True, own=own)
 
 
-def allowed_function(data: CampaignData) -> "UserFunction | None":
+def allowed_function(data: "CampaignData") -> "UserFunction | None":
     """Return the user's function of a campaign, where the file has its source and it may run."""
     if not data.allow_code or OWN_MODULES not in data.attributes:
         return None
@@ -112,12 +112,12 @@ def allowed_function(data: CampaignData) -> "UserFunction | None":
     return function._replace(source=source, folder=folder)
 
 
-def _may_run(data: CampaignData, file: str, sha256: str) -> bool:
+def _may_run(data: "CampaignData", file: str, sha256: str) -> bool:
     allowed = data.allow_code
     return allowed if isinstance(allowed, bool) else (file, sha256) in allowed
 
 
-def code_note(data: CampaignData) -> str:
+def code_note(data: "CampaignData") -> str:
     """Return a line on code of one's own that may not run; then a file is its tables alone.
 
     It is empty of a campaign without such code, and where that may run.
@@ -125,7 +125,7 @@ def code_note(data: CampaignData) -> str:
     return data.derived(_code_note)
 
 
-def _code_note(data: CampaignData) -> str:
+def _code_note(data: "CampaignData") -> str:
     refused = [
         name
         for section, name in own_names(data.identity).items()
@@ -140,7 +140,7 @@ def _code_note(data: CampaignData) -> str:
     return f"{data.path} has code of its own ({names}); --allow-code runs it" if names else ""
 
 
-def require_code(data: CampaignData) -> None:
+def require_code(data: "CampaignData") -> None:
     """Raise a CodeNotAllowedError if the campaign has code of its own that may not run."""
     if note := code_note(data):
         raise CodeNotAllowedError(note)

@@ -12,7 +12,6 @@ from processes import HANG
 from vtk_files import assert_shows, read_vtkhdf
 
 from agglom_mpi import load_campaign, open_campaign
-from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.report import paraview as module
@@ -147,7 +146,7 @@ def test_a_sample_that_fails_cannot_be_shown(mistaken, tmp_path, monkeypatch):
     def fail(*arguments, **options):
         raise RuntimeError("sample 0 failed: non-finite state")
 
-    monkeypatch.setattr(Campaign, "simulate", fail)
+    monkeypatch.setattr("agglom_mpi.verbs.simulate.simulate", fail)
     said = mistaken("export", "tiny.h5", "--paraview", tmp_path / "out.vtkhdf")
     assert said == "tiny.h5: --sample: cannot be shown: sample 0 failed: non-finite state"
     assert os.listdir(tmp_path) == []

@@ -11,7 +11,7 @@ from matplotlib import image
 from vtk_files import assert_shows
 
 from agglom_mpi import load_campaign
-from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.report import simulate as module
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.variables import TEN
 from agglom_mpi.verbs.simulate import simulate
@@ -86,7 +86,7 @@ def never(*arguments, **options):
 
 
 def test_nothing_is_overwritten_and_that_is_known_at_once(mistaken, tmp_path, monkeypatch):
-    monkeypatch.setattr(Campaign, "simulate", never)
+    monkeypatch.setattr(module, "simulate", never)
     (tmp_path / "cloud.svg").write_text("precious")
     words = ["simulate", "tiny.yaml", "--frames", 3, "--out"]
     said = mistaken(*words, tmp_path)
@@ -100,7 +100,7 @@ def test_without_matplotlib_it_says_what_to_install(mistaken, tmp_path, monkeypa
     find = importlib.util.find_spec
     without = lambda name, *rest: None if name == "matplotlib" else find(name, *rest)  # noqa: E731
     monkeypatch.setattr(importlib.util, "find_spec", without)
-    monkeypatch.setattr(Campaign, "simulate", never)
+    monkeypatch.setattr(module, "simulate", never)
     said = mistaken("simulate", "tiny.yaml", "--frames", 3, "--out", tmp_path / "run")
     assert said == "pictures need matplotlib: pip install 'agglom_mpi[report]'"
     assert os.listdir(tmp_path) == []
@@ -110,7 +110,7 @@ def test_of_a_sample_that_fails_there_is_no_picture(agglom, tmp_path, monkeypatc
     def fail(*arguments):
         raise RuntimeError("sample 0 failed: non-finite state")
 
-    monkeypatch.setattr(Campaign, "simulate", fail)
+    monkeypatch.setattr(module, "simulate", fail)
     done = agglom("simulate", "tiny.yaml", "--frames", 3, "--out", tmp_path / "run")
     assert (done.exit_code, done.stdout) == (1, "sample 0 failed: non-finite state\n")
     assert os.listdir(tmp_path) == []
