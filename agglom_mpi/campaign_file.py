@@ -2,16 +2,18 @@
 
 import os
 from numbers import Integral
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from agglom_mpi.analysis import finite_size_tables, tables
+from agglom_mpi.config.arguments import read_count
 from agglom_mpi.errors import UserError
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.outcome import FinalParticles
-from agglom_mpi.report.campaign_plots import CampaignPlots
+from agglom_mpi.public_face import PublicFace
 from agglom_mpi.storage.access import NotACampaign
 from agglom_mpi.storage.lock import live_status
-from agglom_mpi.storage.reader import read_campaign
+from agglom_mpi.storage.reader import CampaignData, read_campaign
 from agglom_mpi.storage.status import Status
 
 if TYPE_CHECKING:
@@ -19,19 +21,27 @@ if TYPE_CHECKING:
 
     from agglom_mpi.inference.feasible_set import FeasibleSet
     from agglom_mpi.inference.posterior import Posterior
+    from agglom_mpi.report.figures.figure import Figure
     from agglom_mpi.simulation.frames import Frames
 
 __all__ = ["CampaignFile", "NotACampaign", "open_campaign"]
 
 
-class CampaignFile(CampaignPlots):
+class CampaignFile(metaclass=PublicFace):
     """The contents of a campaign file, finished or not; every access reads the file again.
 
     `agglom_mpi.open_campaign(path)` returns it. Tables are pandas DataFrames, one row per string,
     sample or generation, with units in `.attrs["units"]`.
 
-    Each `plot_*` takes matplotlib axes to draw into, or makes a new pyplot figure, and returns the
-    axes; see `CampaignPlots`.
+    Methods `plot_*` draw the figures of the report, such as `plot_convergence(ax)`. Each takes
+    matplotlib axes to draw into, or makes a new pyplot figure, and returns the axes; those with
+    several panels take a figure or subfigure, and return an array of axes. Where there is nothing
+    to show yet, the axes say so.
+
+    Parameters
+    ----------
+    data
+        The campaign file.
 
     Examples
     --------
@@ -43,7 +53,47 @@ class CampaignFile(CampaignPlots):
     True
     >>> file.best(3)["string"].nunique()
     3
+    >>> ax = file.plot_convergence()
+    >>> ax.get_xlabel(), ax.get_ylabel()
+    ('generation', 'objective Λ')
+
+    Into axes of your own:
+
+    >>> from matplotlib import pyplot
+    >>> figure, (left, right) = pyplot.subplots(1, 2, figsize=(12, 5), layout="constrained")
+    >>> file.plot_best(left) is left
+    True
+    >>> ax = file.plot_cost(right)
+    >>> figure.savefig("search.png")
     """
+
+    def __init__(self, data: CampaignData) -> None:
+        self._opened = data
+
+    def __getattr__(self, name: str) -> Any:
+        """Return the function that draws a figure of the report: one of `plots()`."""
+        if name.startswith("plot_") and name in (known := _plots()):
+            return known[name].plotter(self._snapshot)
+        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+
+    def __dir__(self) -> list[str]:
+        return [*dir(type(self)), *_plots()]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return the path and the permission: a copy opens the file again."""
+        return open_campaign, (self.path.absolute(), self._opened.allow_code)
+
+    def _snapshot(self, with_unused: bool = False) -> CampaignData:
+        """Return the rows as they are now; the file of a running campaign grows on."""
+        opened = self._opened
+        data = CampaignData(self.path, opened.attributes, allow_code=opened.allow_code)
+        data.with_unused = with_unused or opened.with_unused
+        return data
+
+    @property
+    def path(self) -> Path:
+        """Path of the file."""
+        return self._opened.path
 
     def __repr__(self) -> str:
         return f"<CampaignFile {str(self.path)!r}: {self.title}{self._stage()}>"
@@ -285,6 +335,23 @@ class CampaignFile(CampaignPlots):
             if not isinstance(number, Integral) or isinstance(number, bool):
                 self._count(field, number)
         return int(string), int(sample)
+
+    def _count(self, field: str, value: int, least: int = 0) -> int:
+        """Return a whole number that is an argument; raise an ArgumentError for anything else."""
+        # Imported here: reading a file does not need what reads a campaign's text.
+        from agglom_mpi.config.yaml_source import ArgumentError
+
+        try:
+            return read_count(value, least)
+        except ValueError as error:
+            raise ArgumentError.of(self.path, field, error) from None
+
+
+def _plots() -> "dict[str, Figure]":
+    """Return the figures that a file draws, by the names of its methods."""
+    from agglom_mpi.report.figures.figure import plots  # most files are read without figures
+
+    return plots()
 
 
 def open_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> CampaignFile:

@@ -125,6 +125,58 @@ def in_unit(text: object, unit: str) -> str:
     return str(text) if unit == "1" else f"{text} {unit}"
 
 
+SMALL_PREFIXES: Final = ((1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
+"""Factors of the units of small lengths and times, and their prefixes."""
+POWER: Final = re.compile(r"(?:\^|\*\*|(?<=[A-Za-z]))([23])(?![\w.])")
+"""A power of a unit: `m^2`, `m**2` or `m2`."""
+SUPERSCRIPTS: Final = {"2": "²", "3": "³"}
+MICRO: Final = re.compile(r"\bu(?=(?:m|s|g|N|J|Pa|W|K|C|L|l|mol)\b)")
+"""The prefix u of a unit."""
+
+
+def scaled_unit(unit: str, largest: float) -> tuple[float, str]:
+    """Return the factor and the name of the decimal multiple of a unit that suits values.
+
+    Parameters
+    ----------
+    unit
+        An SI unit in ASCII; Pa and J get the prefix of large multiples, m and s that of small ones.
+    largest
+        The largest value that is shown, in this unit.
+
+    Examples
+    --------
+    >>> scaled_unit("Pa", 2e8)
+    (1000000.0, 'MPa')
+    >>> scaled_unit("m", 2e-4)
+    (1e-06, 'µm')
+    >>> scaled_unit("kg/m^3", 1e4)
+    (1.0, 'kg/m³')
+    """
+    name = typeset_unit(unit)
+    if unit.startswith(("Pa", "J")):
+        for factor, prefix in ((1e15, "P"), (1e12, "T"), (1e9, "G"), (1e6, "M"), (1e3, "k")):
+            if largest >= 1.5 * factor:
+                return factor, f"{prefix}{name}"
+    if unit in ("m", "s") and 0.0 < largest < 1.0:
+        for factor, prefix in SMALL_PREFIXES:
+            if largest >= factor:
+                return factor, f"{prefix}{name}"
+    return 1.0, name
+
+
+def typeset_unit(unit: str) -> str:
+    """Return a unit in ASCII as labels show it.
+
+    Examples
+    --------
+    >>> typeset_unit("kg/m^3"), typeset_unit("g/cm3"), typeset_unit("um"), typeset_unit("mPa*s")
+    ('kg/m³', 'g/cm³', 'µm', 'mPa·s')
+    """
+    unit = POWER.sub(lambda power: SUPERSCRIPTS[power.group(1)], unit)
+    return MICRO.sub("µ", unit.replace("*", "·"))
+
+
 def value_with_prefix(value: float, unit: str) -> str:
     """Return a quantity to three digits with the decimal prefix that suits it: `12.3 µs`."""
     if value == 0.0 or not math.isfinite(value):
@@ -176,14 +228,19 @@ def format_digits(value: float, count: int = 2) -> str:
     return f"{round(value, places):.{max(0, places)}f}"
 
 
-def format_percent(share: float) -> str:
-    """Return a share as a percentage to two digits: `4.8 %`."""
-    return f"{format_digits(100.0 * share)} %"
+def format_percent(share: float, digits: int = 2) -> str:
+    """Return a share as a percentage to some digits: `4.8 %`."""
+    return f"{format_digits(100.0 * share, digits)} %"
 
 
 def label_of(name: str) -> str:
     """Return a name as labels show it: `relative speed`; a path such as `sizes.spread` as it is."""
     return name if "." in name else name.replace("_", " ")
+
+
+def axis_label(name: str, unit: str) -> str:
+    """Return the label of an axis: `density (kg/m³)`, or `size ratio` where the unit is 1."""
+    return label_of(name) if unit == "1" else f"{label_of(name)} ({unit})"
 
 
 def without_nan(value: Any) -> Any:

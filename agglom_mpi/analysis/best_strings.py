@@ -1,12 +1,11 @@
-"""The best strings of a campaign: their numbers, and the rows of the tables that show them.
+"""The best strings of a campaign: their numbers, and the table of the terminal and the page.
 
-`agglom report` shows them on the terminal (`summary`), as JSON, and on the page
-(`report/page_tables`); `CampaignFile.best` is a pandas table (`tables.best`).
+`CampaignFile.best` is a pandas table (`tables.best`).
 """
 
 import math
-from collections.abc import Sequence
-from typing import Any, Final, NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import Any, Final
 
 import numpy as np
 
@@ -14,9 +13,12 @@ from agglom_mpi.analysis.derived import derived_columns, values_of
 from agglom_mpi.analysis.drawn_sizes import drawn_fraction
 from agglom_mpi.analysis.estimates import Estimate, objective_of
 from agglom_mpi.analysis.finite_size import finite_sizes
-from agglom_mpi.analysis.quantity_means import as_entries
+from agglom_mpi.analysis.quantity_means import MEASURED_ON, as_entries, quantity_means
 from agglom_mpi.analysis.ranking import rank_strings
+from agglom_mpi.analysis.shown_units import column_of
 from agglom_mpi.analysis.tables import time_of_strings
+from agglom_mpi.display.table import Column, Table
+from agglom_mpi.formatting import format_duration, in_unit
 from agglom_mpi.outcome import COMPLETED, summaries
 from agglom_mpi.storage.reader import CampaignData
 
@@ -31,62 +33,94 @@ REESTIMATED: Final = (
 )
 """Attributes of an `Estimate` that are shown of a string."""
 
-
-class StringRow(NamedTuple):
-    """A row of the tables of the best strings, which have one string a column.
-
-    Attributes
-    ----------
-    key
-        Key of the number in an entry of `collect_best`, or in its `reestimate`.
-    style
-        Format of the number.
-    on_terminal, on_page
-        Label of the row; empty where the row is left out.
-    """
-
-    key: str
-    style: str
-    on_terminal: str
-    on_page: str = ""
-
-
-OBJECTIVE_ROWS: Final = (
-    StringRow("objective", ".4f", "objective, as searched", "objective, as searched"),
-    StringRow("standard_error", ".4f", "± standard error"),  # the page joins it to the objective
+FRESH_COLUMNS: Final = (
+    Column("fresh objective", "objective, re-estimate"),
+    Column("fresh lower", "95 % from", format=".4f"),
+    Column("fresh upper", "95 % to", format=".4f"),
+    Column("fresh mean_radius_ratio", "mean b/b0, re-estimate", format=".4g"),
+    Column("fresh samples", format="d"),
 )
-"""Rows on the objective, of the samples that a string was chosen by."""
-FRESH_ROWS: Final = (
-    StringRow("objective", ".4f", "re-estimate", "objective, re-estimate"),
-    StringRow("lower", ".4f", "95 % from", "95 % from"),
-    StringRow("upper", ".4f", "95 % to", "95 % to"),
-    StringRow("mean_radius_ratio", ".4g", "mean b/b0, re-estimate", "mean b/b⁰, re-estimate"),
-    StringRow("samples", "d", "fresh samples", "fresh samples"),
+"""Columns on the `reestimate`, of fresh samples."""
+LIMIT_COLUMNS: Final = (
+    Column("limit", "mean b/b0 for many grains"),
+    Column("shift", "shift by finite size"),
+    Column("limit_objective", "objective for many grains"),
 )
-"""Rows on the `reestimate`, of fresh samples."""
-LIMIT_ROWS: Final = (
-    StringRow("limit", ".4g", "mean b/b0, many grains", "mean b/b⁰ for many grains"),
-    StringRow("limit_standard_error", ".2g", "± standard error", "± standard error"),
-    StringRow("shift", ".2g", "  shift by finite size", "shift by finite size"),
-    StringRow("shift_standard_error", ".2g", "  ± standard error", "± standard error"),
-    StringRow("limit_objective", ".4f", "objective, many grains", "objective for many grains"),
-    StringRow("limit_objective_standard_error", ".4f", "± standard error", "± standard error"),
+"""Columns on the `finite_size`, of fresh samples in several control volumes."""
+GROWTH_COLUMNS: Final = (
+    Column("filled", "volume fraction drawn"),
+    Column("mean_radius_ratio", "mean b/b0, as searched", format=".4g"),
+    Column("growth_number", "(mean b/b0)³, as searched", format=".4g"),
+    Column("mean_grains", "grains per particle, as searched", format=".4g"),
+    Column("samples", "samples used", format="d"),
 )
-"""Rows on the `finite_size`, of fresh samples in several control volumes."""
-GROWTH_ROWS: Final = (
-    StringRow("mean_radius_ratio", ".4g", "mean b/b0, as searched", "mean b/b⁰, as searched"),
-    StringRow("growth_number", ".4g", "  (mean b/b0)^3", "(mean b/b⁰)³, as searched"),
-    StringRow("mean_grains", ".4g", "  grains per particle", "grains per particle, as searched"),
-    StringRow("samples", "d", "  samples", "samples used"),
-)
-"""Rows on the growth, of the samples that a string was chosen by."""
+"""Columns on the growth, of the samples that a string was chosen by."""
 
 
-def time_row(best: Sequence[dict[str, Any]]) -> StringRow:
-    """Return the row on the time of strings: on a processor, if that was recorded of all."""
-    if all(math.isfinite(entry["processor_seconds"]) for entry in best):
-        return StringRow("processor_seconds", ".3g", "processor s", "processor time")
-    return StringRow("seconds", ".3g", "wall-clock s", "wall-clock time")
+def best_table(file: CampaignData, best: Sequence[dict[str, Any]]) -> Table:
+    """Return the table of entries of `collect_best`, in the units of the campaign file."""
+    objective = Column("objective", "objective, as searched")
+    timed = all(math.isfinite(entry["processor_seconds"]) for entry in best)
+    kind = ("processor_seconds", "processor time") if timed else ("seconds", "wall-clock time")
+    columns = [
+        Column("rank"),
+        Column("string", format="d"),
+        *_variable_columns(file, best),
+        *(objective, *_moment_columns(best, "as searched")),
+        *(*FRESH_COLUMNS, *_moment_columns([e["reestimate"] for e in best], "re-estimate")),
+        *LIMIT_COLUMNS,
+        *(
+            Column(f"{name}, {measured}", f"{in_unit(name, unit)}, {measured}")
+            for name, unit in file.sizes.quantities.items()
+            for measured in MEASURED_ON
+        ),
+        *GROWTH_COLUMNS,
+        Column(*kind, format=format_duration),
+    ]
+    rows = [_shown(file, place, entry) for place, entry in enumerate(best, 1)]
+    return Table(columns, rows, name="best_strings", upright=True)
+
+
+def _variable_columns(file: CampaignData, best: Sequence[dict[str, Any]]) -> Iterator[Column]:
+    text = file.campaign_text
+    for variable, row in zip(file.variables.variables, file.variable_rows(), strict=True):
+        if not np.isnan(row["lower"]):  # the campaign uses it
+            note = "" if row["searched"] else "fixed"
+            yield column_of(
+                file.campaign_text, variable.name, variable.unit, float(row["upper"]), note
+            )
+    for column in derived_columns(file):
+        largest = np.nanmax([abs(entry[column.name]) for entry in best], initial=0.0)
+        yield column_of(text, column.name, column.unit, float(largest))
+
+
+def _moment_columns(entries: Sequence[dict[str, Any] | None], measured: str) -> Iterator[Column]:
+    """Yield columns on what was reached of each target of moments, and its share."""
+    found = [entry.get("moments", {}) for entry in entries if entry]
+    for name, first in next(filter(None, found), {}).items():
+        wanted = f"{name}, wanted {first['target']:g}, {measured}"
+        yield Column(f"{measured} {name} value", wanted, format=".4g")
+        yield Column(f"{measured} {name} miss", "adds to objective", format=".4g")
+
+
+def _shown(file: CampaignData, place: int, entry: dict[str, Any]) -> dict[str, Any]:
+    """Return the values of a string by the keys of the columns; pairs are means and errors."""
+    again, size = entry["reestimate"] or {}, entry.get("finite_size") or {}
+    row = {"rank": f"#{place}", **entry, **{f"fresh {key}": again[key] for key in again}}
+    row["objective"] = entry["objective"], entry["standard_error"]
+    if again:
+        row["fresh objective"] = again["objective"], again["standard_error"]
+    for key in ("limit", "shift", "limit_objective"):
+        row[key] = (size[key], size[f"{key}_standard_error"]) if size else None
+    for measured, source in zip(MEASURED_ON, (entry, again), strict=True):
+        for name, reached in source.get("moments", {}).items():
+            row |= {f"{measured} {name} {key}": reached[key] for key in ("value", "miss")}
+    for name, means in quantity_means(file, entry["string"]).items():
+        for measured, mean in zip(MEASURED_ON, means, strict=True):
+            row[f"{name}, {measured}"] = (mean.value, mean.error) if mean.samples else None
+    if drawn := entry.get("drawn_volume_fraction"):
+        row["filled"] = drawn["mean"], drawn["standard_error"]
+    return row
 
 
 def collect_best(file: CampaignData, count: int) -> list[dict[str, Any]]:

@@ -1,7 +1,6 @@
 """Comparison of several campaign files."""
 
 import json
-import math
 import statistics
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple
@@ -12,7 +11,7 @@ from agglom_mpi.analysis.summary import Summary, as_dict, collect_summary
 from agglom_mpi.config.expressions import names_in
 from agglom_mpi.config.relations import Relations
 from agglom_mpi.config.yaml_source import CampaignError
-from agglom_mpi.display.fitted_table import FittedTable
+from agglom_mpi.display.table import Column, Table
 from agglom_mpi.formatting import format_duration
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
@@ -154,29 +153,32 @@ def best_objectives(comparison: FileComparison) -> dict[str, list[float]]:
     }
 
 
+COLUMNS: Final = (
+    Column("file"),
+    Column("state", text=True),
+    Column("generations", format="d"),
+    Column("strings", format="d"),
+    Column("samples", format="d"),
+    Column("seconds", "time", format=format_duration),
+    Column("searched", "best as searched"),
+    Column("again", "re-estimate"),
+)
+
+
 def comparison_table(comparison: FileComparison) -> RenderableType:
     """Return a table of the files, the spread of their best strings and differing settings."""
-    counts = ("generations", "strings", "samples", "time")
-    table = FittedTable("file", "state", *counts, "best as searched", "re-estimate", left=(0, 1))
-    for summary in comparison.summaries:
-        table.add_row(*_cells(summary))
+    table = Table(COLUMNS, [_row(summary) for summary in comparison.summaries])
     return Group(table, "", *_footer(comparison))
 
 
-def _cells(summary: Summary) -> Iterator[str]:
-    samples = summary.samples_simulated + summary.samples_fresh
-    yield from (summary.file, summary.state, str(summary.generations), str(summary.strings))
-    yield from (str(samples), format_duration(summary.seconds))
-    if summary.no_result:
-        yield "no result"
-    for entry in summary.best:
-        yield _with_error(entry)
-        yield _with_error(entry["reestimate"]) if entry["reestimate"] else ""
-
-
-def _with_error(entry: dict[str, Any]) -> str:
-    value, error = f"{entry['objective']:.4f}", entry["standard_error"]
-    return value if math.isnan(error) else f"{value} ± {error:.4f}"
+def _row(summary: Summary) -> dict[str, Any]:
+    row = summary._asdict() | {"searched": "no result" if summary.no_result else None}
+    row["samples"] = summary.samples_simulated + summary.samples_fresh
+    for entry in () if summary.no_result else summary.best:
+        row["searched"] = entry["objective"], entry["standard_error"]
+        if again := entry["reestimate"]:
+            row["again"] = again["objective"], again["standard_error"]
+    return row
 
 
 def _footer(comparison: FileComparison) -> Iterator[str]:

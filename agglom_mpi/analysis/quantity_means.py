@@ -1,13 +1,12 @@
 """Means over samples of the quantities that an objective's function returns, of each string."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.analysis.estimates import completed_rows
-from agglom_mpi.formatting import in_unit, value_with_error
 from agglom_mpi.outcome import quantity_columns
 from agglom_mpi.statistics import MeanEstimate, mean_of
 
@@ -64,18 +63,3 @@ def quantity_table(
         table[own[0]] = np.array([mean.value for mean in means], np.float64), unit
         table[own[1]] = np.array([mean.error for mean in means], np.float64), unit
     return table
-
-
-def quantity_rows(data: "CampaignData", strings: Sequence[int]) -> list[list[str]]:
-    """Return rows of texts, a label and a mean ± error for each string, of all quantities.
-
-    Means over fresh samples follow where there are any.
-    """
-    found, rows = [quantity_means(data, string) for string in strings], []
-    for name, unit in data.sizes.quantities.items():
-        for i, measured in enumerate(MEASURED_ON):
-            means = [each[name][i] for each in found]
-            if any(mean.samples for mean in means):
-                cells = [value_with_error(m.value, m.error) if m.samples else "" for m in means]
-                rows.append([f"{in_unit(name, unit)}, {measured}", *cells])
-    return rows

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from rich.console import Group, RenderableType
 
 from agglom_mpi.analysis.estimates import rounding_of
-from agglom_mpi.display.fitted_table import FittedTable
+from agglom_mpi.display.table import Column, Table
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.emulation.gaussian_process import GaussianProcess
 from agglom_mpi.emulation.likelihood_fit import fit_covariance
+from agglom_mpi.formatting import label_of
 from agglom_mpi.random_streams import SENSITIVITY, search_stream
 from agglom_mpi.search.methods.surrogate import best_and_spread
 from agglom_mpi.search.space import SearchSpace
@@ -148,18 +149,26 @@ def as_dict(names: tuple[str, ...], found: Sensitivity | None) -> dict[str, Any]
     }
 
 
+COLUMNS: Final = (
+    Column("name", "share of the variance of the objective"),
+    Column("first", "alone", format=".1%"),
+    Column("total", "with others", format=".1%"),
+)
+
+
 def sensitivity_table(names: tuple[str, ...], found: Sensitivity | None) -> RenderableType:
     """Return a table of the variables by total index, the largest first, and notes."""
     if found is None:
         return "sensitivity: too few strings, or all of them are worth the same"
     if not found.predicts:
         return f"sensitivity: no indices are given; {prediction_text(found)}"
-    table = FittedTable("share of the variance of the objective", "alone", "with others")
-    for i in np.argsort(-found.total, kind="stable").tolist():
-        table.add_row(names[i], f"{found.first_order[i]:.1%}", f"{found.total[i]:.1%}")
+    rows = [
+        {"name": label_of(names[i]), "first": found.first_order[i], "total": found.total[i]}
+        for i in np.argsort(-found.total, kind="stable").tolist()
+    ]
     return Group(
         "",
-        table,
+        Table(COLUMNS, rows),
         f"over the search box, by a regression of {found.strings} strings; it predicts "
         f"{found.explained:.0%} of the variance of strings left out, noise of samples is "
         f"{found.noise:.0%}",

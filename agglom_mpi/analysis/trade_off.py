@@ -6,13 +6,17 @@ the best objective that each power allows.
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+from rich.console import Group, RenderableType
 
 from agglom_mpi.analysis.derived import derived_columns, values_of
 from agglom_mpi.analysis.estimates import completed_rows
 from agglom_mpi.analysis.quantity_means import quantity_means
 from agglom_mpi.analysis.ranking import rank_strings
+from agglom_mpi.analysis.shown_units import column_of
 from agglom_mpi.declaration.spelling import suggestion
+from agglom_mpi.display.table import Column, Table
 from agglom_mpi.errors import UserError
 from agglom_mpi.statistics import mean_of
 
@@ -25,6 +29,10 @@ RESOLVED: Final = 2.0
 """A difference is resolved from this number of its standard errors on."""
 FRONT, UNRESOLVED, DOMINATED = "front", "within errors", "dominated"
 """What a point is: dominated by no other, by none beyond the errors, or beyond them."""
+NOTES: Final = (
+    f"± is a standard error; dominated: another is better by {RESOLVED:g} or more on both axes",
+)
+SEARCHED: Final = "as searched: no fresh samples; the samples that a string was chosen by favour it"
 
 
 class TradeOffError(UserError, ValueError):
@@ -44,7 +52,7 @@ class BestPoint(NamedTuple):
 
     Attributes
     ----------
-    file, title, string
+    file, string
     values, errors
         Its number on each axis in SI units, and their standard errors; an error is 0 where the
         number follows from the variables alone.
@@ -53,23 +61,16 @@ class BestPoint(NamedTuple):
     """
 
     file: str
-    title: str
     string: int
     values: tuple[float, float]
     errors: tuple[float, float]
     fresh: bool
 
 
-class TradeOff(NamedTuple):
-    """The points of several files, and what each of them is."""
-
-    axes: tuple[TradeOffAxis, TradeOffAxis]
-    points: list[BestPoint]
-    verdicts: list[str]
-
-
-def trade_off(files: "Sequence[CampaignData]", axes: tuple[TradeOffAxis, TradeOffAxis]) -> TradeOff:
-    """Return the best strings of files on two axes.
+def trade_off(
+    files: "Sequence[CampaignData]", axes: tuple[TradeOffAxis, TradeOffAxis]
+) -> RenderableType:
+    """Return the table of the best strings of files on two axes, in the units of the first file.
 
     Raises
     ------
@@ -77,7 +78,21 @@ def trade_off(files: "Sequence[CampaignData]", axes: tuple[TradeOffAxis, TradeOf
         If a file has no such number, or no string with a result.
     """
     points = [_point(file, axes) for file in files]
-    return TradeOff(axes, points, verdicts(points, axes))
+    columns = [Column("file"), Column("string", format="d")]
+    rows: list[dict[str, Any]] = []
+    for point, verdict in zip(points, verdicts(points, axes), strict=True):
+        name = point.file if point.fresh else f"{point.file} (as searched)"
+        rows.append({"file": name, "string": point.string, "verdict": verdict})
+    for k, axis in enumerate(axes):
+        largest = max(abs(point.values[k]) for point in points)
+        sense = "maximised" if axis.maximised else "minimised"
+        column = column_of(files[0].campaign_text, axis.name, axis.unit, largest, sense)
+        columns.append(column._replace(format=".4g"))
+        for point, row in zip(points, rows, strict=True):
+            value, error = point.values[k], point.errors[k]
+            row[axis.name] = (value, error) if error > 0.0 else value
+    table = Table([*columns, Column("verdict", "", text=True)], rows)
+    return Group(table, *(NOTES if all(point.fresh for point in points) else [*NOTES, SEARCHED]))
 
 
 def axis_of(files: "Sequence[CampaignData]", name: str, maximised: bool) -> TradeOffAxis:
@@ -119,7 +134,7 @@ def _point(file: "CampaignData", axes: tuple[TradeOffAxis, TradeOffAxis]) -> Bes
     string = ranked.order[0]
     fresh = any(each.string == string and each.known for each in ranked.estimates)
     (x, x_error), (y, y_error) = (_measured(file, string, axis.name, fresh) for axis in axes)
-    return BestPoint(str(file.path), file.title, string, (x, y), (x_error, y_error), fresh)
+    return BestPoint(str(file.path), string, (x, y), (x_error, y_error), fresh)
 
 
 def _measured(file: "CampaignData", string: int, name: str, fresh: bool) -> tuple[float, float]:

@@ -1,21 +1,19 @@
 """`agglom pareto`: two numbers of the best strings of several campaign files."""
 
-from pathlib import Path
-
 import click
 
-from agglom_mpi.cli.common import ALLOW_CODE, PATH, examples, exit_with, say
+from agglom_mpi.cli.common import ALLOW_CODE, examples, exit_with, say
 
 
 @click.command(
-    epilog=examples("agglom pareto power_*.h5 --x power --y objective --out front"),
+    epilog=examples("agglom pareto power_*.h5 --x power --y objective"),
 )
 @click.argument("files", nargs=-1, required=True, metavar="FILE...")
 @click.option(
     "--x",
     required=True,
     metavar="NAME",
-    help="Number on the horizontal axis: objective, mean_radius_ratio, a variable, a derived "
+    help="Number that strings are compared by: objective, mean_radius_ratio, a variable, a derived "
     "quantity, or one that the objective's function returns.",
 )
 @click.option(
@@ -23,7 +21,7 @@ from agglom_mpi.cli.common import ALLOW_CODE, PATH, examples, exit_with, say
     default="objective",
     show_default=True,
     metavar="NAME",
-    help="Number on the vertical axis.",
+    help="Second number.",
 )
 @click.option(
     "--maximise",
@@ -31,7 +29,6 @@ from agglom_mpi.cli.common import ALLOW_CODE, PATH, examples, exit_with, say
     metavar="NAME",
     help="Number that is better the higher it is; may be repeated.  [default: lower is better]",
 )
-@click.option("--out", type=PATH, metavar="STEM", help="Write STEM.png, STEM.svg and STEM.csv.")
 @ALLOW_CODE
 @exit_with
 def pareto(
@@ -39,7 +36,6 @@ def pareto(
     x: str,
     y: str,
     maximise: tuple[str, ...],
-    out: Path | None,
     allow_code: bool,
 ) -> int:
     """Show the Pareto front of the best strings of several campaign files FILE.h5.
@@ -59,17 +55,12 @@ def pareto(
     from agglom_mpi.analysis.file_comparison import is_one_question
     from agglom_mpi.analysis.trade_off import OBJECTIVE, axis_of, trade_off
     from agglom_mpi.display.run_display import print_wide
-    from agglom_mpi.report.trade_off_files import trade_off_text, write_trade_off
     from agglom_mpi.storage.reader import read_inversion
 
     opened = [read_inversion(file, allow_code) for file in files]
     with blame_damage(*files):
         axes = axis_of(opened, x, x in maximise), axis_of(opened, y, y in maximise)
-        found = trade_off(opened, axes)
-        lines = [] if out is None else write_trade_off(out, found)
-        print_wide(trade_off_text(found))
-    for line in lines:
-        say(line)
+        print_wide(trade_off(opened, axes))
     if OBJECTIVE in (x, y) and not is_one_question(opened):
         say("warning: the objectives are not of the same question", error=True)
     return 0

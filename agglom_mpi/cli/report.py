@@ -162,7 +162,7 @@ def report(
     with blame_damage(*files):
         if out is not None:
             from agglom_mpi.report.page import write_report
-            from agglom_mpi.report.published_results import read_published
+            from agglom_mpi.report.sections.published import read_published
 
             tables = None if published is None else read_published(published)
             file, resimulate = opened[0], not stored_only
@@ -313,7 +313,7 @@ def _summary(
 
         more += ["", data_posterior_text(found)]
     if further is not None:
-        more += ["", next_text(further)]
+        more += ["", next_text(further, opened.campaign_text)]
     return Group(summary_table(opened), *more)
 
 

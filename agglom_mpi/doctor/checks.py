@@ -5,7 +5,7 @@ from pathlib import Path
 
 from rich.console import Group, RenderableType
 
-from agglom_mpi.display.fitted_table import LabelledTexts
+from agglom_mpi.display.table import Facts
 from agglom_mpi.doctor.folders import check_storage
 from agglom_mpi.doctor.machine import (
     Finding,
@@ -30,9 +30,7 @@ def run_checks(folder: Path) -> Iterator[Finding]:
 
 def as_table(findings: list[Finding]) -> RenderableType:
     """Return a table of findings with the advice below."""
-    table = LabelledTexts()
-    for finding in findings:
-        mark = "✗" if finding.broken else "!" if finding.advice else " "
-        table.add_row(f"{mark} {finding.topic}", finding.found)
+    marks = ("✗" if each.broken else "!" if each.advice else " " for each in findings)
+    rows = [(f"{m} {each.topic}", each.found) for m, each in zip(marks, findings, strict=True)]
     advice = [f"{finding.topic}: {finding.advice}" for finding in findings if finding.advice]
-    return Group(table, "", *(advice or ["nothing to change"]))
+    return Group(Facts(rows), "", *(advice or ["nothing to change"]))

@@ -18,7 +18,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
 from agglom_mpi.measurements.census import Census
 from agglom_mpi.measurements.datum import Datum, predictions
@@ -184,6 +183,9 @@ class ResidualFrame:
     """
 
     def __init__(self, data: Sequence[Datum]) -> None:
+        # Imported here: a report without data needs no linear algebra.
+        from scipy.linalg import block_diag
+
         self.data = data
         self.measured = np.concatenate([datum.values for datum in data])
         bases = [_basis(datum) for datum in data]

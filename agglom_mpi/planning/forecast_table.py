@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from rich.console import Group, RenderableType
 
-from agglom_mpi.display.fitted_table import FittedTable
+from agglom_mpi.display.table import Column, Table
 from agglom_mpi.formatting import format_duration, pluralise
 from agglom_mpi.planning.forecast import MAX_SIMULATED, WELL_USED, ForecastReport, PilotSummary
 from agglom_mpi.planning.workload import LEAST_SAMPLES
@@ -28,11 +28,6 @@ AGAIN: Final = "again: at the end, for fresh samples of the best strings"
 
 def to_json(report: ForecastReport) -> str:
     """Return forecasts as JSON; all times in s."""
-    properties = ("bound", "reached", "needed", "wasted", "limit")
-    forecasts = [
-        forecast._asdict() | {name: getattr(forecast, name) for name in properties}
-        for forecast in report.forecasts
-    ]
     measured = report.pilot.wall_over_cpu
     slowed = measured if math.isfinite(measured) else None
     content: dict[str, Any] = {
@@ -41,7 +36,7 @@ def to_json(report: ForecastReport) -> str:
         "most_strings": report.campaign.max_strings,
         "samples": report.pilot._asdict() | {"wall_over_cpu": slowed},
         "costs": report.costs._asdict(),
-        "forecasts": forecasts,
+        "forecasts": _records(report),
         "not_forecast": report.not_forecast,
         "saturation": report.saturation and report.saturation._asdict(),
         "advice": report.advice and report.advice._asdict(),
@@ -50,27 +45,33 @@ def to_json(report: ForecastReport) -> str:
     return json.dumps(content, indent=2)
 
 
+COLUMNS: Final = (
+    Column("ranks", format="d"),
+    Column("seconds", "time", format=format_duration),
+    Column("needed", format=".1%"),
+    Column("master", "rank 0", format=".1%"),
+    Column("simulated", format="d"),
+    Column("used", format="d"),
+    Column("bound", "at best", format=format_duration),
+    Column("reached", format=".1%"),
+    Column("limit", text=True),
+    Column("again", "+ again", format=lambda seconds: format_duration(seconds) if seconds else ""),
+)
+
+
 def forecast_table(report: ForecastReport) -> RenderableType:
     """Return a table of forecasts, with the samples they are made from and an explanation."""
-    headings = ("ranks", "time", "needed", "rank 0", "simulated", "used", "at best", "reached")
-    again = any(f.again for f in report.forecasts)
-    more = ["+ again"] if again else []
-    table = FittedTable(*headings, "limit", *more, left=(8,), gap=1)
-    for f in report.forecasts:
-        table.add_row(
-            str(f.ranks),
-            format_duration(f.seconds),
-            f"{f.needed:.1%}",
-            f"{f.master:.1%}",
-            str(f.simulated),
-            str(f.used),
-            format_duration(f.bound),
-            f"{f.reached:.1%}",
-            f.limit,
-            *([format_duration(f.again)] if again else []),
-        )
-    tables = [table] if report.forecasts else []
+    tables = [Table(COLUMNS, _records(report), gap=1)] if report.forecasts else []
     return Group(*_heading(report), *tables, *_footer(report))
+
+
+def _records(report: ForecastReport) -> list[dict[str, Any]]:
+    """Return the forecasts as plain values."""
+    properties = ("bound", "reached", "needed", "wasted", "limit")
+    return [
+        forecast._asdict() | {name: getattr(forecast, name) for name in properties}
+        for forecast in report.forecasts
+    ]
 
 
 def _heading(report: ForecastReport) -> list[str]:

@@ -1,13 +1,11 @@
 """How every figure of the package looks, and how it is written as PNG and SVG."""
 
 import math
-import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from agglom_mpi.errors import require_library
-from agglom_mpi.formatting import ROUNDING, label_of
+from agglom_mpi.formatting import ROUNDING
 from agglom_mpi.storage.files import atomic_file
 
 if TYPE_CHECKING:
@@ -26,15 +24,8 @@ LEGEND_DISTANCE: Final = 5.0
 DOTS_PER_INCH: Final = 110
 MANY_DECADES: Final = 200.0
 """Minimum ratio of the ends of a logarithmic axis for powers of ten alone as labels."""
-SMALL_PREFIXES: Final = ((1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
-"""Factors of the units of small lengths and times, and their prefixes."""
 STRING_LINK: Final = "report.html#string-"
 """Address of a string's row in the page, without its number; marks of strings link to it."""
-POWER: Final = re.compile(r"(?:\^|\*\*|(?<=[A-Za-z]))([23])(?![\w.])")
-"""A power of a unit: `m^2`, `m**2` or `m2`."""
-SUPERSCRIPTS: Final = {"2": "²", "3": "³"}
-MICRO: Final = re.compile(r"\bu(?=(?:m|s|g|N|J|Pa|W|K|C|L|l|mol)\b)")
-"""The prefix u of a unit."""
 
 
 class Drawing(NamedTuple):
@@ -73,27 +64,6 @@ def write_drawing(directory: Path, drawing: Drawing) -> None:
     figure.set_layout_engine("none")
     with atomic_file(directory / f"{drawing.name}.svg", replace=True) as path:
         FigureCanvasSVG(figure).print_svg(path, metadata={"Date": None})
-
-
-def axes_or_new(ax: Any | None, size: tuple[float, float] = SIZE) -> Any:
-    """Return the given axes, or those of a new pyplot figure of a size in inches."""
-    return figure_or_new(None, size).subplots() if ax is None else ax
-
-
-def figure_or_new(figure: Any | None, size: tuple[float, float]) -> "matplotlib.figure.Figure":
-    """Return the given figure, or a new pyplot figure of a size in inches.
-
-    Raises
-    ------
-    MissingLibraryError
-        If matplotlib is not installed.
-    """
-    if figure is not None:
-        return figure
-    require_library("matplotlib", "report", "figures")
-    from matplotlib import pyplot
-
-    return pyplot.figure(figsize=size, layout="constrained")
 
 
 def style_axes(ax: Any) -> None:
@@ -176,51 +146,3 @@ def legend_below(ax: Any, columns: int = 2) -> None:
         frameon=False,
         fontsize="small",
     )
-
-
-def scaled_unit(unit: str, largest: float) -> tuple[float, str]:
-    """Return the factor and the name of the decimal multiple of a unit that suits values.
-
-    Parameters
-    ----------
-    unit
-        An SI unit in ASCII; Pa and J get the prefix of large multiples, m and s that of small ones.
-    largest
-        The largest value that is shown, in this unit.
-
-    Examples
-    --------
-    >>> scaled_unit("Pa", 2e8)
-    (1000000.0, 'MPa')
-    >>> scaled_unit("m", 2e-4)
-    (1e-06, 'µm')
-    >>> scaled_unit("kg/m^3", 1e4)
-    (1.0, 'kg/m³')
-    """
-    name = typeset_unit(unit)
-    if unit.startswith(("Pa", "J")):
-        for factor, prefix in ((1e15, "P"), (1e12, "T"), (1e9, "G"), (1e6, "M"), (1e3, "k")):
-            if largest >= 1.5 * factor:
-                return factor, f"{prefix}{name}"
-    if unit in ("m", "s") and 0.0 < largest < 1.0:
-        for factor, prefix in SMALL_PREFIXES:
-            if largest >= factor:
-                return factor, f"{prefix}{name}"
-    return 1.0, name
-
-
-def typeset_unit(unit: str) -> str:
-    """Return a unit in ASCII as labels show it.
-
-    Examples
-    --------
-    >>> typeset_unit("kg/m^3"), typeset_unit("g/cm3"), typeset_unit("um"), typeset_unit("mPa*s")
-    ('kg/m³', 'g/cm³', 'µm', 'mPa·s')
-    """
-    unit = POWER.sub(lambda power: SUPERSCRIPTS[power.group(1)], unit)
-    return MICRO.sub("µ", unit.replace("*", "·"))
-
-
-def axis_label(name: str, unit: str) -> str:
-    """Return the label of an axis: `density (kg/m³)`, or `size ratio` where the unit is 1."""
-    return label_of(name) if unit == "1" else f"{label_of(name)} ({unit})"

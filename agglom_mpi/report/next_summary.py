@@ -5,12 +5,12 @@ from typing import Any, Final, NamedTuple
 
 from rich.console import Group, RenderableType
 
-from agglom_mpi.display.fitted_table import FittedTable
-from agglom_mpi.formatting import format_digits, in_unit, pluralise, value_with_prefix, without_nan
+from agglom_mpi.analysis.shown_units import shown_unit
+from agglom_mpi.display.table import Column, Table
+from agglom_mpi.formatting import format_digits, in_unit, pluralise, without_nan
 from agglom_mpi.inference.next_measurement import NextMeasurement, NextMeasurements
 from agglom_mpi.inference.posterior import Posterior
-from agglom_mpi.report.set_files import write_table
-from agglom_mpi.storage.files import require_absent, require_writable_folder
+from agglom_mpi.report.set_files import check_new, write_table
 
 
 class PosteriorRequest(NamedTuple):
@@ -40,11 +40,7 @@ class PosteriorRequest(NamedTuple):
         OSError
             If the file exists already, or its folder cannot be written.
         """
-        if self.table is None:
-            return
-        require_absent(self.table)
-        if made is None or self.table.parent.resolve() != made.resolve():
-            require_writable_folder(self.table)
+        check_new(self.table, made)
 
     def found(self, posterior: Posterior) -> NextMeasurements | None:
         """Return what to measure next, if that is asked for, and write the table."""
@@ -60,29 +56,41 @@ MAX_SHOWN: Final = 12
 """Maximum number of measurements in the table of the terminal."""
 
 
-def next_text(found: NextMeasurements) -> RenderableType:
-    """Return the measurements that leave least of the box as a table."""
+def next_text(found: NextMeasurements, text: str) -> RenderableType:
+    """Return the measurements that leave least of the box as a table, in units of the campaign."""
     volume = format_digits(100.0 * found.volume, 3)
     heading = (
         f"what to measure next: 90 % of the posterior fill {volume} % of the box; expected share "
         "after one more measurement"
     )
-    table = FittedTable("measurement", "expected value", "error", "share of the box", left=(0,))
-    for each in found.ranked[:MAX_SHOWN]:
-        table.add_row(each.name, _value(each), each.error_text, each.volume_text)
+    rows = [
+        {
+            "measurement": each.name,
+            "value": _value(each, text),
+            "error": each.error_text,
+            "volume": each.volume_text,
+        }
+        for each in found.ranked[:MAX_SHOWN]
+    ]
     left = len(found.ranked) - MAX_SHOWN
     more = [f"and {pluralise(left, 'measurement')} that would leave more"] if left > 0 else []
-    return Group(heading, table, *more)
+    return Group(heading, Table(NEXT_COLUMNS, rows), *more)
 
 
-def _value(each: NextMeasurement) -> str:
+NEXT_COLUMNS: Final = (
+    Column("measurement"),
+    Column("value", "expected value"),
+    Column("error"),
+    Column("volume", "share of the box"),
+)
+
+
+def _value(each: NextMeasurement, text: str) -> str:
     """Return the value that is expected; nothing for shares of sizes."""
     if len(each.datum.values) > 1:
         return ""
-    unit = each.datum.kind.unit
-    if unit == "m":
-        return value_with_prefix(each.predicted, unit)
-    return in_unit(f"{each.predicted:.4g}", unit)
+    factor, unit = shown_unit(text, each.datum.quantity, each.datum.kind.unit, each.predicted)
+    return in_unit(f"{each.predicted / factor:.4g}", unit)
 
 
 def next_as_list(found: NextMeasurements) -> list[dict[str, Any]]:

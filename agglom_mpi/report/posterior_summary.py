@@ -1,26 +1,22 @@
 """Posteriors of a campaign as text: of a measured mean, and of all its data."""
 
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from rich.console import Group, RenderableType
 
-from agglom_mpi.display.fitted_table import FittedTable, LabelledTexts
-from agglom_mpi.formatting import format_digits, in_unit
+from agglom_mpi.analysis.shown_units import shown_unit, unit_of_datum
+from agglom_mpi.display.table import Column, Facts, Table
+from agglom_mpi.formatting import axis_label, format_digits, format_percent, in_unit, label_of
 from agglom_mpi.inference.measured_mean import MeasuredMean
 from agglom_mpi.inference.nearest import quantity_name
 from agglom_mpi.inference.posterior import Posterior
-from agglom_mpi.inference.posterior_sampling import CENTRAL
+from agglom_mpi.inference.posterior_sampling import CENTRAL, REPORTED_QUANTILES
 from agglom_mpi.inference.predictive import PredictedDatum
 from agglom_mpi.inference.searched_box import SearchedBox
 
 SHOWN_PAIRS: Final = 6
 """Number of pairs of variables whose correlations are shown."""
-
-
-def percent(share: float, digits: int = 3) -> str:
-    """Return a share as a text in percent."""
-    return f"{format_digits(100.0 * share, digits)} %"
 
 
 def measure_text(box: SearchedBox) -> str:
@@ -54,18 +50,19 @@ def posterior_text(posterior: Posterior) -> RenderableType:
 
 def data_posterior_text(posterior: Posterior) -> RenderableType:
     """Return the posterior of all data as text and tables; its verdict stands above the numbers."""
-    facts = LabelledTexts()
-    facts.add_row("prior", measure_text(posterior.of.box))
-    facts.add_row("strings", _size(posterior))
-    share = percent(posterior.volume)
-    facts.add_row("share of the box", f"{share} has 90 % of the posterior")
+    share = format_percent(posterior.volume, 3)
+    facts = [
+        ("prior", measure_text(posterior.of.box)),
+        ("strings", _size(posterior)),
+        ("share of the box", f"{share} has 90 % of the posterior"),
+    ]
     if posterior.calibration is not None:
-        facts.add_row("check", posterior.calibration.text)
-    lines: list[RenderableType] = [f"posterior, given {posterior.given}", facts]
+        facts.append(("check", posterior.calibration.text))
+    lines: list[RenderableType] = [f"posterior, given {posterior.given}", Facts(facts)]
     if posterior.warning:
         lines.append(f"warning: {posterior.warning}")
-    lines += _tables(posterior)
-    lines.append(_data_table(posterior))
+    rows = [_compared(each, posterior.of.box.campaign.text) for each in posterior.predictions]
+    lines += [*_tables(posterior), Table(DATA_COLUMNS, rows)]
     if len(posterior.predictions) > 1:
         lines.append(f"all data together: p = {posterior.p_value:.2g}")
     return Group(*lines)
@@ -79,44 +76,54 @@ def _size(posterior: Posterior) -> str:
 
 
 def _tables(posterior: Posterior) -> list[RenderableType]:
-    """Return the table of the variables, and that of their correlations."""
-    headings = ("2.5 %", "25 %", "50 %", "75 %", "97.5 %", "width of prior's")
-    table = FittedTable("variable", *headings)
+    """Return the table of the variables, and that of the largest partial correlations."""
+    rows, text = [], posterior.of.box.campaign.text
     for each in posterior.of.box.own:
-        quantiles = (f"{value:.4g}" for value in posterior.quantiles(each.name))
-        width = f"{100.0 * posterior.contraction[each.name]:.0f} %"
-        table.add_row(in_unit(each.name, each.unit), *quantiles, width)
-    several = len(posterior.of.box.names) > 1
-    return [table, _correlation_table(posterior)] if several else [table]
-
-
-def _correlation_table(posterior: Posterior) -> FittedTable:
-    """Return a table of the pairs with the largest partial correlations."""
-    names = posterior.of.box.names
+        factor, unit = shown_unit(text, each.name, each.unit, each.upper)
+        quantiles = (value / factor for value in posterior.quantiles(each.name))
+        row = {"variable": axis_label(each.name, unit), "width": posterior.contraction[each.name]}
+        rows.append(row | dict(zip(map(str, REPORTED_QUANTILES), quantiles, strict=True)))
+    names = [label_of(name) for name in posterior.of.box.names]
     plain, partial = posterior.correlations, posterior.partial_correlations
     pairs = [(i, j) for i in range(len(names)) for j in range(i)]
     pairs.sort(key=lambda pair: -abs(partial[pair]))
-    table = FittedTable("correlation", "all free", "others kept")
-    for i, j in pairs[:SHOWN_PAIRS]:
-        table.add_row(f"{names[j]}, {names[i]}", f"{plain[i, j]:+.2f}", f"{partial[i, j]:+.2f}")
-    return table
+    correlations = [
+        {"pair": f"{names[j]}, {names[i]}", "plain": plain[i, j], "partial": partial[i, j]}
+        for i, j in pairs[:SHOWN_PAIRS]
+    ]
+    tables = [Table(VARIABLE_COLUMNS, rows), Table(CORRELATION_COLUMNS, correlations)]
+    return [table for table in tables if table.rows]
 
 
-def _data_table(posterior: Posterior) -> FittedTable:
-    """Return a table of the data, what the posterior predicts for them, and which disagree."""
-    table = FittedTable("datum", "measured", "predicted, 90 %", "p", "", left=(0, 4))
-    for each in posterior.predictions:
-        table.add_row(each.datum.name, *_compared(each), f"{each.p_value:.2g}", each.verdict)
-    return table
+VARIABLE_COLUMNS: Final = (
+    Column("variable"),
+    *(Column(str(share), f"{100.0 * share:g} %", format=".4g") for share in REPORTED_QUANTILES),
+    Column("width", "width of prior's", format=lambda share: f"{100.0 * share:.0f} %"),
+)
+CORRELATION_COLUMNS: Final = (
+    Column("pair", "correlation"),
+    Column("plain", "all free", format="+.2f"),
+    Column("partial", "others kept", format="+.2f"),
+)
+DATA_COLUMNS: Final = (
+    Column("datum"),
+    Column("measured"),
+    Column("predicted", "predicted, 90 %"),
+    Column("p", format=".2g"),
+    Column("verdict", "", text=True),
+)
 
 
-def _compared(predicted: PredictedDatum) -> tuple[str, str]:
-    """Return a measured number and its prediction in SI units; for shares how many there are."""
+def _compared(predicted: PredictedDatum, text: str) -> dict[str, Any]:
+    """Return the row of a datum: measured and predicted number, or how many shares there are."""
     datum = predicted.datum
+    row = {"datum": datum.name, "p": predicted.p_value, "verdict": predicted.verdict}
     if len(datum.values) > 1:
-        return f"{len(datum.values)} shares", "see the curve"
-    low, high = predicted.quantiles(CENTRAL)[:, 0]
-    error = float(np.sqrt(datum.covariance[0, 0]))
-    digits = max(3, int(np.ceil(np.log10(abs(datum.values[0]) / error))) + 2) if error else 6
-    shown = (format_digits(float(value), digits) for value in (low, high))
-    return f"{datum.values[0]:.{digits}g} ± {error:.2g}", " to ".join(shown)
+        return row | {"measured": f"{len(datum.values)} shares", "predicted": "see the curve"}
+    factor, unit = unit_of_datum(text, datum)
+    low, high = predicted.quantiles(CENTRAL)[:, 0] / factor
+    value, error = datum.values[0] / factor, float(np.sqrt(datum.covariance[0, 0])) / factor
+    digits = max(3, int(np.ceil(np.log10(abs(value) / error))) + 2) if error else 6
+    shown = " to ".join(format_digits(float(end), digits) for end in (low, high))
+    measured = f"{value:.{digits}g} ± {error:.2g}"
+    return row | {"measured": in_unit(measured, unit), "predicted": in_unit(shown, unit)}

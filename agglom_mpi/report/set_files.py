@@ -65,10 +65,7 @@ class SetRequest(NamedTuple):
             quantities = recorded_objective(data).criterion(tolerance).quantities
             measurement_of(recorded_campaign(data), quantities, self.measured, self.error)
         for path in (self.draws, self.grid):
-            if path is not None:
-                require_absent(path)
-                if made is None or path.parent.resolve() != made.resolve():
-                    require_writable_folder(path)
+            check_new(path, made)
 
     def posterior_of(self, found: FeasibleSet) -> "Posterior | None":
         """Return the posterior that is asked for, None if none is, or the set is not known."""
@@ -135,6 +132,14 @@ def write_files(request: SetRequest, found: FeasibleSet, posterior: "Posterior |
         write_table(request.grid, grid_table(found))
     if request.draws is not None and posterior is not None:
         write_table(request.draws, posterior.draws)
+
+
+def check_new(path: Path | None, made: Path | None) -> None:
+    """Raise an OSError if a file that is asked for is there, or cannot be made; `made` will be."""
+    if path is not None:
+        require_absent(path)
+        if made is None or path.parent.resolve() != made.resolve():
+            require_writable_folder(path)
 
 
 def write_table(path: Path, table: "pd.DataFrame") -> None:

@@ -6,14 +6,15 @@ from typing import TYPE_CHECKING, Any, Final
 
 from rich.console import Group, RenderableType
 
+from agglom_mpi.analysis.shown_units import shown_unit
 from agglom_mpi.config.allowed_share import allowed_share
-from agglom_mpi.display.fitted_table import FittedTable, LabelledTexts
-from agglom_mpi.formatting import in_unit, value_with_error
+from agglom_mpi.display.table import Column, Facts, Table
+from agglom_mpi.formatting import axis_label, format_percent, value_with_error
 from agglom_mpi.inference.emulated_set import BOX_POINTS
 from agglom_mpi.inference.feasible_set import FeasibleSet
 from agglom_mpi.inference.set_directions import name_ends, rounded
 from agglom_mpi.inference.set_points import INNER_PROBABILITY, OUTER_PROBABILITY
-from agglom_mpi.report.posterior_summary import measure_text, percent, posterior_text
+from agglom_mpi.report.posterior_summary import measure_text, posterior_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -60,35 +61,37 @@ def _rests_on(of: FeasibleSet) -> str:
     return f"from an emulator of {of.samples:,} samples of {of.strings:,} strings"
 
 
-def _shares(of: FeasibleSet) -> LabelledTexts:
-    table = LabelledTexts()
+def _shares(of: FeasibleSet) -> Facts:
+    rows: list[tuple[str, str]] = []
     if of.empty:
-        table.add_row("the set", empty_text(of))
-        table.add_row("nearest", f"{of.nearest.reached}, {_probability(of.nearest.probability)}")
+        rows.append(("the set", empty_text(of)))
+        rows.append(("nearest", f"{of.nearest.reached}, {_probability(of.nearest.probability)}"))
     else:
         share = value_with_error(100.0 * of.volume, 100.0 * of.volume_error)
-        table.add_row("share of the box", f"{share} %; {measure_text(of.emulated.box)}")
+        rows.append(("share of the box", f"{share} %; {measure_text(of.emulated.box)}"))
     if of.allowed < 1.0:
         shares = "" if of.empty else "; shares refer to the allowed part"
         allowed = allowed_share(of.emulated.box.campaign)
-        table.add_row("constraints", f"allow {allowed} of the box{shares}")
+        rows.append(("constraints", f"allow {allowed} of the box{shares}"))
     if not of.empty:
-        table.add_row(f"  surely (P ≥ {INNER_PROBABILITY:g})", percent(of.inner))
-        table.add_row(f"  possibly (P ≥ {OUTER_PROBABILITY:g})", percent(of.outer))
+        rows.append((f"  surely (P ≥ {INNER_PROBABILITY:g})", format_percent(of.inner, 3)))
+        rows.append((f"  possibly (P ≥ {OUTER_PROBABILITY:g})", format_percent(of.outer, 3)))
     if of.volume > 0.0 and not of.empty:
-        table.add_row(
-            "expected error",
-            f"{percent(of.expected_error)} of the set's volume is wrongly in or out of P ≥ 0.5; "
-            f"{samples_to_halve(of):,} more samples{_taken_by(of)} would halve it",
+        rows.append(
+            (
+                "expected error",
+                f"{format_percent(of.expected_error, 3)} of the set's volume is wrongly in or out "
+                f"of P ≥ 0.5; {samples_to_halve(of):,} more samples{_taken_by(of)} would halve it",
+            )
         )
     if of.criterion.maximum is not None:
-        table.add_row("maximum", f"mean b/b0 {value_with_error(*of.criterion.maximum)}")
+        rows.append(("maximum", f"mean b/b0 {value_with_error(*of.criterion.maximum)}"))
     if of.failing:
-        table.add_row("failed", f"{of.failing} strings, which are not members")
-    table.add_row("check", of.calibration.text)
+        rows.append(("failed", f"{of.failing} strings, which are not members"))
+    rows.append(("check", of.calibration.text))
     if of.favours_low_objectives:
-        table.add_row("samples", BIASED_CHOICE)
-    return table
+        rows.append(("samples", BIASED_CHOICE))
+    return Facts(rows)
 
 
 def _taken_by(of: FeasibleSet) -> str:
@@ -117,40 +120,66 @@ def _probability(value: float) -> str:
     )
 
 
-def _nearest_table(of: FeasibleSet) -> FittedTable:
+def _nearest_table(of: FeasibleSet) -> Table:
     """Return a table of the nearest string and the searched ranges."""
-    table = FittedTable("variable", "searched", "nearest at", "", left=(0, 3))
+    rows, text = [], of.emulated.box.campaign.text
     for each in of.emulated.box.own:
-        table.add_row(
-            in_unit(each.name, each.unit),
-            f"{each.lower:.4g} to {each.upper:.4g}",
-            f"{of.nearest.parameters[each.name]:.4g}",
-            f"{end} end" if (end := of.nearest.ends.get(each.name)) else "",
+        factor, unit = shown_unit(text, each.name, each.unit, each.upper)
+        rows.append(
+            {
+                "variable": axis_label(each.name, unit),
+                "searched": f"{each.lower / factor:.4g} to {each.upper / factor:.4g}",
+                "nearest at": of.nearest.parameters[each.name] / factor,
+                "end": f"{end} end" if (end := of.nearest.ends.get(each.name)) else "",
+            }
         )
-    return table
+    columns = Column("variable"), Column("searched"), Column("nearest at", format=".4g")
+    return Table((*columns, Column("end", "", text=True)), rows)
 
 
-def _variable_table(of: FeasibleSet) -> FittedTable:
-    headings = ("searched", "possible", "5 %", "50 %", "95 %", "can vary by")
-    table = FittedTable("variable", *headings, "", left=(0, 7))
+SET_COLUMNS: Final = (
+    Column("variable"),
+    Column("searched"),
+    Column("possible"),
+    Column("low", "5 %", format=".3g"),
+    Column("median", "50 %", format=".3g"),
+    Column("high", "95 %", format=".3g"),
+    Column("kept", "can vary by", format=lambda share: f"{100.0 * share:.0f} %"),
+    Column("free", "", format=lambda free: "free" if free else "decided", text=True),
+)
+
+
+def _variable_table(of: FeasibleSet) -> Table:
+    rows, text = [], of.emulated.box.campaign.text
     for each in of.variables:
-        table.add_row(
-            in_unit(each.name, each.unit),
-            f"{each.lower:.4g} to {each.upper:.4g}",
-            f"{each.least:.3g} to {each.most:.3g}",
-            *(f"{value:.3g}" for value in (each.low, each.median, each.high)),
-            f"{100.0 * each.kept:.0f} %",
-            "free" if each.free else "decided",
+        factor, unit = shown_unit(text, each.name, each.unit, each.upper)
+        ends = (each.lower, each.upper), (each.least, each.most)
+        searched, possible = ((low / factor, high / factor) for low, high in ends)
+        rows.append(
+            {
+                "variable": axis_label(each.name, unit),
+                "searched": f"{searched[0]:.4g} to {searched[1]:.4g}",
+                "possible": f"{possible[0]:.3g} to {possible[1]:.3g}",
+                **{name: getattr(each, name) / factor for name in ("low", "median", "high")},
+                "kept": each.kept,
+                "free": each.free,
+            }
         )
-    return table
+    return Table(SET_COLUMNS, rows)
 
 
-def _direction_table(of: FeasibleSet) -> FittedTable:
-    table = FittedTable("what decides", "share", "", left=(0, 2))
-    for row in shown_directions(of):
-        near = f"near {row['group']} (cosine {row['cosine']:.3f})" if row["group"] else ""
-        table.add_row(row["product"], f"{100.0 * row['share']:.1f} %", near)
-    return table
+DIRECTION_COLUMNS: Final = (
+    Column("product", "what decides"),
+    Column("share", format=lambda share: f"{100.0 * share:.1f} %"),
+    Column("near", "", text=True),
+)
+
+
+def _direction_table(of: FeasibleSet) -> Table:
+    rows = shown_directions(of)
+    for row in rows:
+        row["near"] = row["group"] and f"near {row['group']} (cosine {row['cosine']:.3f})"
+    return Table(DIRECTION_COLUMNS, rows)
 
 
 def shown_directions(of: FeasibleSet) -> list[dict[str, Any]]:

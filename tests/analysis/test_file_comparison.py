@@ -64,7 +64,7 @@ def test_a_pipe_gets_all_columns(tmp_path, capsys):
     print_wide(comparison_table(compare(files)))
     shown = capsys.readouterr().out
     assert "best as searched" in shown.splitlines()[0]
-    assert shown.count("0.3000 ± 0.0100") == 2
+    assert shown.count("0.300 ± 0.010") == 2
     assert "…" not in shown
 
 
@@ -81,7 +81,7 @@ def test_the_best_strings_of_seeds_have_a_median_and_a_range(tmp_path):
     assert "best strings of 3 files, as searched: median 0.2000, from 0.1000 to 0.5000" in text
     assert "re-estimated:" not in text
     assert "seed: 1, 2, 3\n" in text
-    assert "0.1000 ± 0.0100" in text
+    assert "0.100 ± 0.010" in text
 
 
 def test_other_questions_are_not_compared(tmp_path):

@@ -1,4 +1,5 @@
 import json
+import re
 
 import h5py
 import numpy as np
@@ -129,15 +130,15 @@ def test_a_string_is_shown_with_the_processor_time_of_its_samples(begun):
 def test_wall_clock_time_is_shown_where_processor_time_was_not_recorded(begun, monkeypatch, capsys):
     def last_row():
         text = printed(summary_table(read_campaign(begun)), monkeypatch, capsys)
-        return next(line.split() for line in text.splitlines() if line.split()[1:2] == ["s"])
+        return next(line.split() for line in text.splitlines() if line.split()[1:2] == ["time"])
 
-    assert last_row() == ["processor", "s", "1.5", "0"]
+    assert last_row() == ["processor", "time", "1.5", "s", "0", "s"]
     with h5py.File(begun, "r+") as file:
         rows = file["samples"][:12]
         rows["cpu_seconds"] = np.nan
         rows["crc"] = checksums(rows)
         file["samples"][:12] = rows
-    assert last_row() == ["wall-clock", "s", "3", "0"]
+    assert last_row() == ["wall-clock", "time", "3", "s", "0", "s"]
 
 
 def test_at_most_so_many_strings_are_shown(begun):
@@ -163,15 +164,12 @@ def test_a_title_and_a_path_are_shown_as_they_are_written(begun, monkeypatch, ca
 
 def test_a_table_is_not_squeezed_into_a_narrow_pipe(begun, monkeypatch, capsys):
     text = printed(summary_table(read_campaign(begun)), monkeypatch, capsys)
-    rows = {line[:22].strip(): line[22:].split() for line in text.splitlines()}
-    assert rows["objective, as searched"] == ["0.1250", "0.2500"]
+    rows = [re.split(" {2,}", line) for line in text.splitlines()]
+    assert ["objective, as searched", "0.125 ± 0.010", "0.25"] in rows
 
 
 def test_a_single_sample_has_no_standard_error(begun, monkeypatch, capsys):
-    text = printed(summary_table(read_campaign(begun)), monkeypatch, capsys)
-    rows = {line[:22].strip(): line[22:].split() for line in text.splitlines()}
-    assert rows["± standard error"] == ["0.0100", "none"]
-    assert "nan" not in text
+    assert "nan" not in printed(summary_table(read_campaign(begun)), monkeypatch, capsys)
 
 
 @pytest.mark.parametrize("text", ["x.yaml:100: scene: is [bold]", "[/red] :bug:"])

@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 from bench_event import JOBS, ROWS, print_row
 
-from agglom_mpi.report.published_results import read_published
+from agglom_mpi.report.sections.published import read_published
 from agglom_mpi.variables import TEN
 
 REPEATS = 5

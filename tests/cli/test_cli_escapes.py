@@ -89,9 +89,9 @@ def test_messages_and_tables_of_a_run_are_printable_and_keep_their_styles(capsys
 def test_texts_of_a_file_neither_turn_nor_hide_others_on_the_page(tiny_folder, tmp_path):
     pytest.importorskip("matplotlib")
     pytest.importorskip("jinja2")
-    from agglom_mpi.report.figures import FIGURES
     from agglom_mpi.report.figures.figure import FigureOptions
-    from agglom_mpi.report.page import PageBuilder
+    from agglom_mpi.report.page import render
+    from agglom_mpi.report.sections.section import Page
 
     path = tmp_path / f"{HOSTILE}.h5"
     shutil.copy(tiny_folder / "tiny.h5", path)
@@ -102,9 +102,7 @@ def test_texts_of_a_file_neither_turn_nor_hide_others_on_the_page(tiny_folder, t
     with CampaignWriter(path) as writer:
         writer.log.put_failure(0, 0, rank=0, host="node", text=f"ValueError: {HOSTILE}")
         writer.set_status("failed", HOSTILE)
-    builder = PageBuilder(read_campaign(path), tmp_path, FigureOptions(seconds=0.0), False)
-    builder._figures = {figure.section: [] for figure in FIGURES.values()}
-    page = builder.render()
+    page = render(Page(read_campaign(path), tmp_path, FigureOptions(seconds=0.0)))
     assert page.count("owned") >= 5
     assert not COMMANDS.search(page)
 

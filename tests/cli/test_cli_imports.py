@@ -67,12 +67,16 @@ def test_what_reads_a_file_loads_hdf5_but_neither_simulator_nor_campaign_nor_tab
     path = tiny_folder / "tiny.h5"
     for modules in loaded(
         "import agglom_mpi; agglom_mpi.open_campaign",
-        ["report", path],
         ["report", path, "--json"],
         ["export", path, "--compact", tmp_path / "copy.h5"],
     ):
         assert "h5py" in modules
         assert modules.isdisjoint((HEAVY | TEXTS) - {"h5py"})
+
+
+def test_a_table_loads_what_reads_the_units_of_the_campaign_and_nothing_heavier(tiny_folder):
+    [modules] = loaded(["report", tiny_folder / "tiny.h5"])
+    assert modules.isdisjoint((HEAVY | TEXTS) - {"h5py", "ruamel"})
 
 
 def test_verifying_a_campaign_file_loads_hdf5_but_neither_simulator_nor_mpi(tiny_folder):

@@ -33,7 +33,7 @@ def answered(name, folder, *labels, options=()):
 @pytest.mark.slow
 def test_a_powder_grows_by_half_along_a_line_of_speed_and_hardness(tmp_path):
     need_mpirun()
-    labels = ("volume_fraction", "95 % from", "re-estimate ")
+    labels = ("volume fraction", "95 % from", "objective, re-estimate")
     fractions, least, estimates = answered("powder", tmp_path, *labels)
     assert fractions == [0.05] * 4
     assert least[0] == 0.0
@@ -43,7 +43,7 @@ def test_a_powder_grows_by_half_along_a_line_of_speed_and_hardness(tmp_path):
 @pytest.mark.slow
 def test_a_process_stays_within_its_power(tmp_path):
     need_mpirun()
-    power, means = answered("process", tmp_path, "power W/m^3", "mean, wanted 2, re-estimate ")
+    power, means = answered("process", tmp_path, "power (W/m³)", "mean, wanted 2, re-estimate ")
     assert max(power) <= 2000.0
     # Of the three things wanted the mean is met best: within a tenth of it.
     assert means == pytest.approx([2.0] * 4, abs=0.2)
@@ -52,7 +52,7 @@ def test_a_process_stays_within_its_power(tmp_path):
 @pytest.mark.slow
 def test_dust_grows_by_half_where_it_meets_often_and_sticks(tmp_path):
     need_mpirun()
-    labels = ("relative_speed m/s", "surface_energy J/m^2", "mean b/b0, re-estimate")
+    labels = ("relative speed (m/s)", "surface energy (J/m²)", "mean b/b0, re-estimate")
     speeds, energies, means = answered("dust", tmp_path, *labels)
     assert means == pytest.approx([1.5] * 4, abs=0.1)
     # Slower grains meet too seldom, and those of less surface energy bounce before they have grown.
@@ -63,7 +63,7 @@ def test_dust_grows_by_half_where_it_meets_often_and_sticks(tmp_path):
 @pytest.mark.slow
 def test_a_powder_doubles_in_binders_beyond_a_viscosity_and_up_to_a_spread(tmp_path):
     need_mpirun()
-    labels = ("restitution.viscosity Pa*s", "sizes.spread", "mean b/b0, re-estimate")
+    labels = ("restitution.viscosity (Pa·s)", "sizes.spread", "mean b/b0, re-estimate")
     viscosities, spreads, means = answered("granulation", tmp_path, *labels)
     assert means == pytest.approx([2.0] * 4, abs=0.2)
     assert min(viscosities) > 0.004
@@ -73,7 +73,7 @@ def test_a_powder_doubles_in_binders_beyond_a_viscosity_and_up_to_a_spread(tmp_p
 @pytest.mark.slow
 def test_a_powder_that_lost_half_of_its_fines_is_a_fifth_coarser_at_any_speed(tmp_path):
     need_mpirun()
-    labels = ("coarsening, re-estimate ", "fines, re-estimate ", "re-estimate ")
+    labels = ("coarsening, re-estimate ", "fines, re-estimate ", "objective, re-estimate ")
     found = answered("fines", tmp_path, *labels, options=["--allow-code"])
     for coarsening, fines, objective in zip(*found, strict=True):
         assert coarsening == pytest.approx(1.18, abs=0.05)

@@ -4,6 +4,7 @@ import re
 from campaign_runs import TINY
 
 from agglom_mpi import open_campaign
+from agglom_mpi.formatting import value_with_error
 
 
 def test_the_best_strings_are_shown_with_the_end_of_the_run(agglom):
@@ -13,7 +14,8 @@ def test_the_best_strings_are_shown_with_the_end_of_the_run(agglom):
     best = open_campaign("tiny.h5").best(4)
     label = "objective, as searched"
     row = next(line for line in done.stdout.splitlines() if line.startswith(label))
-    assert row.removeprefix(label).split() == [format(v, ".4f") for v in best["objective"]]
+    numbers = zip(best["objective"], best["standard_error"], strict=True)
+    assert row.split()[3:] == " ".join(value_with_error(*each) for each in numbers).split()
     assert "finished: the 1 generation is done" in done.stdout
     assert "1 generation, 4 strings, " in done.stdout
 

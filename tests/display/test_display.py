@@ -83,9 +83,8 @@ def test_a_run_shows_lines_in_place_and_then_its_result(folder, columns):
         seen = seen_on(opened, folder)
         assert_live(seen)
         assert b"\x1b[?25l" not in opened.raw, "a kill would leave no cursor"
-    shown = {80: 5, 40: 1}[columns]
-    header = next(line for line in seen[-1] if "#1" in line)
-    assert header.count("#") == shown
+    words = {word for line in seen[-1] for word in line.split()}
+    assert {f"#{rank}" for rank in range(1, 6)} <= words, "strings without room follow below"
     assert any(line.startswith("string") for line in seen[-1])
     assert not any("…" in line for line in seen[-1])
 

@@ -14,8 +14,8 @@ from agglom_mpi.analysis.run_warnings import run_warnings
 from agglom_mpi.cli import main
 from agglom_mpi.report.figures.ensembles import running_estimate, stopping_points
 from agglom_mpi.report.netcdf import PREFIX, sample_arrays
-from agglom_mpi.report.page_tables import ledger
 from agglom_mpi.report.sample_particles import completed_samples
+from agglom_mpi.report.sections.run import LEDGER_COLUMNS, ledger_table
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.writer import CampaignWriter
 
@@ -104,7 +104,7 @@ def answers(path, folder, *asked):
         "best": _without(best),
         "warnings": run_warnings(file),
         "failures": failure_lines(file)[:1],
-        "ledger": [row[:5] for row in ledger(file).rows],
+        "ledger": [[c.cell(row) for c in LEDGER_COLUMNS[:5]] for row in ledger_table(file).rows],
         "radii": completed_samples(file, string)["sample"].tolist(),
         "running": running_estimate(file, string).objective.tobytes().hex(),
         "stopping": stopping_points(file, string),

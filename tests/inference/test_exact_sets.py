@@ -66,7 +66,9 @@ def test_a_mean_that_is_the_same_everywhere_is_known(tmp_path):
     assert "of the tolerance" in said
     assert "what decides" not in said
     pytest.importorskip("matplotlib")
-    from agglom_mpi.report.figures.set_figures import set_drawings
+    from agglom_mpi.report.figures.figure import FigureOptions, figures
 
-    names = [drawing.name for drawing in set_drawings(read_campaign(path), found)]
+    data, options = read_campaign(path), FigureOptions(feasible_set=found)
+    drawn = [each for each in figures().values() if each.section == "set"]
+    names = [each.name for each in drawn if each.drawing(data, options) is not None]
     assert names == ["set_pairs", "set_marginals", "set_reliability"]

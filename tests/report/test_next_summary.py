@@ -11,9 +11,10 @@ from agglom_mpi.inference.expected_volume import ExpectedVolume
 from agglom_mpi.inference.next_measurement import NextMeasurement, NextMeasurements
 from agglom_mpi.measurements.datum import Datum, datum_name
 from agglom_mpi.measurements.quantities import AssumedError
-from agglom_mpi.report.figures.next_measurement import MAX_BARS, draw_next, next_drawing
+from agglom_mpi.report.figures.figure import figures
+from agglom_mpi.report.figures.next_measurement import MAX_BARS, draw_next
 from agglom_mpi.report.next_summary import MAX_SHOWN, PosteriorRequest, next_as_list, next_text
-from agglom_mpi.report.page import plain_text
+from agglom_mpi.report.sections.section import plain_text
 
 FIVE = AssumedError(0.05, is_relative=True)
 
@@ -37,7 +38,7 @@ def found():
 
 
 def test_table_has_the_quantity_its_error_and_the_share_of_the_box(found):
-    text = plain_text(next_text(found), 120)
+    text = plain_text(next_text(found, ""), 120)
     [line] = [line for line in text.splitlines() if "d90 by mass at 2 ms" in line]
     for part in ("4 mm", "± 5 %", "3.100 ± 0.031 %"):
         assert part in line
@@ -48,12 +49,12 @@ def test_table_has_the_quantity_its_error_and_the_share_of_the_box(found):
 
 
 def test_a_volume_that_is_not_resolved_is_an_upper_bound(found):
-    text = plain_text(next_text(found), 120)
+    text = plain_text(next_text(found, ""), 120)
     assert [line for line in text.splitlines() if "at most" in line and line.startswith("d10")]
 
 
 def test_what_has_no_room_in_the_table_is_counted(found):
-    text = plain_text(next_text(found), 120)
+    text = plain_text(next_text(found, ""), 120)
     assert sum("by mass at" in line for line in text.splitlines()) == MAX_SHOWN - 1
     assert str(len(found.ranked) - MAX_SHOWN) in text.splitlines()[-1]
 
@@ -82,7 +83,7 @@ def test_figure_has_a_bar_for_each_of_the_best_measurements(found):
     assert len(widths) == MAX_BARS
     assert sorted(widths) == pytest.approx([100.0 * e.after.mean for e in found.ranked[:MAX_BARS]])
     assert ax.get_xlim()[1] >= 14.0
-    assert str(len(found.ranked) - MAX_BARS) in next_drawing(found).caption
+    assert str(len(found.ranked) - MAX_BARS) in figures()["next_measurement"].caption(found)
 
 
 def test_figure_of_repetitions_alone_can_be_drawn():

@@ -1,4 +1,3 @@
-import dataclasses
 import importlib.util
 import re
 import shutil
@@ -11,20 +10,21 @@ from campaign_runs import SMALL, finish, write_campaign
 from click.testing import CliRunner
 from storage_rows import put_status
 
-from agglom_mpi.analysis.ranking import rank_strings
+from agglom_mpi.analysis.best_strings import best_table, collect_best
+from agglom_mpi.analysis.ranking import listed_strings, rank_strings
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli import main
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.errors import MissingLibraryError
-from agglom_mpi.report import page as page_module
-from agglom_mpi.report import page_tables, published_results
+from agglom_mpi.report import drawing as drawing_module
 from agglom_mpi.report.drawing import Drawing, write_drawing
 from agglom_mpi.report.export import ExportError
+from agglom_mpi.report.figures.figure import figures as all_figures
 from agglom_mpi.report.page import write_report
-from agglom_mpi.report.page_tables import best_strings
-from agglom_mpi.report.published_results import read_published
 from agglom_mpi.report.sample_particles import final_radii
+from agglom_mpi.report.sections.published import beside, read_published
+from agglom_mpi.report.sections.run import legs
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import prepare
 from agglom_mpi.runtime.provenance import leg_start
@@ -116,7 +116,7 @@ def sketched(monkeypatch):
         for suffix in ("png", "svg"):
             (directory / f"{drawing.name}.{suffix}").write_text('<svg viewBox="0 0 1 1"></svg>')
 
-    monkeypatch.setattr(page_module, "write_drawing", write)
+    monkeypatch.setattr(drawing_module, "write_drawing", write)
 
 
 @pytest.fixture
@@ -127,7 +127,7 @@ def undrawn(monkeypatch):
         for suffix in ("png", "svg"):
             (directory / f"{drawing.name}.{suffix}").write_text('<svg viewBox="0 0 1 1"></svg>')
 
-    monkeypatch.setattr(page_module, "write_drawing", write)
+    monkeypatch.setattr(drawing_module, "write_drawing", write)
 
 
 @pytest.mark.parametrize("simulate", [True, pytest.param(False, marks=pytest.mark.slow)])
@@ -192,17 +192,18 @@ def test_the_starts_show_how_much_of_their_busy_time_ranks_were_on_a_core(waitin
         leg = writer.log.begin_leg(**leg_start(2, "") | {"started": 1e9})
         writer.log.end_leg(leg, stopped=1e9 + 5.0, exit_code=0, samples=30, **times)
         writer.log.begin_leg(**leg_start(2, ""))
-    table = page_tables.legs(read_campaign(waiting))
+    table = legs(read_campaign(waiting))
     places = [table.headings.index(name) for name in ("busy", "on a core", "writing")]
-    ended, running = table.rows
+    ended, running = table.cells
     assert [ended[place] for place in places] == ["80.0%", "75.0%", "5.00%"]
     assert [running[place] for place in places] == ["", "", ""]
 
 
 def test_a_string_is_shown_with_its_processor_time_or_else_its_wall_clock_time(waiting):
     def shown():
-        table = best_strings(read_campaign(waiting))
-        return dict(zip(table.headings, zip(*table.rows, strict=True), strict=True))
+        data = read_campaign(waiting)
+        table = best_table(data, collect_best(data, 6))
+        return dict(zip(table.headings, zip(*table.cells, strict=True), strict=True))
 
     begin(waiting)
     assert shown()["processor time"] == ("2 s", "2 s", "2 s")
@@ -314,9 +315,7 @@ def test_a_report_that_fails_leaves_the_old_page_and_no_pieces(finished, tmp_pat
     def fail(*arguments):
         raise OSError(28, "No space left on device", "busy.png")
 
-    figures = page_module.FIGURES
-    broken = {**figures, "busy": dataclasses.replace(figures["busy"], draw=fail)}
-    monkeypatch.setattr(page_module, "FIGURES", broken)
+    monkeypatch.setitem(vars(all_figures()["busy"]), "draw", fail)
     with pytest.raises(OSError, match="No space left"):
         report(finished, out)
     assert (out / "report.html").read_text() == "old"
@@ -403,7 +402,7 @@ def test_the_best_strings_are_as_many_as_the_campaign_estimates_again(copy):
         text = file.attrs["campaign"]
         assert "strings: 6" in text
         file.attrs["campaign"] = text.replace("strings: 6", "strings: 4")
-    assert len(best_strings(read_campaign(copy)).rows) == 4
+    assert listed_strings(read_campaign(copy)) == 4
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -427,11 +426,10 @@ def test_another_file_than_published_tables_is_named(tmp_path, text):
 
 def test_published_rows_have_no_re_estimate(four_of_six):
     data = read_campaign(four_of_six)
-    best = rank_strings(data).order[:6]
     published = read_published(Path("jobs/published/agglomeration_2004.json"))
-    table = published_results._beside(published.tables[2], data, best)
+    table = beside(published.tables[2], data)
     assert table.headings[2:4] == ["Π, as searched", "Π, re-estimate"]
-    published, here = table.rows[0], table.rows[1]
+    published, here = table.cells[0], table.cells[1]
     assert published[2:] == ["0.67708", "", "3.2292", "", "33.6732", ""]
     assert "" not in here[2:]
-    assert table.rows[-1][3::2] == ["", "", ""]
+    assert table.cells[-1][3::2] == ["", "", ""]

@@ -89,7 +89,7 @@ def test_an_empty_set_is_called_so_without_quantiles(unreachable, monkeypatch):
     [state] = [line for line in lines if line.startswith("the set ")]
     assert state.split()[2] == "empty:"
     assert unreachable.nearest.reached in "\n".join(lines)
-    [speed] = [line for line in lines if line.startswith("relative_speed m/s ")]
+    [speed] = [line for line in lines if line.startswith("relative speed (m/s) ")]
     assert speed.split()[-3:] == ["1.2", "upper", "end"]
     assert not any(line.startswith(("share of the box", "expected error")) for line in lines)
     [warning] = [line for line in lines if line.startswith("warning: ")]
@@ -103,7 +103,7 @@ def test_an_empty_set_is_called_so_without_quantiles(unreachable, monkeypatch):
 
 def test_names_are_those_of_the_campaign(half, monkeypatch):
     monkeypatch.setattr(half, "calibration", calibrated(half))
-    assert "size_ratio" not in printed(set_text(half, half.posterior(1.6, "5%")))
+    assert "size ratio" not in printed(set_text(half, half.posterior(1.6, "5%")))
     assert re.search(r"log\(hardness\).*linear", measure_text(half.emulated.box))
     assert "size_ratio" not in json.dumps(set_as_dict(half))
     assert grid_table(half, most=16)["volume_fraction"].between(0.1, 0.3).all()

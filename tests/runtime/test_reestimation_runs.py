@@ -29,6 +29,7 @@ from reestimation_runs import (
 from agglom_mpi.analysis.file_check import check_file
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli import main
+from agglom_mpi.formatting import value_with_error
 from agglom_mpi.storage.header import write_checksums
 from agglom_mpi.storage.reader import read_campaign
 
@@ -281,8 +282,9 @@ def test_the_report_ranks_by_the_estimates(path):
     assert file.best(5)["estimate"][:STRINGS].tolist() == estimates["objective"].tolist()
     assert file.best(5)["estimate"][STRINGS:].isna().all()
     text = CliRunner().invoke(main, ["report", str(path)]).stdout
-    row = next(line for line in text.splitlines() if line.startswith("re-estimate"))
-    assert row.split()[1:] == [f"{value:.4f}" for value in estimates["objective"]]
+    row = next(line for line in text.splitlines() if line.startswith("objective, re-estimate"))
+    numbers = zip(estimates["objective"], estimates["standard_error"], strict=True)
+    assert row.split()[2:] == " ".join(value_with_error(*each) for each in numbers).split()
     said = json.loads(CliRunner().invoke(main, ["report", str(path), "--json"]).stdout)
     assert [entry["string"] for entry in said["best"]] == file.best(6)["string"].tolist()
     assert said["samples_fresh"] == STRINGS * SAMPLES

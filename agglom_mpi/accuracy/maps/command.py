@@ -23,7 +23,7 @@ from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.config.yaml_source import CampaignError, Problem
 from agglom_mpi.formatting import format_duration, pluralise
-from agglom_mpi.report.published_results import read_published
+from agglom_mpi.report.sections.published import read_published
 from agglom_mpi.storage.files import replace_file
 
 if TYPE_CHECKING:

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.analysis.shown_units import shown_unit
+from agglom_mpi.formatting import axis_label
 from agglom_mpi.inference.searched_box import SearchedBox
-from agglom_mpi.report.drawing import axis_label, few_ticks
-from agglom_mpi.report.shown_units import shown_unit
+from agglom_mpi.report.drawing import few_ticks
 from agglom_mpi.storage.reader import CampaignData
 
 if TYPE_CHECKING:
@@ -82,7 +83,7 @@ class BoxPoints(NamedTuple):
 def shown_units_of(data: CampaignData, box: SearchedBox, names: Sequence[str]) -> Any:
     """Return factor and label of the unit in which each of some searched variables is shown."""
     own = {each.name: each for each in box.own}
-    return [shown_unit(data, name, own[name].unit, own[name].upper) for name in names]
+    return [shown_unit(data.campaign_text, name, own[name].unit, own[name].upper) for name in names]
 
 
 def corner_size(count: int) -> tuple[float, float]:

@@ -273,12 +273,17 @@ def _cloud_caption(sample: SampleFrames) -> str:
     )
 
 
-CLOUD: Final = Figure(
+Figure(
     "cloud",
     "particles",
+    1,
     _cloud_data,
     _draw_sample,
     _cloud_caption,
     lambda sample: cloud_size(len(informative_frames(sample.frames))),
     panels=True,
+    method="plot_cloud",
+    meaning="Draw the particles of a sample at successive times ([B] fig. 5); simulated again if "
+    "they are not stored.",
+    takes=("string", "figure"),
 )

@@ -5,7 +5,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.analysis.estimates import half_width, objective_of
+from agglom_mpi.analysis.estimates import Estimate, half_width, objective_of
 from agglom_mpi.analysis.ranking import rank_strings, ranks_itself
 from agglom_mpi.report.drawing import (
     COLOURS,
@@ -29,14 +29,6 @@ MAX_MARKED: Final = 30
 """Minimum number of generations for a convergence without marks at single ones."""
 MAX_MARKED_ERRORS: Final = 40
 """Minimum number of generations for a cost without marks at single ones."""
-
-
-class FreshEstimate(NamedTuple):
-    """Objective of the best string on fresh samples, and the ends of its 95 % interval."""
-
-    objective: float
-    lower: float
-    upper: float
 
 
 class ConvergenceHistory(NamedTuple):
@@ -72,7 +64,7 @@ class ConvergenceHistory(NamedTuple):
     top_half_width: Floats
     top_count: int
     objective_label: str = "objective"
-    fresh: FreshEstimate | None = None
+    fresh: Estimate | None = None
     least: float = 0.0
     source: str = "as searched"
 
@@ -92,18 +84,17 @@ def convergence_history(data: CampaignData) -> ConvergenceHistory:
         top_half_width=NORMAL_QUANTILE * np.array(errors, float),
         top_count=int(rows["top"][-1]) if len(rows) else 0,
         objective_label=objective_label(data),
-        fresh=fresh_estimate_of_best(data),
+        fresh=_fresh_estimate_of_best(data),
         least=objective_of(data).least,
         source="as the search estimates" if ranks_itself(data) else "as searched",
     )
 
 
-def fresh_estimate_of_best(data: CampaignData) -> FreshEstimate | None:
+def _fresh_estimate_of_best(data: CampaignData) -> Estimate | None:
     """Return the estimate of the best string on fresh samples; None if it has none."""
-    for estimate in rank_strings(data).estimates:
-        if estimate.known and estimate.string == rank_strings(data).order[0]:
-            return FreshEstimate(estimate.objective, estimate.lower, estimate.upper)
-    return None
+    ranked = rank_strings(data)
+    found = (each for each in ranked.estimates if each.known and each.string == ranked.order[0])
+    return next(found, None)
 
 
 def _top_error(row: np.void, result_of: dict[int, np.void]) -> float:
@@ -143,7 +134,7 @@ def draw_convergence(ax: Any, history: ConvergenceHistory) -> Any:
     return ax
 
 
-def _draw_fresh(ax: Any, x: float, fresh: FreshEstimate) -> None:
+def _draw_fresh(ax: Any, x: float, fresh: Estimate) -> None:
     value = fresh.objective
     ax.errorbar(
         x,
@@ -214,23 +205,29 @@ def _cost_data(data: CampaignData, _: FigureOptions) -> ConvergenceHistory | Non
     return history if (np.nan_to_num(history.best_half_width) > 0.0).any() else None
 
 
-CONVERGENCE: Final = Figure(
+Figure(
     "convergence",
     "search",
+    0,
     _convergence_data,
     draw_convergence,
     "Objective of the best string and mean of the best strings after each generation, by the "
     "samples that they were chosen by, with 95 % bands ([A] fig. 4, [B] fig. 4): lucky strings "
     "survive. The re-estimate is on fresh samples that no decision has seen.",
     empty="no generation with a result yet",
+    method="plot_convergence",
+    meaning="Draw best and mean-of-top objective against generation, with 95 % bands.",
 )
 
-COST: Final = Figure(
+Figure(
     "cost",
     "search",
+    3,
     _cost_data,
     draw_cost,
     "Error against run time: half of the 95 % interval (standard error × Student's t) of the "
     "best objective after each generation, and of the mean of the best.",
     empty="no generation with an error yet",
+    method="plot_cost",
+    meaning="Draw the error of the best objective against run time.",
 )

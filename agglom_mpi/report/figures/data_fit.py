@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from agglom_mpi.analysis.data_fit import has_data, string_predictions
 from agglom_mpi.analysis.ranking import judged_string, rank_strings
+from agglom_mpi.analysis.shown_units import unit_of_datum
 from agglom_mpi.formatting import in_unit, value_with_error
 from agglom_mpi.measurements.datum import Datum
 from agglom_mpi.report.drawing import COLOURS, few_ticks, style_axes
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
-from agglom_mpi.report.shown_units import shown_unit
 from agglom_mpi.storage.reader import CampaignData
 
 Floats = NDArray[np.float64]
@@ -273,14 +273,8 @@ def _compared(data: CampaignData, options: FigureOptions) -> list[ComparedDatum]
             DrawnPrediction(names[string], each.values[here], each.covariance[here, here])
             for string, each in known.items()
         ]
-        compared.append(ComparedDatum(datum, rows, unit_of_datum(data, datum)))
+        compared.append(ComparedDatum(datum, rows, unit_of_datum(data.campaign_text, datum)))
     return compared
-
-
-def unit_of_datum(data: CampaignData, datum: Datum) -> tuple[float, str]:
-    """Return factor and label of the unit in which a datum, or the sizes of a curve, are shown."""
-    largest = datum.values[0] if datum.edges is None else datum.edges[-2]
-    return shown_unit(data, datum.quantity, datum.kind.axis_unit, float(largest))
 
 
 def data_fit_size(compared: Sequence[ComparedDatum]) -> tuple[float, float]:
@@ -291,9 +285,10 @@ def data_fit_size(compared: Sequence[ComparedDatum]) -> tuple[float, float]:
     return WIDTH, height + 0.4
 
 
-DATA_FIT: Final = Figure(
+Figure(
     "data_fit",
     "answer",
+    0,
     _compared,
     draw_data_fit,
     "Measured data and the best strings, with 95 % intervals of each: shares below a diameter and "
@@ -302,4 +297,7 @@ DATA_FIT: Final = Figure(
     size=data_fit_size,
     empty="the campaign has no measured data, or no string is judged yet",
     panels=True,
+    method="plot_data_fit",
+    meaning="Draw measured data beside the best strings, or one; each size curve has two panels.",
+    takes=("string", "figure"),
 )

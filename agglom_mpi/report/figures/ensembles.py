@@ -329,21 +329,27 @@ def _counts_caption(counts: SampleCounts) -> str:
     )
 
 
-ENSEMBLES: Final = Figure(
+Figure(
     "ensembles",
     "samples",
+    0,
     _ensembles_data,
     draw_ensembles,
     _ensembles_caption,
     (7.2, 5.4),
     empty="no string has samples yet, or its objective needs code that is not run",
+    method="plot_ensembles",
+    meaning="Draw running objectives of the best strings and where stopping rules end them.",
 )
 
-SAMPLES_PER_STRING: Final = Figure(
+Figure(
     "samples_per_string",
     "samples",
+    1,
     _counts_data,
     draw_sample_counts,
     _counts_caption,
     empty="no string is judged yet",
+    method="plot_samples",
+    meaning="Draw how many samples strings took.",
 )

@@ -1,15 +1,32 @@
-"""A figure of a campaign file, for the page and for the `plot_*` methods."""
+"""A figure of a campaign file, for the page and for the `plot_*` methods, and the register of all.
 
+A figure is declared by one `Figure` in a module of this package, which registers it.
+"""
+
+import pkgutil
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from functools import cache
+from importlib import import_module
+from inspect import Parameter, Signature
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
 from agglom_mpi.analysis.estimates import objective_of
-from agglom_mpi.report.drawing import SIZE, Drawing, axes_or_new, figure_or_new, note, style_axes
+from agglom_mpi.config.arguments import read_count
+from agglom_mpi.config.yaml_source import ArgumentError
+from agglom_mpi.errors import require_library
+from agglom_mpi.inference.data_posterior import data_posterior
+from agglom_mpi.report.drawing import SIZE, Drawing, note, style_axes
 from agglom_mpi.report.sample_particles import RESIMULATION_SECONDS
 from agglom_mpi.storage.reader import CampaignData
+
+if TYPE_CHECKING:
+    from agglom_mpi.inference.feasible_set import FeasibleSet
+    from agglom_mpi.inference.next_measurement import NextMeasurements
+    from agglom_mpi.inference.posterior import Posterior
 
 
 def objective_label(data: CampaignData) -> str:
@@ -19,7 +36,7 @@ def objective_label(data: CampaignData) -> str:
 
 
 class FigureOptions(NamedTuple):
-    """Choices of a figure; most figures depend on neither.
+    """Choices of a figure, and what takes seconds and was asked for; most depend on none.
 
     Attributes
     ----------
@@ -27,10 +44,30 @@ class FigureOptions(NamedTuple):
         Number of a judged string; None: the best.
     seconds
         Processor time for resimulating particles that are not stored, s.
+    sensitivity
+        Whether sensitivities are asked for.
+    feasible_set, mean_posterior, posterior, further
+        The feasible set, the posterior of a measured mean, that of all data, and what to measure
+        next; None where they are not asked for.
+    truth
+        Values of searched variables that are marked in the posterior, by name.
+    plotted
+        Whether it is plotted by itself, and not for the page.
     """
 
     string: int | None = None
     seconds: float = RESIMULATION_SECONDS
+    sensitivity: bool = False
+    feasible_set: "FeasibleSet | None" = None
+    mean_posterior: "Posterior | None" = None
+    posterior: "Posterior | None" = None
+    further: "NextMeasurements | None" = None
+    truth: Any = None
+    plotted: bool = False
+
+
+FIGURES: Final[dict[str, "Figure"]] = {}
+"""All figures by name, which `figures` fills."""
 
 
 @dataclass(frozen=True)
@@ -40,9 +77,9 @@ class Figure:
     Attributes
     ----------
     name
-        File stem, and key of `FIGURES`.
-    section
-        Section of the page that shows it; a key of the template `report.html.j2`.
+        File stem, and key of `figures`.
+    section, place
+        Section of the page that shows it, and its place among the figures there.
     data
         Returns what `draw` takes as its second argument; None if there is nothing to show.
     draw
@@ -55,19 +92,48 @@ class Figure:
         What the axes of a plot say if there is nothing to show.
     panels
         Whether it has several axes.
-    on_request
-        Whether the page shows it only if it is asked for.
+    method
+        Name of the method of a campaign file that plots it; empty: none.
+    meaning
+        Documentation of that method.
+    takes
+        Arguments of that method: axes or a figure to draw into, and fields of `FigureOptions`.
     """
 
     name: str
     section: str
+    place: int
     data: Callable[[CampaignData, FigureOptions], Any]
     draw: Callable[[Any, Any], Any]
     caption: str | Callable[[Any], str]
     size: tuple[float, float] | Callable[[Any], tuple[float, float]] = SIZE
     empty: str = "nothing to show yet"
     panels: bool = False
-    on_request: bool = False
+    method: str = ""
+    meaning: str = ""
+    takes: tuple[str, ...] = ("ax",)
+
+    def __post_init__(self) -> None:
+        FIGURES[self.name] = self
+
+    def plotter(self, snapshot: Callable[[], CampaignData]) -> Callable[..., Any]:
+        """Return the method of a campaign file that plots the figure of its rows as they are."""
+        kind = Parameter.POSITIONAL_OR_KEYWORD
+        signature = Signature([Parameter(name, kind, default=None) for name in self.takes])
+
+        def plot(*args: Any, **options: Any) -> Any:
+            require_library("matplotlib", "report", "figures")
+            given, data = signature.bind(*args, **options).arguments, snapshot()
+            target = given.pop("figure" if self.panels else "ax", None)
+            if given.get("string") is not None:
+                given["string"] = _count(data, given["string"])
+            if "posterior" in self.takes and given.get("posterior") is None:
+                given["posterior"] = data_posterior(data)
+            return self.plot(data, target, FigureOptions(plotted=True, **given))
+
+        plot.__name__, plot.__doc__ = self.method, self.meaning
+        plot.__signature__ = signature  # type: ignore[attr-defined]
+        return plot
 
     def drawing(self, data: CampaignData, options: FigureOptions) -> Drawing | None:
         """Return the figure of a campaign, ready to be written; None if there is nothing to show.
@@ -103,20 +169,40 @@ class Figure:
             An array, shape (number of panels,), if `panels`.
         """
         data = self.data(data, options)
-        size = SIZE if data is None and callable(self.size) else self._size(data)
-        if self.panels:
-            figure = figure_or_new(target, size)
-            if data is not None:
-                return self.draw(figure, data)
-            ax = figure.subplots()
-            note(ax, self.empty)
-            return np.array([ax])
-        ax = axes_or_new(target, size)
+        if target is None:
+            from matplotlib import pyplot
+
+            size = SIZE if data is None and callable(self.size) else self._size(data)
+            figure = pyplot.figure(figsize=size, layout="constrained")
+            target = figure if self.panels else figure.subplots()
         if data is not None:
-            return self.draw(ax, data)
+            return self.draw(target, data)
+        ax = target.subplots() if self.panels else target
         style_axes(ax)
         note(ax, self.empty)
-        return ax
+        return np.array([ax]) if self.panels else ax
 
     def _size(self, data: Any) -> tuple[float, float]:
         return self.size(data) if callable(self.size) else self.size
+
+
+def _count(data: CampaignData, value: Any) -> int:
+    """Return the number of a string; raise an ArgumentError for anything else."""
+    try:
+        return read_count(value, 0)
+    except ValueError as error:
+        raise ArgumentError.of(data.path, "string", error) from None
+
+
+@cache
+def figures() -> dict[str, Figure]:
+    """Return all figures by name, in the order in which each section of the page shows them."""
+    for module in pkgutil.iter_modules([str(Path(__file__).parent)]):
+        import_module(f"{__package__}.{module.name}")
+    return dict(sorted(FIGURES.items(), key=lambda each: each[1].place))
+
+
+@cache
+def plots() -> dict[str, Figure]:
+    """Return the figures that a campaign file plots, by the names of its methods."""
+    return {figure.method: figure for figure in figures().values() if figure.method}

@@ -1,7 +1,7 @@
 """The best strings by the samples that the search used, and on fresh samples."""
 
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -79,13 +79,16 @@ def _finalists_data(data: CampaignData, _: FigureOptions) -> Finalists | None:
     return Finalists(known, half_width(errors, counts), objective_label(data), least)
 
 
-FINALISTS: Final = Figure(
+Figure(
     "finalists",
     "answer",
+    2,
     _finalists_data,
     draw_finalists,
     "The best strings with 95 % intervals: as searched, by the samples that they were chosen by, "
     "and their re-estimates on fresh samples that no decision has seen.",
     lambda finalists: (6.0, 1.6 + 0.4 * len(finalists.estimates)),
     empty="no string has been estimated again",
+    method="plot_finalists",
+    meaning="Draw the best strings as searched and on fresh samples.",
 )

@@ -55,13 +55,16 @@ def _ranked(data: CampaignData, _: FigureOptions) -> Ranked | None:
     return names[:MAX_DRAWN] or None
 
 
-FINITE_SIZE: Final = Figure(
+Figure(
     "finite_size",
     "answer",
+    3,
     _ranked,
     draw_finite_size,
     "Mean growth of the best strings in larger control volumes, against 1/N, with 95 % intervals. "
     "Diamonds: limits for many grains, of parabolas in 1/N fitted by weighted least squares, or "
     "lines with two volumes.",
     empty="no string was estimated in several volumes",
+    method="plot_finite_size",
+    meaning="Draw the growth of the best strings against 1/N, with limits.",
 )

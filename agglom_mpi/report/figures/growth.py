@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.analysis.data_fit import has_data, string_predictions
+from agglom_mpi.analysis.shown_units import TIME, shown_unit
+from agglom_mpi.formatting import axis_label
 from agglom_mpi.measurements.datum import Datum
 from agglom_mpi.measurements.quantities import QUANTITIES, MeanLength, Quantile
-from agglom_mpi.report.drawing import COLOURS, axis_label, style_axes
+from agglom_mpi.report.drawing import COLOURS, style_axes
 from agglom_mpi.report.figures.data_fit import TWO_SIDED, compared_strings
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
-from agglom_mpi.report.shown_units import TIME, shown_unit
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
@@ -220,7 +221,7 @@ def _growth(data: CampaignData, options: FigureOptions) -> Growth | None:
         _panel(data, kind, [each[place] for each in known], _points(kind, campaign.data, end))
         for place, kind in enumerate(kinds)
     ]
-    return Growth(times, shown_unit(data, TIME, "s", float(times[-1])), panels)
+    return Growth(times, shown_unit(data.campaign_text, TIME, "s", float(times[-1])), panels)
 
 
 def _curves(
@@ -295,7 +296,7 @@ def _panel(
     own = [curve for each in curves for curve in each]
     largest = max(float(np.nanmax(curve.values)) for curve in own)
     name = kind.quantities[0]
-    factor, unit = shown_unit(data, name, QUANTITIES[name].unit, largest)
+    factor, unit = shown_unit(data.campaign_text, name, QUANTITIES[name].unit, largest)
     return GrowthPanel(
         axis_label(kind.label, unit),
         [c._replace(values=c.values / factor, errors=c.errors / factor) for c in own],
@@ -321,13 +322,17 @@ def _caption(growth: Growth) -> str:
     )
 
 
-GROWTH: Final = Figure(
+Figure(
     "growth",
     "answer",
+    1,
     _growth,
     draw_growth,
     _caption,
     size=_size,
     empty="the campaign has no data at several times, or no string is judged yet",
     panels=True,
+    method="plot_growth",
+    meaning="Draw sizes of the best strings, or of one, over the times of the measured data.",
+    takes=("string", "figure"),
 )

@@ -5,7 +5,9 @@ from typing import Any, Final
 import numpy as np
 
 from agglom_mpi.inference.next_measurement import NextMeasurements
-from agglom_mpi.report.drawing import COLOURS, Drawing, legend_below, style_axes
+from agglom_mpi.report.drawing import COLOURS, legend_below, style_axes
+from agglom_mpi.report.figures.figure import Figure, FigureOptions
+from agglom_mpi.storage.reader import CampaignData
 
 MAX_BARS: Final = 20
 """Maximum number of measurements that are drawn."""
@@ -39,16 +41,31 @@ def draw_next(ax: Any, found: NextMeasurements) -> Any:
     return ax
 
 
-def next_drawing(found: NextMeasurements) -> Drawing:
-    """Return the figure, ready to be written."""
+def _found(_: CampaignData, options: FigureOptions) -> NextMeasurements | None:
+    if options.plotted and options.posterior is not None:
+        return options.posterior.next_measurements()
+    return options.further
+
+
+def _caption(found: NextMeasurements) -> str:
     left = len(found.ranked) - MAX_BARS
     more = f" The {left} that would leave more are left out." if left > 0 else ""
-    caption = (
+    return (
         "What to measure next: expected share of the box in the smallest region with 90 % of the "
         "posterior after one more measurement, with 95 % intervals of the simulated measurements."
         f"{more}"
     )
-    height = 1.5 + BAR_HEIGHT * min(len(found.ranked), MAX_BARS)
-    return Drawing(
-        "next_measurement", caption, lambda f: draw_next(f.subplots(), found), (7.0, height)
-    )
+
+
+Figure(
+    "next_measurement",
+    "posterior",
+    2,
+    _found,
+    draw_next,
+    _caption,
+    lambda found: (7.0, 1.5 + BAR_HEIGHT * min(len(found.ranked), MAX_BARS)),
+    method="plot_next_measurement",
+    meaning="Draw what each further measurement would leave of the box; takes a minute.",
+    takes=("ax", "posterior"),
+)

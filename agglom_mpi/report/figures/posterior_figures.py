@@ -2,16 +2,17 @@
 
 import textwrap
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.analysis.shown_units import unit_of_datum
 from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.declaration.units import to_si
 from agglom_mpi.formatting import in_unit
 from agglom_mpi.inference.searched_box import SearchedBox
-from agglom_mpi.report.drawing import COLOURS, Drawing, figure_or_new
+from agglom_mpi.report.drawing import COLOURS
 from agglom_mpi.report.figures.box_panels import (
     MAX_PLOTTED_VARIABLES,
     BoxPoints,
@@ -29,8 +30,8 @@ from agglom_mpi.report.figures.data_fit import (
     DrawnValues,
     data_fit_size,
     draw_data_fit,
-    unit_of_datum,
 )
+from agglom_mpi.report.figures.figure import Figure, FigureOptions
 from agglom_mpi.statistics import weighted_quantiles
 from agglom_mpi.storage.reader import CampaignData
 
@@ -71,57 +72,43 @@ def posterior_points(data: CampaignData, posterior: "Posterior") -> BoxPoints:
     return BoxPoints(box, names, shown, units, weights, lower, upper)
 
 
-def posterior_drawings(data: CampaignData, posterior: "Posterior") -> list[Drawing]:
-    """Return the figures of a posterior: its corner plot, and its predictions beside the data."""
-    compared = predicted_data(data, posterior)
-    caption = (
-        "Data beside what the posterior predicts, with 95 % intervals; p is the probability that a "
-        "further measurement would differ more, near 0 where a datum disagrees with the model."
-    )
-    return [
-        pairs_drawing(data, posterior, "posterior_pairs"),
-        Drawing(
-            "predictive_check",
-            caption + _doubt(posterior),
-            lambda figure: draw_predictive(figure, compared, posterior.warning),
-            data_fit_size(compared),
-        ),
-    ]
+class ShownPosterior(NamedTuple):
+    """A posterior with points to draw it by, and true values of variables in SI units, by name."""
+
+    of: "Posterior"
+    points: BoxPoints
+    truth: Mapping[str, float]
 
 
-def pairs_drawing(data: CampaignData, posterior: "Posterior", name: str) -> Drawing:
-    """Return the corner plot of a posterior, whatever was measured, by the name of its files."""
-    points = posterior_points(data, posterior)
-    left = len(points.names) - MAX_PLOTTED_VARIABLES
-    more = f" The {left} that are narrowed down least are left out." if left > 0 else ""
-    return Drawing(
-        name,
-        f"Posterior of the variables, given {posterior.given}: densities of pairs, regions with "
-        "50 % and 90 % of it, and marginals over the prior (line at 1) with median and central "
-        f"90 %.{more}{_doubt(posterior)}",
-        lambda figure: draw_posterior(figure, points, posterior),
-        corner_size(len(points.names)),
-    )
-
-
-def _doubt(posterior: "Posterior") -> str:
-    return f" Unreliable: {posterior.warning}." if posterior.warning else ""
-
-
-def plot_posterior(
-    data: CampaignData, posterior: "Posterior", truth: Mapping[str, float | str], figure: Any
-) -> Any:
-    """Draw the corner plot of a posterior into a figure, or a new one, and return the axes, (m, m).
+def shown_posterior(
+    data: CampaignData, posterior: "Posterior | None", truth: Mapping[str, float | str] | None
+) -> ShownPosterior | None:
+    """Return a posterior to be drawn, whatever was measured.
 
     Raises
     ------
     CampaignError
         If `truth` names no searched variable, or its value has another unit.
     """
+    if posterior is None:
+        return None
     points = posterior_points(data, posterior)
-    known = {name: _true_value(points.box, name, value) for name, value in truth.items()}
-    figure = figure_or_new(figure, corner_size(len(points.names)))
-    return draw_posterior(figure, points, posterior, known)
+    known = {name: _true_value(points.box, name, value) for name, value in (truth or {}).items()}
+    return ShownPosterior(posterior, points, known)
+
+
+def _caption(shown: ShownPosterior) -> str:
+    left = len(shown.points.names) - MAX_PLOTTED_VARIABLES
+    more = f" The {left} that are narrowed down least are left out." if left > 0 else ""
+    return (
+        f"Posterior of the variables, given {shown.of.given}: densities of pairs, regions with "
+        "50 % and 90 % of it, and marginals over the prior (line at 1) with median and central "
+        f"90 %.{more}{_doubt(shown.of)}"
+    )
+
+
+def _doubt(posterior: "Posterior") -> str:
+    return f" Unreliable: {posterior.warning}." if posterior.warning else ""
 
 
 def _true_value(box: SearchedBox, name: str, value: float | str) -> float:
@@ -134,31 +121,9 @@ def _true_value(box: SearchedBox, name: str, value: float | str) -> float:
         raise box.mistaken(name, error) from None
 
 
-def plot_predictive(data: CampaignData, posterior: "Posterior", figure: Any) -> NDArray[Any]:
-    """Draw data and what a posterior predicts into a figure, or a new one; return the axes."""
-    compared = predicted_data(data, posterior)
-    figure = figure_or_new(figure, data_fit_size(compared))
-    return draw_predictive(figure, compared, posterior.warning)
-
-
-def draw_posterior(
-    figure: "matplotlib.figure.Figure",
-    points: BoxPoints,
-    posterior: "Posterior",
-    truth: Mapping[str, float] | None = None,
-) -> Any:
-    """Draw the corner plot of a posterior, and return the axes, shape (m, m).
-
-    Parameters
-    ----------
-    figure
-    points
-        From `posterior_points`.
-    posterior
-    truth
-        Values of variables in SI units that are marked, by name.
-    """
-    known = truth or {}
+def draw_posterior(figure: "matplotlib.figure.Figure", shown: ShownPosterior) -> Any:
+    """Draw the corner plot of a posterior, and return the axes, shape (m, m)."""
+    posterior, points, known = shown
 
     def draw_one(ax: Any, name: str) -> None:
         draw_marginal(ax, points, name, COLOURS[0])
@@ -242,22 +207,29 @@ def _truth_handle() -> Any:
     return handle
 
 
-def predicted_data(data: CampaignData, posterior: "Posterior") -> list[ComparedDatum]:
+class Predicted(NamedTuple):
+    """All data with what a posterior predicts for them, and why it is unreliable, if it is."""
+
+    compared: list[ComparedDatum]
+    posterior: "Posterior"
+
+
+def predicted_data(data: CampaignData, options: FigureOptions) -> Predicted | None:
     """Return all data with what the strings of a posterior predict for them."""
+    if options.posterior is None:
+        return None
     found = []
-    for each in posterior.predictions:
-        shown = unit_of_datum(data, each.datum)
+    for each in options.posterior.predictions:
+        shown = unit_of_datum(data.campaign_text, each.datum)
         note = ", ".join(filter(None, (f"p = {each.p_value:.2g}", each.verdict)))
         found.append(ComparedDatum(each.datum, [DrawnValues("posterior", each.draws)], shown, note))
-    return found
+    return Predicted(found, options.posterior)
 
 
-def draw_predictive(
-    figure: "matplotlib.figure.Figure", compared: list[ComparedDatum], warning: str = ""
-) -> NDArray[Any]:
+def draw_predictive(figure: "matplotlib.figure.Figure", predicted: Predicted) -> NDArray[Any]:
     """Draw data beside the predictions of a posterior, and return the axes, (panels,)."""
-    axes = draw_data_fit(figure, compared)
-    _warn(figure, warning)
+    axes = draw_data_fit(figure, predicted.compared)
+    _warn(figure, predicted.posterior.warning)
     return axes
 
 
@@ -266,3 +238,46 @@ def _warn(figure: "matplotlib.figure.Figure", warning: str) -> None:
     if warning:
         text = textwrap.fill(f"unreliable: {warning}", max(40, int(11 * figure.get_figwidth())))
         figure.suptitle(text, color=WARNING_COLOUR, fontsize=8)
+
+
+Figure(
+    "set_posterior",
+    "set",
+    9,
+    lambda data, options: shown_posterior(data, options.mean_posterior, None),
+    draw_posterior,
+    _caption,
+    lambda shown: corner_size(len(shown.points.names)),
+    panels=True,
+)
+Figure(
+    "posterior_pairs",
+    "posterior",
+    0,
+    lambda data, options: shown_posterior(data, options.posterior, options.truth),
+    draw_posterior,
+    _caption,
+    lambda shown: corner_size(len(shown.points.names)),
+    panels=True,
+    method="plot_posterior",
+    meaning="Draw the posterior given all measured data as a corner plot; takes some ten seconds. "
+    "`truth` marks values of variables; `posterior` is what `posterior()` returned.",
+    takes=("truth", "figure", "posterior"),
+)
+Figure(
+    "predictive_check",
+    "posterior",
+    1,
+    predicted_data,
+    draw_predictive,
+    lambda predicted: (
+        "Data beside what the posterior predicts, with 95 % intervals; p is the probability that "
+        "a further measurement would differ more, near 0 where a datum disagrees with the model."
+        f"{_doubt(predicted.posterior)}"
+    ),
+    lambda predicted: data_fit_size(predicted.compared),
+    panels=True,
+    method="plot_predictive",
+    meaning="Draw all measured data beside what the posterior predicts for them.",
+    takes=("figure", "posterior"),
+)

@@ -53,11 +53,16 @@ def _radii_caption(radii: RadiusDistribution) -> str:
     )
 
 
-RADII: Final = Figure(
+Figure(
     "radii",
     "particles",
+    0,
     _radii_data,
     draw_radii,
     _radii_caption,
     empty="no completed sample yet",
+    method="plot_radii",
+    meaning="Draw how the final radii of a string are distributed ([A] fig. 5); "
+    "simulated again for a second at most if they are not stored.",
+    takes=("string", "ax"),
 )

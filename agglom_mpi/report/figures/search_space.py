@@ -8,19 +8,18 @@ from numpy.typing import NDArray
 
 from agglom_mpi.analysis.derived import derived_columns, values_of
 from agglom_mpi.analysis.ranking import rank_strings
+from agglom_mpi.analysis.shown_units import shown_unit
 from agglom_mpi.analysis.tables import searched_variables
-from agglom_mpi.formatting import label_of
+from agglom_mpi.formatting import axis_label, label_of
 from agglom_mpi.report.drawing import (
     COLOURS,
     STRING_LINK,
-    axis_label,
     few_ticks,
     integer_ticks,
     legend_below,
     style_axes,
 )
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
-from agglom_mpi.report.shown_units import shown_unit
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.variables import Variable
 
@@ -115,7 +114,7 @@ def variable_paths(data: CampaignData) -> list[VariablePath]:
                 values_of(data, strings["string"], variable.name),
                 strings["generation"] + 1.0,
                 strings["string"],
-                shown_unit(data, variable.name, variable.unit, upper),
+                shown_unit(data.campaign_text, variable.name, variable.unit, upper),
             )
         )
     return paths
@@ -282,11 +281,8 @@ def _label_variables(ax: Any, best: BestStrings) -> None:
     ax.spines[["top", "right", "left", "bottom"]].set_visible(False)
 
 
-class NamedSensitivity(NamedTuple):
-    """Sobol indices with the names of their variables."""
-
-    names: Sequence[str]
-    indices: "Sensitivity"
+NamedSensitivity = tuple[Sequence[str], "Sensitivity"]
+"""Names of variables, and their Sobol indices."""
 
 
 def draw_sensitivity(ax: Any, found: NamedSensitivity) -> Any:
@@ -332,7 +328,9 @@ def _best_data(data: CampaignData, _: FigureOptions) -> BestStrings | None:
             label += f", re-estimate {again[string]:.4g}"
         labels.append(label)
     estimated = [string in again for string in shown[:BEST]]
-    units = [shown_unit(data, each.name, each.unit, upper) for each, _, upper, _ in entries]
+    units = [
+        shown_unit(data.campaign_text, each.name, each.unit, upper) for each, _, upper, _ in entries
+    ]
     return BestStrings(entries, np.column_stack(columns), labels, estimated, shown, units)
 
 
@@ -348,15 +346,17 @@ def _best_caption(best: BestStrings) -> str:
     )
 
 
-def _sensitivity_data(data: CampaignData, _: FigureOptions) -> NamedSensitivity | None:
+def _sensitivity_data(data: CampaignData, options: FigureOptions) -> NamedSensitivity | None:
+    if not options.sensitivity:
+        return None
     from agglom_mpi.analysis.sensitivity import sensitivity_of
 
     names, indices = sensitivity_of(data)
-    return None if indices is None or not indices.predicts else NamedSensitivity(names, indices)
+    return None if indices is None or not indices.predicts else (names, indices)
 
 
 def _sensitivity_caption(found: NamedSensitivity) -> str:
-    indices = found.indices
+    _, indices = found
     return (
         "Share of the variance of the objective over the search box that each variable explains "
         f"(Sobol indices), by a regression of {indices.strings} strings; it predicts "
@@ -365,9 +365,10 @@ def _sensitivity_caption(found: NamedSensitivity) -> str:
     )
 
 
-SEARCH_PATHS: Final = Figure(
+Figure(
     "search_paths",
     "search",
+    1,
     _paths_data,
     draw_paths,
     "Variables of the best string after each generation, over the range of the best strings "
@@ -376,25 +377,31 @@ SEARCH_PATHS: Final = Figure(
     _paths_size,
     empty="no generation is done yet",
     panels=True,
+    method="plot_search_paths",
+    meaning="Draw each variable of the best strings against generation, one panel each.",
+    takes=("figure",),
 )
 
-BEST_STRINGS: Final = Figure(
+Figure(
     "best_strings",
     "search",
+    2,
     _best_data,
     draw_best_strings,
     _best_caption,
     (8.6, 5.0),
     empty="no string is judged yet",
+    method="plot_best",
+    meaning="Draw the best strings as lines over the search box.",
 )
 
-SENSITIVITY: Final = Figure(
+Figure(
     "sensitivity",
     "search",
+    4,
     _sensitivity_data,
     draw_sensitivity,
     _sensitivity_caption,
-    lambda found: (6.0, 1.8 + 0.3 * len(found.names)),
+    lambda found: (6.0, 1.8 + 0.3 * len(found[0])),
     empty="too few strings, all worth the same, or a regression that predicts nothing",
-    on_request=True,
 )

@@ -1,6 +1,7 @@
 """The feasible set: pairs of variables, marginals, what decides, and how reliable it is."""
 
 import re
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
 import numpy as np
@@ -12,7 +13,6 @@ from agglom_mpi.inference.feasible_set import FeasibleSet
 from agglom_mpi.inference.set_points import INNER_PROBABILITY, OUTER_PROBABILITY
 from agglom_mpi.report.drawing import (
     COLOURS,
-    Drawing,
     histogram_range,
     legend_below,
     note,
@@ -32,6 +32,7 @@ from agglom_mpi.report.figures.box_panels import (
     shown_units_of,
     smoothed,
 )
+from agglom_mpi.report.figures.figure import Figure, FigureOptions
 from agglom_mpi.report.set_summary import shown_directions
 from agglom_mpi.storage.reader import CampaignData
 
@@ -63,8 +64,21 @@ class PlottedSet(NamedTuple):
     points: BoxPoints
 
 
-def plotted(data: CampaignData, of: FeasibleSet) -> PlottedSet:
-    """Return the set of a campaign with points to draw it by."""
+def plotted(data: CampaignData, options: FigureOptions) -> PlottedSet | None:
+    """Return the set of a campaign with points to draw it by; None where it is empty."""
+    of = _calibrated(options)
+    if of is None or of.empty or of.volume <= 0.0:
+        return None
+    return _plotted(data, of)
+
+
+def _calibrated(options: FigureOptions) -> FeasibleSet | None:
+    of = options.feasible_set
+    return of if of is not None and of.calibration.passed else None
+
+
+@lru_cache(maxsize=1)  # several figures show it
+def _plotted(data: CampaignData, of: FeasibleSet) -> PlottedSet:
     box, lower, upper = of.emulated.box, of.points.lower, of.points.upper
     strings = box.even_strings(PLOTTED_POINTS, lower, upper)
     ordered = sorted(of.variables, key=lambda each: (each.free, each.kept))
@@ -73,59 +87,6 @@ def plotted(data: CampaignData, of: FeasibleSet) -> PlottedSet:
     shown = shown_units_of(data, box, names)
     points = BoxPoints(box, names, shown, units, probability, lower, upper)
     return PlottedSet(of, dict(zip(names, ordered, strict=True)), points)
-
-
-def set_drawings(data: CampaignData, of: FeasibleSet) -> list[Drawing]:
-    """Return the figures of a calibrated set; of an empty set, its reach and its reliability."""
-    drawings = []
-    if of.empty:
-        count = len(of.criterion.quantities)
-        drawings.append(
-            Drawing(
-                "set_reach",
-                "The set is empty. How the emulated mean is spread over the box, by points that "
-                "fill it evenly; the band is what is asked for, the line what comes nearest to it.",
-                lambda figure: draw_reach(figure, of),
-                (max(6.4, 3.2 * count), 4.2),
-            )
-        )
-    elif of.volume > 0.0:
-        shown = plotted(data, of)
-        drawings += [
-            Drawing(
-                "set_pairs",
-                _pairs_caption(shown),
-                lambda figure: draw_pairs(figure, shown),
-                corner_size(len(shown.variables)),
-            ),
-            Drawing(
-                "set_marginals",
-                "Each variable in the set against the prior, which is uniform as the campaign "
-                "searches (line at 1). Free variables, which decide nothing, are grey.",
-                lambda figure: draw_marginals(figure, shown),
-                _marginals_size(len(shown.variables)),
-            ),
-        ]
-        if len(of.directions):  # there are none where the mean is the same everywhere
-            drawings.append(
-                Drawing(
-                    "set_group",
-                    "The emulated mean of points of the box against the combination of variables "
-                    "that decides most, with its 90 % interval; the band is the target.",
-                    lambda figure: draw_group(figure.subplots(), shown),
-                )
-            )
-    drawings.append(
-        Drawing(
-            "set_reliability",
-            "Strings that the emulator predicts without their own samples: how often their mean "
-            f"was above {of.calibration.threshold:.4g}, against how probable that was. Bars are "
-            "95 % intervals of the share; on the diagonal, the emulator is right.",
-            lambda figure: draw_reliability(figure.subplots(), of),
-            (4.6, 4.2),
-        )
-    )
-    return drawings
 
 
 def draw_pairs(figure: "matplotlib.figure.Figure", shown: PlottedSet) -> Any:
@@ -333,3 +294,70 @@ def _pairs_caption(shown: PlottedSet) -> str:
         f"(P ≥ {INNER_PROBABILITY:g}, solid). On the diagonal, marginals as in the next "
         f"figure.{more}"
     )
+
+
+def _group(data: CampaignData, options: FigureOptions) -> PlottedSet | None:
+    """Return the set if it has directions: there are none where the mean is the same everywhere."""
+    shown = plotted(data, options)
+    return shown if shown is not None and len(shown.of.directions) else None
+
+
+def _empty(_: CampaignData, options: FigureOptions) -> FeasibleSet | None:
+    of = _calibrated(options)
+    return of if of is not None and of.empty else None
+
+
+Figure(
+    "set_reach",
+    "set",
+    0,
+    _empty,
+    draw_reach,
+    "The set is empty. How the emulated mean is spread over the box, by points that "
+    "fill it evenly; the band is what is asked for, the line what comes nearest to it.",
+    lambda of: (max(6.4, 3.2 * len(of.criterion.quantities)), 4.2),
+    panels=True,
+)
+Figure(
+    "set_pairs",
+    "set",
+    1,
+    plotted,
+    draw_pairs,
+    _pairs_caption,
+    lambda shown: corner_size(len(shown.variables)),
+    panels=True,
+)
+Figure(
+    "set_marginals",
+    "set",
+    2,
+    plotted,
+    draw_marginals,
+    "Each variable in the set against the prior, which is uniform as the campaign searches (line "
+    "at 1). Free variables, which decide nothing, are grey.",
+    lambda shown: _marginals_size(len(shown.variables)),
+    panels=True,
+)
+Figure(
+    "set_group",
+    "set",
+    3,
+    _group,
+    draw_group,
+    "The emulated mean of points of the box against the combination of variables that decides "
+    "most, with its 90 % interval; the band is the target.",
+)
+Figure(
+    "set_reliability",
+    "set",
+    4,
+    lambda _, options: _calibrated(options),
+    draw_reliability,
+    lambda of: (
+        "Strings that the emulator predicts without their own samples: how often their mean was "
+        f"above {of.calibration.threshold:.4g}, against how probable that was. Bars are 95 % "
+        "intervals of the share; on the diagonal, the emulator is right."
+    ),
+    (4.6, 4.2),
+)

@@ -183,13 +183,16 @@ def utilisation_of(data: CampaignData) -> Utilisation | None:
     return utilisation(legs, samples["finished"], samples["seconds"], samples["rank"])
 
 
-UTILISATION: Final = Figure(
+Figure(
     "busy",
     "run",
+    0,
     lambda data, _: utilisation_of(data),
     draw_utilisation,
     "Share of the time in which the ranks simulated, of all and of the idlest and busiest; "
     "compiling before the first sample, deciding and waiting are the rest.",
     (7.2, 3.8),
     empty="no sample yet",
+    method="plot_busy",
+    meaning="Draw the share of the time in which the ranks simulated.",
 )

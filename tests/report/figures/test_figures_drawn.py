@@ -1,5 +1,7 @@
 """Figures are drawn into the axes that are given, to scale, and say so when they are empty."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from campaign_runs import SMALL, write_campaign
@@ -13,9 +15,9 @@ from agglom_mpi.analysis.finite_size import FiniteSize, VolumeMeans
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.report.drawing import Drawing, legend_below, write_drawing
-from agglom_mpi.report.figures import FIGURES, convergence, ensembles
+from agglom_mpi.report.figures import convergence, ensembles
 from agglom_mpi.report.figures.cloud import cloud_size, draw_cloud
-from agglom_mpi.report.figures.figure import FigureOptions
+from agglom_mpi.report.figures.figure import FigureOptions, figures
 from agglom_mpi.report.figures.finalists import Finalists, draw_finalists
 from agglom_mpi.report.figures.finite_size import draw_finite_size
 from agglom_mpi.report.figures.radii import draw_radii
@@ -116,7 +118,7 @@ def band_ends(ax):
 
 @pytest.mark.parametrize("best", [[0.2, 0.1], [0.2, 0.002], [0.2]])
 def test_bands_of_an_objective_that_cannot_be_negative_end_at_zero(best):
-    ax, fresh = Figure().subplots(), convergence.FreshEstimate(0.003, 0.0, 0.01)
+    ax, fresh = Figure().subplots(), SimpleNamespace(objective=0.003, lower=0.0, upper=0.01)
     convergence.draw_convergence(ax, history(best, [0.5] * len(best), fresh=fresh))
     low, high = band_ends(ax)
     assert (low, high) == (0.0, pytest.approx(0.7))
@@ -190,9 +192,9 @@ def empty_data(tmp_path):
     return read_campaign(tmp_path / "small.h5")
 
 
-@pytest.mark.parametrize("name", [name for name in FIGURES if name != "cloud"])
+@pytest.mark.parametrize("name", [name for name in figures() if name != "cloud"])
 def test_an_empty_figure_says_why_and_is_not_on_the_page(empty_data, name):
-    figure = FIGURES[name]
+    figure = figures()[name]
     assert figure.drawing(empty_data, FigureOptions()) is None
     target = Figure() if figure.panels else Figure().subplots()
     axes = np.ravel(figure.plot(empty_data, target, FigureOptions()))
@@ -201,12 +203,12 @@ def test_an_empty_figure_says_why_and_is_not_on_the_page(empty_data, name):
 
 def test_a_cloud_of_nothing_cannot_be_drawn(empty_data):
     with pytest.raises(ValueError, match="no string is judged yet"):
-        FIGURES["cloud"].plot(empty_data, Figure(), FigureOptions())
+        figures()["cloud"].plot(empty_data, Figure(), FigureOptions())
 
 
 def test_no_label_of_a_figure_is_clipped(finished):
     data, outside = read_campaign(finished), []
-    shown = (f.drawing(data, FigureOptions()) for f in FIGURES.values() if not f.on_request)
+    shown = (f.drawing(data, FigureOptions()) for f in figures().values())
     drawn = [drawing for drawing in shown if drawing is not None]  # there are no larger volumes
     for drawing in drawn:
         figure = Figure(figsize=drawing.size, layout="constrained")
@@ -263,7 +265,7 @@ def test_a_rule_that_is_not_satisfied_is_in_the_caption_and_not_in_the_legend():
     ax = Figure().subplots()
     ensembles.draw_ensembles(ax, found)
     legend = " ".join(ax.get_legend_handles_labels()[1])
-    caption = FIGURES["ensembles"].caption(found)
+    caption = figures()["ensembles"].caption(found)
     assert "soon" in legend
     assert "never" not in legend
     assert "never" in caption

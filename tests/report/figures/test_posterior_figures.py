@@ -19,11 +19,9 @@ pytest.importorskip("matplotlib")
 from matplotlib.figure import Figure
 
 from agglom_mpi.report.figures.data_fit import DrawnValues
+from agglom_mpi.report.figures.figure import FigureOptions, figures
 from agglom_mpi.report.figures.posterior_figures import (
     pair_density,
-    plot_posterior,
-    plot_predictive,
-    posterior_drawings,
     region_level,
 )
 
@@ -117,10 +115,21 @@ def test_points_count_by_their_weights_in_a_density():
     assert density[:, :20].sum() == pytest.approx(0.6, abs=0.02)
 
 
+def plotted(name, data, posterior, truth=None):
+    options = FigureOptions(posterior=posterior, truth=truth)
+    return figures()[name].plot(data, Figure(), options)
+
+
+def drawings_of(data, posterior):
+    options = FigureOptions(posterior=posterior)
+    names = ("posterior_pairs", "predictive_check")
+    return [figures()[name].drawing(data, options) for name in names]
+
+
 def test_a_corner_plot_has_the_narrowest_variable_first_in_the_units_of_the_campaign(
     data, posterior
 ):
-    axes = plot_posterior(data, posterior, {}, Figure())
+    axes = plotted("posterior_pairs", data, posterior, {})
     assert axes.shape == (3, 3)
     names = [ax.get_xlabel() for ax in axes[-1]]
     assert names == ["hardness (MPa)", "heat capacity (J/kg/K)", "relative speed (m/s)"]
@@ -131,7 +140,7 @@ def test_a_corner_plot_has_the_narrowest_variable_first_in_the_units_of_the_camp
 
 def test_a_true_value_is_marked_where_it_is(data, posterior):
     truth = {"hardness": "60 MPa", "relative_speed": 50.0}
-    axes = plot_posterior(data, posterior, truth, Figure())
+    axes = plotted("posterior_pairs", data, posterior, truth)
     place = np.log(60.0 / 10.0) / np.log(200.0 / 10.0)
     assert axes[0, 0].lines[-1].get_xdata()[0] == pytest.approx(place)
     assert len(axes[1, 1].lines) == 1  # the prior alone
@@ -143,7 +152,7 @@ def test_a_true_value_is_marked_where_it_is(data, posterior):
 @pytest.mark.parametrize("truth", [{"hardnes": 1e7}, {"hardness": "60 K"}, {"density": 5000.0}])
 def test_a_true_value_of_no_searched_variable_is_refused(data, posterior, truth):
     with pytest.raises(CampaignError) as refused:
-        plot_posterior(data, posterior, truth, Figure())
+        plotted("posterior_pairs", data, posterior, truth)
     [problem] = refused.value.problems
     assert problem.field == next(iter(truth))
 
@@ -157,7 +166,7 @@ def test_intervals_of_draws_are_their_quantiles():
 
 
 def test_predictions_stand_beside_all_data_with_their_p_values(data, posterior):
-    axes = plot_predictive(data, posterior, Figure())
+    axes = plotted("predictive_check", data, posterior)
     assert len(axes) == 3
     assert [text.get_text() for text in axes[0].texts] == ["p = 0.4"]
     [label] = axes[2].get_yticklabels()
@@ -167,7 +176,7 @@ def test_predictions_stand_beside_all_data_with_their_p_values(data, posterior):
 @pytest.mark.parametrize("warning", ["", "the ranges are too narrow"])
 def test_figures_of_an_unreliable_posterior_say_so(data, posterior, warning):
     posterior.warning = warning
-    drawings = posterior_drawings(data, posterior)
+    drawings = drawings_of(data, posterior)
     assert [drawing.name for drawing in drawings] == ["posterior_pairs", "predictive_check"]
     for drawing in drawings:
         figure = Figure(figsize=drawing.size)
@@ -178,7 +187,7 @@ def test_figures_of_an_unreliable_posterior_say_so(data, posterior, warning):
 
 
 def test_figures_of_a_posterior_are_drawn_without_warnings(data, posterior, recwarn):
-    for drawing in posterior_drawings(data, posterior):
+    for drawing in drawings_of(data, posterior):
         figure = Figure(figsize=drawing.size, layout="constrained")
         drawing.draw(figure)
         figure.canvas.draw()

@@ -1,29 +1,36 @@
-"""The unit in which figures and pages show a number: the one that the campaign file writes.
+"""The unit in which tables and figures show a number: the one that the campaign file writes.
 
 A campaign that gives `hardness: [10 MPa, 200 MPa]` is shown in MPa, and one whose data are in um in
-µm. Where a number has no unit in the file, or several, `drawing.scaled_unit` chooses one by size.
+µm. Where a number has no unit in the file, or several, `scaled_unit` chooses one by size.
 """
 
+import re
 from collections.abc import Iterator
+from functools import lru_cache
 from itertools import chain
 from typing import Any, Final
 
-from agglom_mpi.config.yaml_source import CampaignError, parse
 from agglom_mpi.declaration.units import has_offset, to_si, unit_in
+from agglom_mpi.display.table import Column
+from agglom_mpi.formatting import scaled_unit, typeset_unit
+from agglom_mpi.measurements.datum import Datum
 from agglom_mpi.measurements.quantities import QUANTITIES
-from agglom_mpi.report.drawing import scaled_unit, typeset_unit
-from agglom_mpi.storage.reader import CampaignData
 
+PREFIXES: Final = {"k": 1e3, "M": 1e6, "G": 1e9, "c": 1e-2, "m": 1e-3, "u": 1e-6, "µ": 1e-6}
+"""Factors of decimal prefixes."""
+PREFIXABLE: Final = re.compile(r"(?!kg)[A-Za-z]+(/.*)?")
+"""Units whose first factor has no power, so that a prefix is a factor of the whole."""
 TIME: Final = "time"
 """Name of the times of measured data."""
 
 
-def shown_unit(data: CampaignData, name: str, unit: str, largest: float) -> tuple[float, str]:
+def shown_unit(text: str, name: str, unit: str, largest: float) -> tuple[float, str]:
     """Return the factor and the label of the unit in which a number of a campaign is shown.
 
     Parameters
     ----------
-    data
+    text
+        Text of the campaign.
     name
         Of a variable, of a derived or a measured quantity, or `TIME`.
     unit
@@ -35,25 +42,45 @@ def shown_unit(data: CampaignData, name: str, unit: str, largest: float) -> tupl
     --------
     Shown values are those in SI units over the factor: 2e7 Pa over 1e6 is 20 MPa.
     """
-    written = data.derived(written_units).get(name, "")
+    written = written_units(text).get(name, "")
     factor = _factor(written, unit)
     return scaled_unit(unit, largest) if factor is None else (factor, typeset_unit(written))
 
 
+def unit_of_datum(text: str, datum: Datum) -> tuple[float, str]:
+    """Return factor and label of the unit in which a datum, or the sizes of a curve, are shown."""
+    largest = datum.values[0] if datum.edges is None else datum.edges[-2]
+    return shown_unit(text, datum.quantity, datum.kind.axis_unit, float(largest))
+
+
+def column_of(text: str, name: str, unit: str, largest: float, note: str = "") -> Column:
+    """Return the column of a variable or quantity in its shown unit; a `note` follows the unit."""
+    factor, shown = shown_unit(text, name, unit, largest)
+    shown = ", ".join(part for part in (shown, note) if part not in ("", "1"))
+    return Column(name, unit=shown, format=".5g", size=factor)
+
+
 def _factor(written: str, unit: str) -> float | None:
     """Return a written unit in an SI unit; None if there is none, or its zero is another."""
-    if not written:
-        return None
+    if not written or written == unit:
+        return 1.0 if written else None
+    prefix = written.removesuffix(unit)
+    if prefix in PREFIXES and PREFIXABLE.fullmatch(unit):
+        return PREFIXES[prefix]  # pint, which knows all others, takes a third of a second
     try:
         return None if has_offset(written) else to_si(f"1 {written}", unit)
     except ValueError:
         return None
 
 
-def written_units(data: CampaignData) -> dict[str, str]:
+@lru_cache(maxsize=16)
+def written_units(text: str) -> dict[str, str]:
     """Return the units that the text of a campaign writes, by the names of `shown_unit`."""
+    # Imported here: JSON and exports need nothing that reads a campaign's text.
+    from agglom_mpi.config.yaml_source import CampaignError, parse
+
     try:
-        content = parse(data.campaign_text, str(data.path)).data
+        content = parse(text, "").data
     except CampaignError:
         return {}
     scene, variables = (_mapping(content.get(key)) for key in ("scene", "variables"))

@@ -1,12 +1,8 @@
 """Numbers are shown in the units that the campaign file writes, else in ones that suit them."""
 
-from types import SimpleNamespace
-
 import pytest
 
-pytest.importorskip("matplotlib")
-
-from agglom_mpi.report.shown_units import TIME, shown_unit
+from agglom_mpi.analysis.shown_units import TIME, shown_unit
 
 TEXT = """
 scene: {end_time: 0.1 s, half_width: 4 cm}
@@ -25,9 +21,7 @@ data:
 
 
 def shown(name, unit, largest, text=TEXT):
-    data = SimpleNamespace(campaign_text=text, path="run.h5")
-    data.derived = lambda compute: compute(data)
-    return shown_unit(data, name, unit, largest)
+    return shown_unit(text, name, unit, largest)
 
 
 @pytest.mark.parametrize(

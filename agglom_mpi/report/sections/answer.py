@@ -1,0 +1,152 @@
+"""Sections on the question and its answer: ranges, best strings, all strings, what is inferred."""
+
+from collections.abc import Iterator
+from typing import Any, Final
+
+import numpy as np
+
+from agglom_mpi.analysis.best_strings import best_table, collect_best
+from agglom_mpi.analysis.derived import values_of
+from agglom_mpi.analysis.failed_samples import no_result
+from agglom_mpi.analysis.ranking import listed_strings, rank_strings
+from agglom_mpi.analysis.shown_units import column_of, shown_unit
+from agglom_mpi.analysis.summary import describe_best
+from agglom_mpi.analysis.tables import searched_variables
+from agglom_mpi.config.describe import sections
+from agglom_mpi.config.yaml_source import CampaignError
+from agglom_mpi.display.table import Column, Table
+from agglom_mpi.formatting import label_of, pluralise
+from agglom_mpi.report.next_summary import next_text
+from agglom_mpi.report.posterior_summary import data_posterior_text
+from agglom_mpi.report.sections.section import Block, Page, bullets, note, section, shown, warning
+from agglom_mpi.report.set_summary import set_text
+from agglom_mpi.storage.reader import CampaignData
+from agglom_mpi.storage.recorded_campaign import recorded_campaign
+
+QUESTION: Final = ("objective", "target", "final answer")
+"""Lines on a run that stand at the top of the page."""
+MAX_ROWS: Final = 2000
+"""Maximum number of judged strings that are listed."""
+
+
+@section(0, "Question")
+def question(page: Page) -> Iterator[Block | Table]:
+    """Yield the objective and the ranges."""
+    try:
+        pairs = [line.partition(": ") for line in sections(recorded_campaign(page.data))[0][1]]
+    except CampaignError:
+        pairs = []
+    asked = [(name, text) for name, _, text in pairs if name in QUESTION]
+    yield Block("question", (asked, ranges(page.data)))
+
+
+RANGE_COLUMNS: Final = (
+    Column("variable"),
+    Column("from", format=".6g"),
+    Column("to", format=".6g"),
+    Column("unit", text=True),
+    Column("searched", text=True),
+)
+
+
+def ranges(data: CampaignData) -> Table:
+    """Return the variables with the ends of their ranges, the searched ones first."""
+    rows = []
+    searched = [
+        (variable, lower, upper, "by its logarithm" if logarithmic else "evenly")
+        for variable, lower, upper, logarithmic in searched_variables(data)
+    ]
+    fixed = [
+        (variable, float(row["upper"]), float(row["upper"]), "fixed")
+        for variable, row in zip(data.variables.variables, data.variable_rows(), strict=True)
+        if row["searched"] != 1 and not np.isnan(row["lower"])
+    ]
+    for variable, lower, upper, how in [*searched, *fixed]:
+        factor, unit = shown_unit(data.campaign_text, variable.name, variable.unit, upper)
+        row = {"variable": label_of(variable.name), "from": lower / factor, "to": upper / factor}
+        rows.append(row | {"unit": "" if unit == "1" else unit, "searched": how})
+    return Table(RANGE_COLUMNS, rows, "Ranges", "ranges")
+
+
+@section(1, "Best strings")
+def answer(page: Page) -> Iterator[Block | Table]:
+    """Yield the best strings, and what is known of their order."""
+    data = page.data
+    order = rank_strings(data).order
+    if order:
+        yield best_table(data, collect_best(data, listed_strings(data)))
+        lines = describe_best(data, order[: listed_strings(data)])
+        yield bullets([*lines, *data.unused_notes])
+    elif missing := no_result(data):
+        yield warning(f"{missing[0].upper()}{missing[1:]}.")
+    elif len(data.result_rows()):
+        yield note("The rows of all judged strings are damaged.")
+    else:
+        yield note("No string is judged yet.")
+    yield page.figures("answer")
+
+
+@section(2, "Feasible set")
+def set(page: Page) -> Iterator[Block | Table]:
+    """Yield the feasible set, if it is asked for."""
+    found = page.options.feasible_set
+    if found is not None:
+        yield shown(set_text(found, page.options.mean_posterior))
+        yield page.figures("set")
+
+
+@section(3, "Posterior of all data")
+def posterior(page: Page) -> Iterator[Block | Table]:
+    """Yield the posterior and what to measure next, if they are asked for."""
+    found, further = page.options.posterior, page.options.further
+    if found is not None:
+        yield shown(data_posterior_text(found))
+        if further is not None:
+            yield shown(next_text(further, page.data.campaign_text))
+        yield page.figures("posterior")
+
+
+@section(7, "All judged strings")
+def strings(page: Page) -> Iterator[Block | Table]:
+    """Yield all strings that have a result."""
+    if rank_strings(page.data).order:
+        table = all_strings(page.data)
+        heading = f"{pluralise(len(table.rows), 'string')} in order of rank"
+        yield Block("folded_table", table, heading)
+
+
+def all_strings(data: CampaignData) -> Table:
+    """Return the judged strings in order of rank, one a row; of many, the best `MAX_ROWS`."""
+    order = rank_strings(data).order[:MAX_ROWS]
+    results, again = rank_strings(data).results, rank_strings(data).estimates
+    fresh = {each.string: (each.objective, each.standard_error) for each in again}
+    generation = {int(row["string"]): int(row["generation"]) + 1 for row in data.string_rows()}
+    variables = {
+        variable.name: (column_of(data.campaign_text, variable.name, variable.unit, upper))
+        for variable, _, upper, _ in searched_variables(data)
+    }
+    values = {name: values_of(data, order, name) for name in variables}
+    rows: list[dict[str, Any]] = [
+        {
+            "rank": place + 1,
+            "string": string,
+            "generation": generation.get(string),
+            **{name: values[name][place] for name in variables},
+            "searched": (results[string]["objective"], results[string]["standard_error"]),
+            "again": fresh.get(string),
+            "growth": results[string]["mean_radius_ratio"],
+            "samples": results[string]["samples_used"],
+        }
+        for place, string in enumerate(order)
+    ]
+    columns = [
+        *(Column(name, format="d") for name in ("rank", "string", "generation")),
+        *variables.values(),
+        Column("searched", "objective, as searched"),
+        Column("again", "objective, re-estimate"),
+        Column("growth", "mean b/b0, as searched", format=".4g"),
+        Column("samples", "samples used", format="d"),
+    ]
+    more = len(rank_strings(data).order) - len(order)
+    caption = f"The best {len(order)} strings; {more} more have a result" if more else ""
+    return Table(columns, rows, caption, "strings", anchor="string")
