@@ -23,7 +23,7 @@ from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.planning.pilot import simulate_task, task_of
 from agglom_mpi.planning.workload import PilotSamples
 from agglom_mpi.runtime.experiment import InversionExperiment
-from agglom_mpi.runtime.sample_runner import SampleRunner
+from agglom_mpi.runtime.task_runner import SampleRunner
 from agglom_mpi.scheduling.interface import number_in_volume
 from agglom_mpi.storage.table import concatenated
 

@@ -26,8 +26,9 @@ from agglom_mpi.runtime.stop_request import StopRequest
 from agglom_mpi.runtime.worker_pool import WorkerPool
 from agglom_mpi.scheduling.estimators import ROUND_TRIP_SECONDS
 from agglom_mpi.search.inversion import Inversion
+from agglom_mpi.storage.checksums import checksums
 from agglom_mpi.storage.schema import samples_schema
-from agglom_mpi.storage.table import checksums, fitted
+from agglom_mpi.storage.table import fitted
 from agglom_mpi.storage.writer import CampaignWriter
 
 LATENCY: Final = 2e-3

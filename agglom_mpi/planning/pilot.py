@@ -15,7 +15,7 @@ from agglom_mpi.planning.workload import PilotSamples
 from agglom_mpi.random_streams import RANDOM_STRING, search_stream
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.messages import RankMessage, merged
-from agglom_mpi.runtime.sample_runner import SampleRunner
+from agglom_mpi.runtime.task_runner import SampleRunner
 from agglom_mpi.scheduling.interface import new_tasks
 
 STRINGS_PER_SAMPLE: Final = 4

@@ -15,8 +15,8 @@ from agglom_mpi.runtime.coordinator import Coordinator, RunEnd
 from agglom_mpi.runtime.experiment import Experiment
 from agglom_mpi.runtime.launch import GATHERED, PARALLEL, find_nodes
 from agglom_mpi.runtime.provenance import leg_start
-from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.runtime.stop_request import StopRequest
+from agglom_mpi.runtime.task_runner import SampleRunner
 from agglom_mpi.runtime.worker_pool import WorkerPool
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.storage.writer import CampaignWriter

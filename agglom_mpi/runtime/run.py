@@ -43,15 +43,15 @@ from agglom_mpi.runtime.programs import (
     own_program,
     receive_start,
 )
-from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.runtime.stop_request import StopRequest, ignore_signals
+from agglom_mpi.runtime.task_runner import SampleRunner
 from agglom_mpi.runtime.watches import LauncherWatch
 from agglom_mpi.runtime.worker import serve_coordinator
 from agglom_mpi.scheduling.interface import volume_string
 from agglom_mpi.storage.access import DamagedCampaign, NotACampaign
 from agglom_mpi.storage.fingerprint import AlteredFileError
 from agglom_mpi.storage.lock import CampaignLock
-from agglom_mpi.storage.sample_writer import RankWriter
+from agglom_mpi.storage.row_buffer import RankWriter
 from agglom_mpi.storage.writer import CampaignWriter
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.runtime.messages import RankMessage, merged
-from agglom_mpi.runtime.sample_runner import SampleRunner, Task
+from agglom_mpi.runtime.task_runner import SampleRunner, Task
 from agglom_mpi.runtime.wakeup import Wakeup
 
 MAX_DELAY: Final = 0.1

@@ -26,14 +26,14 @@ from agglom_mpi.runtime.messages import (
     heartbeat,
     storable,
 )
-from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.runtime.silence import Intervals, may_call_in_turn
 from agglom_mpi.runtime.simulation_thread import SimulationThread
 from agglom_mpi.runtime.stop_request import StopRequest
+from agglom_mpi.runtime.task_runner import SampleRunner
 from agglom_mpi.runtime.wakeup import PollBackoff, Wakeup, message_waits
 from agglom_mpi.runtime.watches import CoordinatorWatch, patience
 from agglom_mpi.scheduling.interface import MOST_SAMPLES, task_type
-from agglom_mpi.storage.sample_writer import RankWriter
+from agglom_mpi.storage.row_buffer import RankWriter
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm

@@ -23,9 +23,9 @@ from agglom_mpi.runtime.messages import (
     own_host,
     record_types,
 )
-from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.runtime.silence import GoneRanks, Heart, Intervals
 from agglom_mpi.runtime.simulation_thread import SimulationThread
+from agglom_mpi.runtime.task_runner import SampleRunner
 from agglom_mpi.runtime.wakeup import LONGEST, PollBackoff, Wakeup, message_waits
 from agglom_mpi.scheduling.estimators import ROUND_TRIP_SECONDS, WOKEN_ROUND_TRIP_SECONDS
 

@@ -15,7 +15,7 @@ from h5py import h5d, h5f, h5g, h5l, h5o, h5p
 
 from agglom_mpi.errors import FAILURE, UserError
 from agglom_mpi.file_kinds import YAML_IS_NO_HDF5, is_kernel_file, reads_like_a_campaign
-from agglom_mpi.storage.header import check_attributes
+from agglom_mpi.storage.attributes import check_attributes
 from agglom_mpi.storage.room import TableSizes
 from agglom_mpi.storage.schema import FORMAT, FORMAT_VERSION, VARIABLE_TABLE
 

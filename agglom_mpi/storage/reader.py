@@ -14,7 +14,8 @@ from agglom_mpi.formatting import shortened
 from agglom_mpi.scheduling.interface import number_in_volume
 from agglom_mpi.search.proposals import ORIGINS, Proposals, restored
 from agglom_mpi.storage.access import NotACampaign, open_file, read_attributes, report_damage
-from agglom_mpi.storage.header import altered_parts, identity_of
+from agglom_mpi.storage.attributes import identity_of
+from agglom_mpi.storage.checksums import altered_parts
 from agglom_mpi.storage.particle_tables import StoredParticles
 from agglom_mpi.storage.room import TableSizes
 from agglom_mpi.storage.schema import INVERSION, TOOK_TOO_LONG, parameters_of, volume_table

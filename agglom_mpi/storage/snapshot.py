@@ -8,10 +8,11 @@ import h5py
 import numpy as np
 
 from agglom_mpi.storage.access import open_file, report_damage
+from agglom_mpi.storage.checksums import checksum_ok
 from agglom_mpi.storage.particle_tables import count_frames
 from agglom_mpi.storage.rows import Rows
 from agglom_mpi.storage.status import read_status
-from agglom_mpi.storage.table import Table, checksum_ok
+from agglom_mpi.storage.table import Table
 
 READ_TOGETHER: Final = ("generations", "results", "strings", "legs", "failures")
 """Tables in the order in which they are read: a row is there before those that refer to it, so no

@@ -8,8 +8,8 @@ import h5py
 import numpy as np
 
 from agglom_mpi.formatting import printable
+from agglom_mpi.storage.checksums import checksum_ok
 from agglom_mpi.storage.rows import Rows
-from agglom_mpi.storage.table import checksum_ok
 
 REWRITE_SECONDS: Final = 0.1
 """Longer than a row that is rewritten in place takes to be whole again."""

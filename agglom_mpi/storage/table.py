@@ -1,7 +1,6 @@
-"""Rows that are either absent or final: checksums, done bytes, digests of generations."""
+"""Rows that are either absent or final: done bytes, digests of generations."""
 
 import hashlib
-import zlib
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any, Final, NamedTuple
 import h5py
 import numpy as np
 
+from agglom_mpi.storage.checksums import checksum_ok, checksums
 from agglom_mpi.storage.room import TableSizes
 from agglom_mpi.storage.rows import Rows, same_type
 from agglom_mpi.storage.schema import FORMAT_VERSION, RESULTS, SAMPLES, TableSchema
@@ -185,24 +185,6 @@ def consecutive_samples(rows: np.ndarray) -> Iterator[np.ndarray]:
     for begin, end in pairwise([0, *ends.tolist(), len(rows)]):
         if end > begin:
             yield rows[begin:end]
-
-
-def checksum_ok(rows: np.ndarray) -> np.ndarray:
-    """Return whether each row has the right checksum, or its table has none, (n,) bool."""
-    if "crc" not in (rows.dtype.names or ()):
-        return np.ones(len(rows), bool)
-    return checksums(rows) == rows["crc"]
-
-
-def checksums(rows: np.ndarray) -> np.ndarray:
-    """Return the CRC-32 of the bytes of each row with its `crc` zero, (n,) uint32."""
-    blank = rows.copy()
-    blank["crc"] = 0
-    raw = memoryview(blank.tobytes())
-    size = rows.dtype.itemsize
-    return np.array(
-        [zlib.crc32(raw[at : at + size]) for at in range(0, len(raw), size)], dtype=np.uint32
-    )
 
 
 NOT_DETERMINED: Final = ("seconds", "cpu_seconds", "finished", "rank", "crc")

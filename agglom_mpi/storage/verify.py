@@ -23,19 +23,13 @@ from agglom_mpi.storage.access import (
     report_damage,
     tables_in_chunks,
 )
-from agglom_mpi.storage.header import altered_parts
+from agglom_mpi.storage.checksums import altered_parts, checksum_ok
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.recorded_campaign import code_note, recorded_search
 from agglom_mpi.storage.rows import Rows
 from agglom_mpi.storage.schema import CAMPAIGN_STATES, volume_table
 from agglom_mpi.storage.status import REWRITE_SECONDS, read_status, status_of
-from agglom_mpi.storage.table import (
-    Table,
-    checksum_ok,
-    concatenated,
-    consecutive_numbers,
-    fitted,
-)
+from agglom_mpi.storage.table import Table, concatenated, consecutive_numbers, fitted
 
 Key = int | tuple[int, int]
 """Number of a string, generation, leg or failure, or string and number of a sample."""

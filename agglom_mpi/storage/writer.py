@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike
 from agglom_mpi.storage.access import NotACampaign, open_file, with_path
 from agglom_mpi.storage.fingerprint import AlteredFileError, Fingerprint, redirect_writes
 from agglom_mpi.storage.particle_tables import FrameWriter
+from agglom_mpi.storage.row_buffer import RowBuffer, SampleWriter, WriteClock, sync_descriptor
 from agglom_mpi.storage.rows import Rows
 from agglom_mpi.storage.run_log import RunLog
-from agglom_mpi.storage.sample_writer import RowBuffer, SampleWriter, WriteClock, sync_descriptor
 from agglom_mpi.storage.schema import CAMPAIGN_STATES, variable_names
 from agglom_mpi.storage.table import Table, make_row, sealed
 

@@ -25,7 +25,7 @@ from agglom_mpi.accuracy.study import (
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, summaries
-from agglom_mpi.runtime.sample_runner import SampleRunner
+from agglom_mpi.runtime.task_runner import SampleRunner
 from agglom_mpi.scheduling.interface import task_type
 from agglom_mpi.simulation.engines import FixedSteps
 from agglom_mpi.variables import TEN, volume_fraction

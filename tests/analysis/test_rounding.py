@@ -26,7 +26,7 @@ from agglom_mpi.cli import main
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.formatting import ROUNDING
 from agglom_mpi.report.drawing import histogram_range
-from agglom_mpi.runtime import sample_runner
+from agglom_mpi.runtime import task_runner
 from agglom_mpi.search.objectives.moment_targets import MomentTarget
 from agglom_mpi.statistics import MeanEstimate
 from agglom_mpi.storage.reader import read_campaign
@@ -46,7 +46,7 @@ def path(tmp_path_factory):
     )
     head, _, rest = campaign.read_text().partition("ensemble:")
     campaign.write_text(f"{head}ensemble: {RULE}\n\nstopping:{rest.partition('stopping:')[2]}")
-    simulate = sample_runner.simulate_scene
+    simulate = task_runner.simulate_scene
 
     def doubled(*arguments):
         record, particles = simulate(*arguments)
@@ -54,8 +54,8 @@ def path(tmp_path_factory):
         return record, particles
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sample_runner, "simulate_scene", doubled)
-        patch.setattr(sample_runner, "MAX_AT_ONCE", 1)
+        patch.setattr(task_runner, "simulate_scene", doubled)
+        patch.setattr(task_runner, "MAX_AT_ONCE", 1)
         finish(folder, "even.yaml", "-q")
     return folder / "even.h5"
 

@@ -23,8 +23,8 @@ from agglom_mpi.runtime.coordinator import Coordinator
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import prepare
 from agglom_mpi.runtime.messages import RESULT, RankMessage
-from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.runtime.stop_request import StopRequest
+from agglom_mpi.runtime.task_runner import SampleRunner
 from agglom_mpi.runtime.worker import serve_coordinator
 from agglom_mpi.runtime.worker_pool import WorkerPool
 from agglom_mpi.storage.writer import CampaignWriter
@@ -81,7 +81,7 @@ class InstantRunner(SampleRunner):
             rows[name] = seconds
         self.made_up = rows
         try:
-            from agglom_mpi.storage.table import checksums
+            from agglom_mpi.storage.checksums import checksums
         except ImportError:  # an earlier version, whose rank 0 computes them
             self.add_checksums = lambda rows: None
         else:

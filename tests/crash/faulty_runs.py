@@ -73,10 +73,10 @@ def faulty_runs(library, campaign):
 def _serve():
     """Run what standard input asks for, one line each, and print the exit codes."""
     from agglom_mpi.runtime import simulation_thread
-    from agglom_mpi.storage import sample_writer
+    from agglom_mpi.storage import row_buffer
 
     # Every sample is written by itself, at once.
-    sample_writer.FLUSH_AGE = simulation_thread.MAX_DELAY = 0.0
+    row_buffer.FLUSH_AGE = simulation_thread.MAX_DELAY = 0.0
     finish(Path(sys.argv[1]), sys.argv[2], "--output", f"{os.getpid()}.h5")
     for line in sys.stdin:
         child = os.fork()

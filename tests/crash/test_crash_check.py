@@ -24,14 +24,14 @@ from held_runs import allow, allow_all, held
 from processes import output_of
 
 from agglom_mpi.analysis.file_check import check_file
-from agglom_mpi.runtime import sample_runner as simulator
+from agglom_mpi.runtime import task_runner as simulator
 from agglom_mpi.search.proposals import ORIGINS
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.table import Table
 from agglom_mpi.storage.writer import CampaignWriter
 
 WRITES_AT_ONCE = """
-import agglom_mpi.storage.sample_writer as buffer
+import agglom_mpi.storage.row_buffer as buffer
 
 buffer.FLUSH_AGE = 0.0
 """
@@ -167,7 +167,7 @@ def test_more_generations_and_other_strings_in_one_file_are_sound(folder):
 
 KILLED_WHILE_COMPILING = """
 import os, signal
-import agglom_mpi.runtime.sample_runner as simulator
+import agglom_mpi.runtime.task_runner as simulator
 
 def warm_up(self, show=None):
     os.kill(os.getpid(), signal.SIGKILL)

@@ -25,7 +25,7 @@ VOLLEY = (signal.SIGTERM, signal.SIGUSR1, signal.SIGHUP, signal.SIGINT)
 DEAF = """
 import time
 from pathlib import Path
-import agglom_mpi.runtime.sample_runner as simulator
+import agglom_mpi.runtime.task_runner as simulator
 
 def never(*arguments):
     Path(__file__).with_name("begun").touch()
@@ -77,7 +77,7 @@ def test_an_interrupt_after_a_second_ends_a_stop_that_takes_long(folder):
 COMPILES = """
 import time
 from pathlib import Path
-import agglom_mpi.runtime.sample_runner as simulator
+import agglom_mpi.runtime.task_runner as simulator
 
 def compile_for_ever(*arguments):
     Path(__file__).with_name("begun").touch()

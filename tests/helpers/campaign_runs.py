@@ -36,7 +36,7 @@ SLOW = SMALL
 """What is interrupted: it lasts as long as `SLOWLY` or a `Gate` makes it."""
 SLOWLY = """
 import time
-import agglom_mpi.runtime.sample_runner as simulator
+import agglom_mpi.runtime.task_runner as simulator
 
 at_once = simulator.simulate_scene
 
@@ -52,7 +52,7 @@ import os
 import time
 from pathlib import Path
 
-import agglom_mpi.runtime.sample_runner as simulator
+import agglom_mpi.runtime.task_runner as simulator
 
 folder = Path(__file__).parent
 number = os.environ.get("PMI_RANK", os.environ.get("OMPI_COMM_WORLD_RANK", "0"))
@@ -75,7 +75,7 @@ import os
 import signal
 import time
 
-import agglom_mpi.runtime.sample_runner as simulator
+import agglom_mpi.runtime.task_runner as simulator
 
 let_through, begun = simulator.simulate_scene, 0
 
@@ -96,7 +96,7 @@ import time
 from types import SimpleNamespace
 
 import agglom_mpi.runtime.abort_flag as abort_flag
-import agglom_mpi.runtime.sample_runner as simulator
+import agglom_mpi.runtime.task_runner as simulator
 
 simulate, now = simulator.SampleTask._simulate, 0.0
 
@@ -113,7 +113,7 @@ abort_flag.time = SimpleNamespace(monotonic=lambda: now)
 """
 """The samples (string, sample) in PAIRS take too long, on any machine no others do."""
 HANGS_REPLACES = [
-    "agglom_mpi.runtime.sample_runner.SampleTask._simulate",
+    "agglom_mpi.runtime.task_runner.SampleTask._simulate",
     "agglom_mpi.runtime.abort_flag.time",
 ]
 FINAL = "{strings: 6, samples: 12}"
@@ -262,7 +262,7 @@ def injected(text, *replaced):
     The number of samples of one compiled call is, too, which much of such code sets to 1.
     """
     with pytest.MonkeyPatch.context() as patch:
-        for name in (*replaced, "agglom_mpi.runtime.sample_runner.MAX_AT_ONCE"):
+        for name in (*replaced, "agglom_mpi.runtime.task_runner.MAX_AT_ONCE"):
             patch.setattr(name, locate(name))
         exec(text, {})
         yield
@@ -335,7 +335,7 @@ def stop_here(folder, name, *arguments, number=signal.SIGUSR1, after=10, text=""
     What else is injected is `text`; it replaces `replaced`, as in `injected`.
     """
     text += STOPS.replace("AFTER", str(after)).replace("NUMBER", str(int(number)))
-    with injected(text, *replaced, "agglom_mpi.runtime.sample_runner.simulate_scene"):
+    with injected(text, *replaced, "agglom_mpi.runtime.task_runner.simulate_scene"):
         done = invert(folder, f"{name}.yaml", *arguments)
     assert done.returncode == 75, done.stderr
     return done

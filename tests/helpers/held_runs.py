@@ -7,8 +7,8 @@ import os
 import time
 from pathlib import Path
 
-from agglom_mpi.runtime import sample_runner
-from agglom_mpi.runtime.sample_runner import Task
+from agglom_mpi.runtime import task_runner
+from agglom_mpi.runtime.task_runner import Task
 
 _CODE = """
 import sys
@@ -51,7 +51,7 @@ def hold(pace):
         done += 1
         return simulate_next(task, seconds)
 
-    Task.simulate_next, sample_runner.MAX_AT_ONCE = simulate_if_allowed, 1
+    Task.simulate_next, task_runner.MAX_AT_ONCE = simulate_if_allowed, 1
 
 
 def held(folder, pace=0.0, text=""):

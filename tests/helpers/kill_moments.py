@@ -75,7 +75,7 @@ class _Moments:
 def install():
     """Let this process tell its activities, and wait where it is to be killed."""
     from agglom_mpi.runtime import file_setup
-    from agglom_mpi.storage import files, rows, run_log, sample_writer, writer
+    from agglom_mpi.storage import files, row_buffer, rows, run_log, writer
 
     moments = _Moments()
 
@@ -103,7 +103,7 @@ def install():
         stepping(owner, name)
     telling(file_setup, "create_campaign_file", "creation")
     telling(file_setup, "enlarge_campaign_file", "growth")
-    telling(sample_writer.SampleWriter, "flush", "samples")
+    telling(row_buffer.SampleWriter, "flush", "samples")
     telling(writer.CampaignWriter, "put_strings", "decisions")
     telling(writer.CampaignWriter, "flush", "decisions")
     telling(writer.CampaignWriter, "put_generation", "generation")

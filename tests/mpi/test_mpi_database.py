@@ -36,7 +36,7 @@ def pretend(world):
 run.find_nodes = leg.find_nodes = pretend
 
 import os
-from agglom_mpi.storage import sample_writer as samples
+from agglom_mpi.storage import row_buffer as samples
 
 synced = samples.RankWriter.sync
 

@@ -23,7 +23,7 @@ from agglom_mpi.outcome import FAILED, FailureReason
 from agglom_mpi.storage.reader import read_campaign
 
 ONE_SAMPLE_RAISES = f"""{RANK}
-import agglom_mpi.runtime.sample_runner as simulator
+import agglom_mpi.runtime.task_runner as simulator
 
 simulate_scene, count = simulator.simulate_scene, 0
 
@@ -38,7 +38,7 @@ simulator.simulate_scene, simulator.MAX_AT_ONCE = once, 1
 """
 
 EVERY_SAMPLE_RAISES = f"""{RANK}
-import agglom_mpi.runtime.sample_runner as simulator
+import agglom_mpi.runtime.task_runner as simulator
 
 simulate_scene = simulator.simulate_scene
 
@@ -51,7 +51,7 @@ simulator.simulate_scene, simulator.MAX_AT_ONCE = never, 1
 """
 
 SIMULATOR_BREAKS = f"""{RANK}
-import agglom_mpi.runtime.sample_runner as simulator
+import agglom_mpi.runtime.task_runner as simulator
 
 def broken(self, task):
     raise SystemError("injected")
@@ -149,7 +149,7 @@ def test_too_many_failures_end_the_campaign_cleanly(tmp_path):
 
 def test_too_many_failures_are_an_error_that_quiet_does_not_hide(tmp_path):
     write_campaign(tmp_path / "small.yaml", **SMALL, max_failures=5)
-    with injected(EVERY_SAMPLE_RAISES, "agglom_mpi.runtime.sample_runner.simulate_scene"):
+    with injected(EVERY_SAMPLE_RAISES, "agglom_mpi.runtime.task_runner.simulate_scene"):
         done = invert(tmp_path, "small.yaml", "--quiet")
     assert done.returncode == 1
     assert done.stderr.splitlines()[-1].startswith("stopped: ")

@@ -24,7 +24,7 @@ CONVERGING = SMALL | {"generations": 2, "tolerance": 0.1, "max_samples": 100}
 
 LEFT_OUT = f"""{RANK}
 {SLOWLY}
-import agglom_mpi.runtime.sample_runner as simulator
+import agglom_mpi.runtime.task_runner as simulator
 
 cancel = simulator.Task.cancel
 

@@ -34,8 +34,8 @@ from agglom_mpi.runtime import coordinator as coordinator_module
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import prepare
 from agglom_mpi.runtime.provenance import leg_start
-from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.runtime.stop_request import StopRequest
+from agglom_mpi.runtime.task_runner import SampleRunner
 from agglom_mpi.runtime.worker_pool import WorkerPool
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.writer import CampaignWriter

@@ -9,12 +9,12 @@ from agglom_mpi import stopwatch
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, FailureReason
 from agglom_mpi.runtime import abort_flag
-from agglom_mpi.runtime import sample_runner as module
+from agglom_mpi.runtime import task_runner as module
 from agglom_mpi.runtime.abort_flag import AbortFlag
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.messages import NOT_NEEDED, storable
-from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.runtime.simulation_thread import SimulationThread
+from agglom_mpi.runtime.task_runner import SampleRunner
 from agglom_mpi.runtime.wakeup import Wakeup
 from agglom_mpi.scheduling.interface import task_type
 from agglom_mpi.storage.schema import TOOK_TOO_LONG

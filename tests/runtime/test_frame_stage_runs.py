@@ -61,7 +61,7 @@ FrameStage.open = stopped
 """
 
 PICTURES_RAISE = """
-import agglom_mpi.runtime.sample_runner as simulator
+import agglom_mpi.runtime.task_runner as simulator
 
 simulate_scene, raised = simulator.simulate_scene, []
 
@@ -232,7 +232,7 @@ def test_fewer_strings_than_asked_for_are_all_there_are(tmp_path):
 
 def test_an_exception_in_a_picture_is_stored_and_the_next_run_tries_again(path, tmp_path):
     write_bulk_campaign(path.parent / "kept.yaml", BOTH.replace("count: 5", "count: 4"), **TWO)
-    with injected(PICTURES_RAISE, "agglom_mpi.runtime.sample_runner.simulate_scene"):
+    with injected(PICTURES_RAISE, "agglom_mpi.runtime.task_runner.simulate_scene"):
         done = finish(path.parent, "kept.yaml")
     assert "ArithmeticError: injected" in done.stderr
     file = read_campaign(path)

@@ -8,9 +8,9 @@ from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import prepare
 from agglom_mpi.runtime.messages import RESULT
-from agglom_mpi.storage import sample_writer
+from agglom_mpi.storage import row_buffer
 from agglom_mpi.storage.access import open_file
-from agglom_mpi.storage.sample_writer import RankWriter
+from agglom_mpi.storage.row_buffer import RankWriter
 
 
 @pytest.fixture
@@ -20,7 +20,7 @@ def path(tmp_path, monkeypatch):
     def alone(path, *, world, **options):
         return open_file(path, **options)
 
-    monkeypatch.setattr(sample_writer, "open_file", alone)
+    monkeypatch.setattr(row_buffer, "open_file", alone)
     write_campaign(tmp_path / "tiny.yaml", **TINY)
     experiment = InversionExperiment(load_campaign(tmp_path / "tiny.yaml"))
     prepare(tmp_path / "tiny.h5", experiment, accept_code_change=False)

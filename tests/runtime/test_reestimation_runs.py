@@ -30,7 +30,7 @@ from agglom_mpi.analysis.file_check import check_file
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli import main
 from agglom_mpi.formatting import value_with_error
-from agglom_mpi.storage.header import write_checksums
+from agglom_mpi.storage.checksums import write_checksums
 from agglom_mpi.storage.reader import read_campaign
 
 TWO = {"generations": 2, "max_samples": 12}
@@ -51,7 +51,7 @@ ReestimationStage.take = stopped
 """
 
 SAMPLE_13_RAISES = """
-import agglom_mpi.runtime.sample_runner as simulator
+import agglom_mpi.runtime.task_runner as simulator
 
 do = simulator.SampleTask._simulate
 
@@ -63,7 +63,7 @@ def careless(self, sample, seconds):
 
 simulator.SampleTask._simulate, simulator.MAX_AT_ONCE = careless, 1
 """
-SAMPLE_TASK = "agglom_mpi.runtime.sample_runner.SampleTask._simulate"
+SAMPLE_TASK = "agglom_mpi.runtime.task_runner.SampleTask._simulate"
 
 
 @pytest.fixture(scope="module")

@@ -11,12 +11,12 @@ from processes import HANG
 
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import COMPLETED, OUTCOME, FailureReason
-from agglom_mpi.runtime import sample_runner as module
+from agglom_mpi.runtime import task_runner as module
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.messages import NOT_NEEDED
-from agglom_mpi.runtime.sample_runner import SampleRunner
+from agglom_mpi.runtime.task_runner import SampleRunner
 from agglom_mpi.scheduling.interface import task_type
-from agglom_mpi.storage.table import checksum_ok
+from agglom_mpi.storage.checksums import checksum_ok
 
 COUNT = 200
 

@@ -14,8 +14,8 @@ from processes import HANG, wait_for
 from agglom_mpi import stopwatch
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import COLUMNS, COMPLETED, FAILED, FailureReason
-from agglom_mpi.runtime import sample_runner as module
 from agglom_mpi.runtime import simulation_thread as thread_module
+from agglom_mpi.runtime import task_runner as module
 from agglom_mpi.runtime.abort_flag import AbortFlag
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.messages import (
@@ -26,8 +26,8 @@ from agglom_mpi.runtime.messages import (
     failed_sample,
     storable,
 )
-from agglom_mpi.runtime.sample_runner import SampleRunner
 from agglom_mpi.runtime.simulation_thread import MAX_DELAY, SimulationThread
+from agglom_mpi.runtime.task_runner import SampleRunner
 from agglom_mpi.runtime.wakeup import Wakeup
 from agglom_mpi.scheduling.interface import task_type
 from agglom_mpi.verbs.simulate import simulate

@@ -13,7 +13,7 @@ from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.declaration.components import Component
 from agglom_mpi.runtime import experiment as experiment_module
 from agglom_mpi.runtime.provenance import DECIDING, NOT_DECIDING, PACKAGE, sources_digest
-from agglom_mpi.runtime.sample_runner import SampleRunner
+from agglom_mpi.runtime.task_runner import SampleRunner
 from agglom_mpi.scheduling.interface import task_type
 
 SAME = [
@@ -72,7 +72,7 @@ def test_another_decision_is_seen(package, name, old, new):
     assert sources_digest(package) != sources_digest()
 
 
-BEGUN_BY = ("config/loading.py", "runtime/experiment.py", "runtime/sample_runner.py")
+BEGUN_BY = ("config/loading.py", "runtime/experiment.py", "runtime/task_runner.py")
 """Modules that lead a run from a text to samples and decisions."""
 LOOKED_AT_FIRST = ("analysis/warm_start.py",)
 """A counted module that the run time itself calls."""

@@ -4,7 +4,7 @@ import pytest
 from campaign_runs import TINY, assert_sound, finish, invert, state, write_campaign
 
 from agglom_mpi.runtime.coordinator import Coordinator
-from agglom_mpi.runtime.sample_runner import SampleTask
+from agglom_mpi.runtime.task_runner import SampleTask
 
 ENDS = {
     SystemExit: ("failed", "RuntimeError: the simulating thread ended with SystemExit"),

@@ -17,7 +17,7 @@ from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.outcome import COMPLETED, FAILED, FailureReason
 from agglom_mpi.runtime.experiment import InversionExperiment
-from agglom_mpi.runtime.sample_runner import SampleRunner
+from agglom_mpi.runtime.task_runner import SampleRunner
 from agglom_mpi.scheduling.interface import task_type
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.variables import TEN
@@ -395,7 +395,7 @@ def worth(sample):
 
 
 def test_a_sample_of_another_objective_is_not_copied(tmp_path, monkeypatch):
-    import agglom_mpi.runtime.sample_runner as simulator
+    import agglom_mpi.runtime.task_runner as simulator
 
     path = write_own(tmp_path, WORTH)
     text = path.read_text().replace("{law: function, call: 'shape:worth'}", "maximum_growth")

@@ -35,7 +35,7 @@ ONE = f"{{strings: {STRINGS}, samples: {SAMPLES}}}"
 THREE = f"{{strings: {STRINGS}, samples: {SAMPLES}, volumes: [1, 2, 4]}}"
 
 SAMPLE_7_RAISES_IN_VOLUME_2 = """
-import agglom_mpi.runtime.sample_runner as simulator
+import agglom_mpi.runtime.task_runner as simulator
 from agglom_mpi.scheduling.interface import volume_string
 
 do = simulator.SampleTask._simulate
@@ -49,7 +49,7 @@ def careless(self, sample, seconds):
 simulator.SampleTask._simulate, simulator.MAX_AT_ONCE = careless, 1
 """
 
-SAMPLE_TASK = "agglom_mpi.runtime.sample_runner.SampleTask._simulate"
+SAMPLE_TASK = "agglom_mpi.runtime.task_runner.SampleTask._simulate"
 
 
 @pytest.fixture(scope="module")

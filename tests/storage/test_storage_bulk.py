@@ -11,7 +11,7 @@ from agglom_mpi.config.describe import FINAL_BYTES, FRAME_BYTES
 from agglom_mpi.outcome import FinalParticles
 from agglom_mpi.simulation.frames import new_frames
 from agglom_mpi.storage import create, verify
-from agglom_mpi.storage import sample_writer as buffer
+from agglom_mpi.storage import row_buffer as buffer
 from agglom_mpi.storage.compact import CopyCounts, write_compact
 from agglom_mpi.storage.create import enlarge_campaign_file
 from agglom_mpi.storage.particle_tables import (

@@ -15,18 +15,18 @@ from storage_rows import (
 )
 
 from agglom_mpi.campaign_file import open_campaign
-from agglom_mpi.storage import sample_writer
+from agglom_mpi.storage import row_buffer
 from agglom_mpi.storage.access import open_file
+from agglom_mpi.storage.checksums import checksums
 from agglom_mpi.storage.reader import read_campaign
+from agglom_mpi.storage.row_buffer import FLUSH_AGE
 from agglom_mpi.storage.rows import Rows
-from agglom_mpi.storage.sample_writer import FLUSH_AGE
 from agglom_mpi.storage.schema import (
     FAILURE_CAPACITY,
     LEG_CAPACITY,
     TOOK_TOO_LONG,
     sample_dtype,
 )
-from agglom_mpi.storage.table import checksums
 from agglom_mpi.storage.writer import CampaignWriter
 from agglom_mpi.variables import TEN
 
@@ -84,7 +84,7 @@ def test_the_first_of_two_rows_for_one_sample_stays(path, writer):
 
 def test_samples_wait_for_company_but_not_for_long(path, writer, monkeypatch):
     most = 10 * MAX_SAMPLES  # as many as this file has room for several times
-    monkeypatch.setattr(sample_writer, "FLUSH_ROWS", most)
+    monkeypatch.setattr(row_buffer, "FLUSH_ROWS", most)
     campaign, now = read_campaign(path), time.monotonic()
     writer.put_samples(sample_rows(0, 0, 3))
     assert len(campaign.sample_rows(0)) == 0
