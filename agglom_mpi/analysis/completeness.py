@@ -33,13 +33,14 @@ def lacks_rows(data: CampaignData) -> bool:
 def check_finished(report: VerificationReport, frames: int) -> None:
     """Add to a report the rows that a finished campaign lacks, which has this number of frames."""
     data = report.data
-    finished = report.settled and data.status().state == "finished" and not code_note(data)
+    finished = report.settled and data.status().state == "finished"
     if not finished or data.attributes.get("purpose", INVERSION) != INVERSION:
         return
     counts = FinishedCounts.of_reason(data.status().reason)
     absent = set(range(counts.generations or 0)) - report.generations
     report.add_absent("generations", absent, "though the campaign is finished")
-    if not (report.lost["strings"] or report.lost["results"] or absent):  # or the order is unknown
+    unknown = report.lost["strings"] or report.lost["results"] or absent or code_note(data)
+    if not unknown:  # else the order of strings is not known
         _check_fresh_samples(report, counts)
     lacking = (counts.frames or 0) - frames - len(report.lost["frames"])
     if lacking > 0:

@@ -3,7 +3,7 @@
 import base64
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from keyword import iskeyword
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -22,6 +22,7 @@ from agglom_mpi.declaration.reading import (
     values_in,
 )
 from agglom_mpi.declaration.units import quoted
+from agglom_mpi.errors import CodeNotAllowedError
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
@@ -199,7 +200,7 @@ def recorded_source(texts: Mapping[str, Any], file: str, sha256: str) -> bytes |
 
 
 class RecordedModules(OwnComponents):
-    """Classes of the modules that a file records, all of which may be executed.
+    """Classes of the modules that a file records and that may be executed.
 
     Parameters
     ----------
@@ -207,12 +208,20 @@ class RecordedModules(OwnComponents):
         Attributes of the file.
     identity
         Identity of its campaign, which has the digests of the modules.
+    may_run
+        Whether a module may be executed, by its file name and digest.
     folder
         Folder of the file.
     """
 
-    def __init__(self, texts: Mapping[str, Any], identity: Mapping[str, Any], folder: Path) -> None:
-        self._texts = texts
+    def __init__(
+        self,
+        texts: Mapping[str, Any],
+        identity: Mapping[str, Any],
+        may_run: Callable[[str, str], bool],
+        folder: Path,
+    ) -> None:
+        self._texts, self._may_run = texts, may_run
         end = f".{SOURCE_SHA256}"
         sections = {v: k.removesuffix(end) for k, v in identity.items() if k.endswith(end)}
         self._values = {digest: values_in(identity, each) for digest, each in sections.items()}
@@ -225,6 +234,8 @@ class RecordedModules(OwnComponents):
         if own is None or own.sha256 not in self._values:
             message = "of which the file has no source with the same digest"
             raise ValueError(f"is {quoted(name)}, {message}")
+        if not self._may_run(own.file, own.sha256):  # the text may name others than the identity
+            raise CodeNotAllowedError(f"{name} is code of one's own; --allow-code runs it")
         own = OwnModule.of(file, own.source, self._folder)
         return class_in(own._replace(values=self._values[own.sha256]), own_class)
 

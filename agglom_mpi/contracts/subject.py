@@ -63,8 +63,6 @@ class Subject:
     numbers
         Ranges of the law's own numbers that a campaign searches; None: all numbers are drawn
         within their limits, where there are some.
-    compiled
-        Formulas that replace the law's own, by name.
     """
 
     def __init__(
@@ -73,11 +71,10 @@ class Subject:
         laws: Mapping[str, Law],
         variables: Mapping[str, tuple[float, float]] | None = None,
         numbers: Mapping[str, tuple[float, float]] | None = None,
-        compiled: Mapping[str, Callable[..., Any]] | None = None,
     ) -> None:
         self.tested = law
         self.laws = laws
-        self.compiled = compiled or {}
+        self.compiled: Mapping[str, Callable[..., Any]] = {}
         self._ranges = VARIABLE_RANGES | dict(variables or {})
         self._numbers = numbers
         self._logarithms: NDArray[np.float64] | None = None

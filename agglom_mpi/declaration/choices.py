@@ -98,6 +98,8 @@ class Choice(NamedTuple):
         if self.default and isinstance(entry, dict) and self.kind.named_by not in entry:
             return {self.kind.named_by: self.default, **entry}
         found = self.kind.as_mapping("none" if self.or_none and entry is None else entry)
+        if names_own(found):  # says that its code may not run, or what is wrong with it
+            return {self.kind.named_by: found}
         if not isinstance(found, Mapping | Component):
             raise ValueError(f"is {quoted(entry)}; must be a mapping")
         return found

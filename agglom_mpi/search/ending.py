@@ -1,7 +1,7 @@
 """Criteria that end a campaign: each a key of the section `stopping`; a campaign ends by any.
 
 A criterion is a subclass of `EndingCriterion` in a module of this package. `any_of`
-composes several into one.
+makes one of several.
 """
 
 import math

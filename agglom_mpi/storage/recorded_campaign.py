@@ -65,7 +65,9 @@ def recorded_search(data: "CampaignData") -> SearchMethod | None:
     try:
         # Numbers that are entries of their own suffice for what is asked of the method.
         entries = {key.removeprefix("search."): value for key, value in data.identity.items()}
-        return SearchMethod.of_entries(entries, recorded_reading(data))
+        is_own = "search" in own_names(data.identity)
+        reading = recorded_reading(data) if is_own else Reading(recorded=True)
+        return SearchMethod.of_entries(entries, reading)
     except UnknownComponentError:
         return None
 
@@ -90,7 +92,10 @@ def _reading(data: "CampaignData") -> Reading:
     # Imported here: the others are read without what reads modules.
     from agglom_mpi.config.own_components import RecordedModules
 
-    own = RecordedModules(data.attributes, data.identity, data.path.parent)
+    def may_run(file: str, sha256: str) -> bool:
+        return _may_run(data, file, sha256)
+
+    own = RecordedModules(data.attributes, data.identity, may_run, data.path.parent)
     return Reading(recorded=True, own=own)
 
 
@@ -126,18 +131,22 @@ def code_note(data: "CampaignData") -> str:
 
 
 def _code_note(data: "CampaignData") -> str:
+    of_means = data.identity.get("objective.of_means")
+    named = own_names(data.identity) | ({} if of_means is None else {"objective": of_means})
     refused = [
         name
-        for section, name in own_names(data.identity).items()
+        for section, name in named.items()
         if not _may_run(
-            data, name.partition(":")[0], str(data.identity[f"{section}.{SOURCE_SHA256}"])
+            data,
+            f"{name.partition(':')[0].removesuffix('.py')}.py",
+            str(data.identity.get(f"{section}.{SOURCE_SHA256}")),
         )
     ]
-    of_means = data.identity.get("objective.of_means")
+    if refused:
+        return f"{data.path} has code of its own ({', '.join(refused)}); --allow-code runs it"
     if of_means is not None and allowed_function(data) is None:
-        refused.append(of_means)
-    names = ", ".join(refused)
-    return f"{data.path} has code of its own ({names}); --allow-code runs it" if names else ""
+        return f"{data.path} has code of its own ({of_means}), but not the source with its digest"
+    return ""
 
 
 def require_code(data: "CampaignData") -> None:

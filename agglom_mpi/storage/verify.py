@@ -15,6 +15,7 @@ from typing import Final
 import h5py
 import numpy as np
 
+from agglom_mpi.declaration.reading import own_names
 from agglom_mpi.formatting import printable
 from agglom_mpi.search.proposals import ORIGINS
 from agglom_mpi.storage.access import (
@@ -114,7 +115,7 @@ class VerificationReport:
         It need not give the same bits on another machine, so what it gave cannot be compared. Nor
         can it where the search may be one's own, whose code may not run.
         """
-        if code_note(self.data):
+        if code_note(self.data) and "search" in own_names(self.data.identity):
             return True
         try:
             search = recorded_search(self.data)

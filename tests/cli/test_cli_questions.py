@@ -33,7 +33,7 @@ def answered(name, folder, *labels, options=()):
 @pytest.mark.slow
 def test_a_powder_grows_by_half_along_a_line_of_speed_and_hardness(tmp_path):
     need_mpirun()
-    labels = ("volume fraction", "95 % from", "objective, re-estimate")
+    labels = ("volume fraction  ", "95 % from", "objective, re-estimate")
     fractions, least, estimates = answered("powder", tmp_path, *labels)
     assert fractions == [0.05] * 4
     assert least[0] == 0.0

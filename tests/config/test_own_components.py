@@ -12,8 +12,10 @@ from own_components import RESTITUTION_LINE, SCENE, SPEED, write_scene
 from agglom_mpi import components, load_campaign
 from agglom_mpi.compilation.stages import module_key
 from agglom_mpi.config.loading import check_campaign
+from agglom_mpi.config.own_components import RecordedModules, own_of, recorded_texts
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.declaration.own_modules import OwnModule, class_in
+from agglom_mpi.errors import CodeNotAllowedError
 from agglom_mpi.physics.restitution import Restitution
 from agglom_mpi.runtime.file_setup import OutputError, check_same_campaign
 
@@ -277,3 +279,17 @@ def test_a_module_that_changes_the_folder_does_not_move_the_run(tmp_path, monkey
     source = SPEED.replace("from typing", "import os\nos.chdir('elsewhere')\nfrom typing")
     load_campaign(write_scene(tmp_path, source), allow_code=True)
     assert Path.cwd() == tmp_path
+
+
+def test_a_module_that_a_file_records_runs_with_leave_alone(tmp_path):
+    campaign = load_campaign(write_scene(tmp_path), allow_code=True)
+    [law] = own_of(campaign)
+    # An identity of a stranger: it has the digest, and names no component that could be refused.
+    identity = {"zzz.source_sha256": law.own.sha256}
+
+    def recorded(leave):
+        return RecordedModules(recorded_texts(campaign), identity, lambda *own: leave, tmp_path)
+
+    with pytest.raises(CodeNotAllowedError, match="--allow-code"):
+        recorded(False).find(NAME, Restitution)
+    assert recorded(True).find(NAME, Restitution).__name__ == "SpeedRestitution"

@@ -58,7 +58,7 @@ LAYOUTS = {
         "CAMSIZER 0.3.5.7\r\nDate\t12.3.2014\r\n\r\nx1 [mm]\tx2 [mm]\tp3 [%]\tQ3 [%]\tSPHT3\r\n"
         "0.000\t0.063\t10.0\t10.0\t0.8\r\n0.063\t0.125\t25.0\t35.0\t0.81\r\n"
         "0.125\t0.250\t50.0\t85.0\t0.82\r\n0.250\t0.500\t15.0\t100.0\t0.83\r\n",
-        {"headings": {"x1 [mm]": "lower", "x2 [mm]": "upper", "p3 [%]": "share"}},
+        {"headings": {"x1 [mm]": "lower", "x2 [mm]": "upper", "p3 [%]": "share"}, "column": "p3"},
     ),
     "decimal commas": (
         "Sieve [mm];Retained [g];Passing [%]\r\n0,5;0,0;100,0\r\n0,25;30,0;85,0\r\n"
@@ -468,3 +468,13 @@ def test_any_damage_is_read_or_refused_in_a_line(name, damage):
         assert sum(curve.shares) == pytest.approx(1.0)
         assert np.all(np.diff(curve.edges) > 0.0)
         assert np.all(np.isfinite(curve.covariance))
+
+
+@pytest.mark.parametrize(
+    ("amount", "weight"),
+    [("finer (%)", "mass"), ("vol undersize (%)", "mass"), ("Q0 (%)", "number")],
+)
+def test_english_words_and_signs_of_iso_9276_are_known(read, amount, weight):
+    known = read(f"size (um),{amount}\n10,20\n20,70\n40,100\n")
+    assert known.shares == pytest.approx([0.2, 0.5, 0.3])
+    assert known.weight == weight

@@ -15,6 +15,7 @@ from agglom_mpi import Box
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli import main
 from agglom_mpi.config.loading import load_campaign
+from agglom_mpi.formatting import label_of
 from agglom_mpi.outcome import FAILED
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.schema import FORMAT_VERSION
@@ -133,7 +134,7 @@ def test_reports_have_the_variables(run):
     said = command("report", run / "sized.h5").stdout
     best = json.loads(command("report", run / "sized.h5", "--json").stdout)
     for name in NAMES:
-        assert name in said
+        assert label_of(name) in said
         assert name in best["best"][0]
     assert best["further"] == {"end_time": "s", "sizes.spread": "1", "volume_fraction": "1"}
 

@@ -67,13 +67,17 @@ def map_study(options: StudyOptions, size: MapSize) -> Stages:
     source = load_campaign(files[0], options.allow_code)
     scene = map_scene(source, options.settings, size.grains, size.budget)
     scenes = dict(_points(source, options))
-    maps = []
+    maps, refusals = [], list[str]()
     for name in names:
         refusal = PLANES[name].refusal(scene) if name in PLANES else ""
         if refusal and options.map != ALL:
             raise CampaignError(Problem(files[0], None, f"--map {name}", refusal))
-        if name in PLANES and not refusal:
+        if refusal:
+            refusals.append(f"{name}: {refusal}")
+        elif name in PLANES:
             maps.append(PlaneMap(PLANES[name], scene, size))
+    if refusals and not maps:
+        raise CampaignError(Problem(files[0], None, f"--map {ALL}", "; ".join(refusals)))
     directory = Path(options.out)
     directory.mkdir(parents=True, exist_ok=True)
     seconds, samples, stage = 0.0, 0, None

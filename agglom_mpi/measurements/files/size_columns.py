@@ -16,26 +16,40 @@ Role: TypeAlias = Literal[
 ]
 """Role of a column: a size, its edges or the area of a grain's picture; an amount; its error."""
 AMOUNTS: Final[tuple[Role, ...]] = ("passing", "cumulative retained", "retained", "share")
-SIEVES: Final = ("sieve", "sieve size", "class")
+SIEVES: Final = ("sieve", "sieve size", "aperture", "opening", "class")
 """Headings of sizes that are no diameters of single grains."""
 SIZES: Final = ("size", "diameter", "particle size", "particle diameter", *SIEVES)
+_WORDS: Final[dict[str, Role]] = {
+    **{amount: amount for amount in AMOUNTS},
+    **dict.fromkeys(("finer", "undersize", "cumulative passing"), "passing"),
+    **dict.fromkeys(("oversize", "coarser"), "cumulative retained"),
+    **dict.fromkeys(("fraction", "frequency"), "share"),
+}
+"""Amounts by their English words."""
 _WEIGHTS: Final[dict[str, ShareWeight]] = {
     **{"number": "number", "area": "area", "mass": "mass", "volume": "mass"},
+    **{"weight": "mass", "vol": "mass"},
 }
+_SIGNS: Final[dict[str, ShareWeight]] = {"0": "number", "2": "area", "3": "mass"}
+"""What an amount is of, by the digit of its sign in ISO 9276."""
 
 KNOWN_HEADINGS: Final[dict[str, tuple[Role, ShareWeight | None]]] = {
     **dict.fromkeys(SIZES, ("size", None)),
     **{"lower": ("lower", None), "upper": ("upper", None), "area": ("area", None)},
-    **{amount: (amount, None) for amount in AMOUNTS},
+    **{word: (amount, None) for word, amount in _WORDS.items()},
     **{
-        f"{word} {amount}": (amount, weight)
-        for word, weight in _WEIGHTS.items()
-        for amount in AMOUNTS
+        f"{of} {word}": (amount, weight)
+        for of, weight in _WEIGHTS.items()
+        for word, amount in _WORDS.items()
     },
+    **{f"Q{digit}": ("passing", weight) for digit, weight in _SIGNS.items()},
     **{"count": ("share", "number"), "mass": ("share", "mass"), "volume": ("share", "mass")},
-    "error": ("error", None),
+    **dict.fromkeys(("error", "sd", "std"), ("error", None)),
 }
-"""Role of a column and what its amounts are of, by its heading in lower case without the unit."""
+"""Role of a column and what its amounts are of, by its heading without the unit.
+
+Words are in lower case; the signs of ISO 9276 are as written, as q3 is a density.
+"""
 SIZE_HEADINGS: Final = (*SIZES, "lower", "upper", "area")
 
 RELATIVE: Final = ("", "1", "-")
@@ -73,9 +87,13 @@ def size_columns(table: TextTable, stated: Mapping[Heading, Heading]) -> list[Si
     return [column for column in found if column is not None]
 
 
+def _meaning(title: str) -> tuple[Role, ShareWeight | None] | None:
+    return KNOWN_HEADINGS.get(title if title in KNOWN_HEADINGS else title.lower())
+
+
 def _column(position: int, own: Heading, known: Heading) -> SizeColumn | None:
     """Return the column with a heading of the file, and the known heading that it stands for."""
-    role, weight = KNOWN_HEADINGS.get(known.title.lower(), (None, None))
+    role, weight = _meaning(known.title) or (None, None)
     unit = known.unit or own.unit or ""
     unit = "" if unit in RELATIVE else "%" if unit in ("%", "percent") else unit
     is_mass = unit not in ("", "%") and is_unit(unit) and dimensions_of(unit) == {"[mass]": 1.0}

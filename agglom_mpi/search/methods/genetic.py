@@ -113,7 +113,7 @@ class Genetic(PopulationMethod):
         return self.population + (generations - 1) * self.new_strings
 
     def first_sample(self, string: int) -> int:
-        """Return the number that `Campaign.simulate` takes for sample 0 of a string.
+        """Return the number that `verbs.simulate` takes for sample 0 of a string.
 
         It is 0 unless the string is a parent sampled again: its samples then have numbers of their
         own generation, so that they are independent of earlier ones.

@@ -162,7 +162,7 @@ class SearchMethod(Component):
         return None
 
     def first_sample(self, string: int) -> int:
-        """Return the number that `Campaign.simulate` takes for sample 0 of a string."""
+        """Return the number that `verbs.simulate` takes for sample 0 of a string."""
         return 0
 
     @property
