@@ -1,8 +1,11 @@
 """The public campaign file: rows, tables, the best strings and plots."""
 
 import os
+from collections.abc import Callable
+from functools import cache
 from numbers import Integral
 from pathlib import Path
+from types import MethodType
 from typing import TYPE_CHECKING, Any
 
 from agglom_mpi.analysis import finite_size_tables, tables
@@ -21,13 +24,24 @@ if TYPE_CHECKING:
 
     from agglom_mpi.inference.feasible_set import FeasibleSet
     from agglom_mpi.inference.posterior import Posterior
-    from agglom_mpi.report.figures.figure import Figure
     from agglom_mpi.simulation.frames import Frames
 
 __all__ = ["CampaignFile", "NotACampaign", "open_campaign"]
 
 
-class CampaignFile(metaclass=PublicFace):
+class _PlotsFigures(PublicFace):
+    """Class with a method for each figure that the report declares."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("plot_") and name in (known := _plots()):
+            return known[name]
+        raise AttributeError(f"type object {self.__name__!r} has no attribute {name!r}")
+
+    def __dir__(self) -> list[str]:
+        return sorted([*super().__dir__(), *_plots()])
+
+
+class CampaignFile(metaclass=_PlotsFigures):
     """The contents of a campaign file, finished or not; every access reads the file again.
 
     `agglom_mpi.open_campaign(path)` returns it. Tables are pandas DataFrames, one row per string,
@@ -71,13 +85,10 @@ class CampaignFile(metaclass=PublicFace):
         self._opened = data
 
     def __getattr__(self, name: str) -> Any:
-        """Return the function that draws a figure of the report: one of `plots()`."""
-        if name.startswith("plot_") and name in (known := _plots()):
-            return known[name].plotter(self._snapshot)
+        """Return the method that draws a figure of the report."""
+        if name.startswith("plot_"):
+            return MethodType(getattr(type(self), name), self)
         raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-
-    def __dir__(self) -> list[str]:
-        return [*dir(type(self)), *_plots()]
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return the path and the permission: a copy opens the file again."""
@@ -347,11 +358,13 @@ class CampaignFile(metaclass=PublicFace):
             raise ArgumentError.of(self.path, field, error) from None
 
 
-def _plots() -> "dict[str, Figure]":
-    """Return the figures that a file draws, by the names of its methods."""
-    from agglom_mpi.report.figures.figure import plots  # most files are read without figures
+@cache
+def _plots() -> dict[str, Callable[..., Any]]:
+    """Return the methods of a file that draw figures, by their names."""
+    from agglom_mpi.report.figures.figure import figures  # most files are read without these
 
-    return plots()
+    snapshot, every = CampaignFile._snapshot, figures().values()
+    return {figure.method: figure.method_of(snapshot) for figure in every if figure.method}
 
 
 def open_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> CampaignFile:

@@ -2,7 +2,7 @@
 
 import copy
 from collections.abc import Iterable, Mapping
-from math import isfinite, nan, pi
+from math import isfinite, isnan, nan, pi
 from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
@@ -72,6 +72,16 @@ class Variable(NamedTuple):
     def place(self) -> tuple[str | int, ...]:
         """Where a number of the scene stands: fields of the scene and of laws, place in a list."""
         return place_of(self.name)
+
+    @property
+    def section(self) -> str:
+        """Section of the scene that a number of the scene stands in, such as `sizes`."""
+        return str(self.place[0])
+
+    @property
+    def is_used(self) -> bool:
+        """Whether it has a range or a value: the scene depends on it."""
+        return not isnan(self.lower)
 
     @property
     def is_searched(self) -> bool:
@@ -227,7 +237,7 @@ class VariableTable:
     @property
     def used(self) -> tuple[str, ...]:
         """Names of variables that the scene depends on."""
-        return tuple(v.name for v in self.variables if not np.isnan(v.lower))
+        return tuple(v.name for v in self.variables if v.is_used)
 
     @property
     def searched(self) -> tuple[str, ...]:
@@ -274,8 +284,8 @@ class VariableTable:
         Numbers of the scene that are not searched are left out, so that samples are the same
         whether they stand in the scene or here.
         """
-        fixed = set(self.of_scene) - set(self.searched)
-        return string[[name not in fixed for name in self.names]] if fixed else string
+        kept = [v.limits is None or v.is_searched for v in self.variables]
+        return string if all(kept) else string[kept]
 
     def fraction(self, size_ratio: float) -> float:
         """Return the share of the box that the grains fill at the start, by their size ratio."""
@@ -284,17 +294,16 @@ class VariableTable:
     def used_values(self, string: npt.NDArray[np.float64]) -> dict[str, float]:
         """Return the variables of a string, (k,), that the scene uses, by name in SI units."""
         values = self.values_by_name(string)
-        return {name: value for name, value in values.items() if not np.isnan(value)}
+        return {name: value for name, value in values.items() if not isnan(value)}
 
     def used_columns(self, strings: npt.NDArray[np.float64]) -> dict[str, npt.NDArray[np.float64]]:
         """Return the used variables of strings, (n, k), by the names of the file, each (n,)."""
-        used = set(self.used)
-        named = (self.as_named(variable) for variable in self.variables if variable.name in used)
+        named = (self.as_named(variable) for variable in self.variables if variable.is_used)
         return {variable.name: variable.values(strings).copy() for variable in named}
 
     def has_numbers_of(self, section: str) -> bool:
         """Return whether a number of a section of the scene, such as `sizes`, is a variable."""
-        return any(name.split(".")[0] == section for name in self.further_names)
+        return any(variable.section == section for variable in self.further)
 
     def __contains__(self, name: object) -> bool:
         return name in self._places

@@ -149,19 +149,20 @@ class Sentences:
 
     def paragraph(self, block: str) -> str:
         """Return a block as one line."""
-        context = self._template.new_context(self._values)
-        return " ".join("".join(self._template.blocks[block](context)).split())
+        return " ".join(self._render(block).split())
 
     def items(self, block: str) -> tuple[str, ...]:
         """Return the list items of a block, each as one line; an item begins with `- `."""
-        context = self._template.new_context(self._values)
         items: list[list[str]] = []
-        for line in textwrap.dedent("".join(self._template.blocks[block](context))).splitlines():
+        for line in textwrap.dedent(self._render(block)).splitlines():
             if line.startswith("- "):
                 items.append(line[2:].split())
             elif items:
                 items[-1] += line.split()
         return tuple(" ".join(words) for words in items)
+
+    def _render(self, block: str) -> str:
+        return "".join(self._template.blocks[block](self._template.new_context(self._values)))
 
     def section(
         self, title: str, figures: Sequence[Drawing] = (), tables: Sequence[ReportTable] = ()

@@ -303,6 +303,7 @@ class Study(Experiment):
 
     def collect(self, file: CampaignData) -> dict[str, Rows]:
         """Return the samples of each set-up by its name, completed and failed, in order."""
+        file.all_sample_rows()  # read once: without, each set-up opens the file
         used = file.samples_used
         return {
             name: file.sample_rows(string)[: used.get(string, 0)]

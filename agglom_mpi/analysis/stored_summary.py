@@ -1,4 +1,4 @@
-"""What `agglom report` prints of a campaign whose code may not run: what its tables state."""
+"""Output of `agglom report` for a campaign whose code may not run: the stored numbers."""
 
 import json
 from typing import TYPE_CHECKING, Any

@@ -91,7 +91,7 @@ def collect_summary(file: CampaignData, best: int = 6) -> Summary:
         samples_per_second=(len(samples) + file.volume_count) / seconds if seconds else 0.0,
         derived={column.name: column.unit for column in derived_columns(file)},
         best=collect_best(file, best),
-        verdict=_verdict(file),
+        verdict=file.derived(_verdict),
         further={variable.name: variable.unit for variable in file.variables.further},
     )
 
@@ -121,7 +121,7 @@ def describe_best(file: CampaignData, shown: Sequence[int]) -> list[str]:
     """Return lines on the order of the best strings, their fit to data and their finite size."""
     known = rank_strings(file).estimates
     estimated = {estimate.string for estimate in known}.intersection(shown)
-    lines = describe_bias(_verdict(file), shown, len(estimated))
+    lines = describe_bias(file.derived(_verdict), shown, len(estimated))
     fit = describe_fit(file, shown[0]) if shown else []
     return [*lines, *objective_of(file).notes, *fit, *describe_finite_size(file, shown)]
 

@@ -1,6 +1,7 @@
 """The share of the search box that satisfies the constraints, by random strings."""
 
 import math
+from functools import lru_cache
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
@@ -50,6 +51,7 @@ class AllowedShare(NamedTuple):
         return f"{percent} % (± {format_digits(100.0 * self.error, 1)} %)"
 
 
+@lru_cache(1)  # a command asks several times for the campaign that it is about
 def allowed_share(campaign: "Campaign") -> AllowedShare:
     """Return the share of the box that a campaign's constraints allow."""
     space = SearchSpace.of(campaign.variables)

@@ -193,7 +193,7 @@ def check_required(
             problems.append(((name,), message))
     idle = {law.key for law in scene.laws() if not law.is_used}
     for variable in table.further:
-        entry, key = entries[variable.name], variable.name.split(".")[0]
+        entry, key = entries[variable.name], variable.section
         if key in idle and entry is not None and entry.is_searched:
             message = "is a range, but nothing in the scene depends on it; leave it out"
             problems.append(((variable.name,), message))

@@ -306,7 +306,7 @@ def _variables(campaign: "Campaign") -> list[str]:
     box, lines = campaign.variables, []
     width = max([18, *(len(name) + 1 for name in box.further_names)])
     for variable in box.variables:
-        if variable.name in box.used:
+        if variable.is_used:
             own = box.as_named(variable)
             value = (
                 f"{own.lower:g} .. {own.upper:g}" if own.is_searched else f"{own.lower:g} (fixed)"

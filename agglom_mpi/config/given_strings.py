@@ -90,7 +90,7 @@ def read_strings(campaign: "Campaign", parameters: Parameters, share: float = 0.
         raise ArgumentError.of(campaign.name, "parameters", message) from None
     strings = np.tile(box.at(share), (*shape, 1))
     for name, (_, values) in columns.items():
-        if name in box.used:
+        if box[name].is_used:
             strings[:, box.index(name)] = values
     return strings
 

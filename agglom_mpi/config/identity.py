@@ -21,14 +21,14 @@ def identity(campaign: "Campaign") -> dict[str, object]:
     that differs in these continues the same file.
     """
     variables = campaign.variables
-    boxes = {
-        v.name: (v.lower, v.upper, v.scale) if v.scale else (v.lower, v.upper)
-        for v in variables.variables
-    }
     sections = {
         "seed": campaign.seed,
         "scene": campaign.scene.entries(),
-        "variables": {name: boxes[name] for name in variables.used},
+        "variables": {
+            v.name: (v.lower, v.upper, v.scale) if v.scale else (v.lower, v.upper)
+            for v in variables.variables
+            if v.is_used
+        },
         "objective": objective(campaign),
     }
     if campaign.relations.constraints:
@@ -52,7 +52,7 @@ def _given_as_variables(variables: "VariableTable") -> Iterator[str]:
 
     for name in variables.of_scene:
         yield name
-        if name in SIZES:  # each of which is recorded as the diameter or the half-width
+        if name in SIZES:  # the identity has the diameter or the half-width instead
             yield from SIZES
 
 

@@ -18,7 +18,6 @@ from agglom_mpi.config.yaml_source import read_text
 from agglom_mpi.declaration.own_modules import executed
 from agglom_mpi.declaration.reading import NO_OWN, OwnComponents, Reading
 from agglom_mpi.measurements.files.campaign_files import FilesBeside, RecordedFiles
-from agglom_mpi.variables import TEN, VOLUME_FRACTION, VariableTable
 
 
 def load_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> Campaign:
@@ -66,14 +65,8 @@ def campaign_of_record(
     CampaignError
         If the text is damaged.
     """
-    reading = Reading(True, own, _recorded_variables(identity), RecordedFiles(identity))
+    reading = Reading(recorded=True, own=own, files=RecordedFiles(identity))
     return Campaign.from_text(text, name, allowed or recorded_function(identity), reading)
-
-
-def _recorded_variables(identity: Mapping[str, Any]) -> VariableTable:
-    """Return the ten variables, and the volume fraction if it is one of its own."""
-    own = any(entry.startswith(f"variables.{VOLUME_FRACTION.name}.") for entry in identity)
-    return VariableTable((VOLUME_FRACTION,)) if own else TEN
 
 
 def _with_function(

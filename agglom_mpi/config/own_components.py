@@ -184,9 +184,9 @@ def _modules(texts: Mapping[str, Any]) -> list[OwnModule]:
                 str(each["file"]),
                 each["source"].encode() if "source" in each else base64.b64decode(each["base64"]),
             )
-            for each in _parsed(texts.get(OWN_MODULES, "[]"))
+            for each in json.loads(texts.get(OWN_MODULES, "[]"))
         ]
-    except (AttributeError, LookupError, TypeError, ValueError):
+    except (AttributeError, LookupError, RecursionError, TypeError, ValueError):
         raise ValueError("the file's sources of own components are damaged") from None
 
 
@@ -238,10 +238,3 @@ class RecordedModules(OwnComponents):
             raise CodeNotAllowedError(f"{name} is code of one's own; --allow-code runs it")
         own = OwnModule.of(file, own.source, self._folder)
         return class_in(own._replace(values=self._values[own.sha256]), own_class)
-
-
-def _parsed(text: str) -> Any:
-    try:
-        return json.loads(text)
-    except (RecursionError, ValueError):
-        raise ValueError("the file's description of own components is damaged") from None

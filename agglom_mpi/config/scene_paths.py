@@ -94,14 +94,16 @@ def _places(field: DeclaredField) -> int:
 def law_of_entry(
     scene: Mapping[str, Any], key: str, reading: Reading = PLAIN
 ) -> type[Component] | None:
-    """Return the class of the law in a field of a scene; None if the field holds none.
+    """Return the class of the law in a field of a scene; None if there is no such field or law.
 
     Raises
     ------
     UnknownComponentError, ValueError
         If the scene names none that is known.
     """
-    field = SceneSection.model_fields[key]
+    field = SceneSection.model_fields.get(key)
+    if field is None:
+        return None
     choice = choice_of(field)
     if choice is None:
         kind = field.annotation
@@ -122,7 +124,8 @@ def find_path(name: str, scene: Mapping[str, Any], reading: Reading = PLAIN) -> 
     """
     known = paths_of(scene, reading)
     if name not in known:
-        same = [path for path in known if path.split(".")[0] == name.split(".")[0]]
+        section = name.split(".")[0]
+        same = [path.name for path in known.values() if path.section == section]
         allowed = f"allowed: {', '.join(same)}" if same else suggestion(name, list(known))
         raise ValueError(f"is no number of the scene that can be searched; {allowed}")
     if len(name.encode()) > MAX_VARIABLE_NAME:
@@ -280,7 +283,7 @@ def read_paths(source: Source, reading: Reading) -> PathEntries:
     table = VariableTable(found)
     with suppress(ValidationError):  # which is reported with all else
         whole = SceneSection.model_validate(whole, context=reading)
-        if VOLUME_FRACTION.name in variables and _changes_volume(whole, ranges, reading):
+        if VOLUME_FRACTION.name in variables and _changes_volume(whole, ranges):
             table = VariableTable([*found, VOLUME_FRACTION])
         table = table.with_ranges({}, third_moment=whole.third_moment)
     kept = {key: entry for key, entry in variables.items() if key not in refused}
@@ -294,10 +297,9 @@ def _known_paths(
     """Return the paths among keys, what is wrong with others, and the keys that are reported."""
     found, problems, refused = [], [], set()
     for key in keys:
-        place, law = (SECTION, key), key.split(".")[0]
+        place = SECTION, key
         try:
-            if law in SceneSection.model_fields:
-                law_of_entry(scene, law, reading)
+            law_of_entry(scene, key.split(".")[0], reading)
         except ValueError:  # which the scene's own errors say
             refused.add(key)
             continue
@@ -309,10 +311,15 @@ def _known_paths(
                 message = f"is also given by the scene, line {at}; a number stands in one place"
                 problems.append(source.problem(place, message))
         except ValueError as error:
-            if law in SceneSection.model_fields or "." in key:
+            if _is_path(key):
                 problems.append(source.problem(place, str(error)))
                 refused.add(key)
     return found, problems, refused
+
+
+def _is_path(key: str) -> bool:
+    """Return whether a key is meant for a number of the scene, not for a variable of the papers."""
+    return "." in key or key in SceneSection.model_fields
 
 
 def _middle(entry: Variable) -> float:
@@ -325,16 +332,14 @@ def _middle(entry: Variable) -> float:
     return min(max(middle, lower), upper)
 
 
-def _changes_volume(
-    section: SceneSection, ranges: Mapping[str, Variable], reading: Reading
-) -> bool:
+def _changes_volume(section: SceneSection, ranges: Mapping[str, Variable]) -> bool:
     """Return whether the third moment of the sizes differs over the box.
 
     A volume fraction, which then stands for different size ratios, is a variable of its own.
     """
     try:
         for name, entry in ranges.items():
-            if name.startswith("sizes."):
+            if entry.section == "sizes":
                 for end in (entry.lower, entry.upper):
                     cubes = with_numbers(section, {name: end}).third_moment
                     if abs(cubes - section.third_moment) > 1e-12 * cubes:

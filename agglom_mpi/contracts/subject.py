@@ -198,7 +198,7 @@ class Case:
     numbers
         Those asked for so far, or given, in SI units.
     origin
-        The case from which this one was made by other numbers; it gets what is drawn here, too.
+        The original of a case with other numbers; numbers drawn here are its numbers, too.
     """
 
     def __init__(
@@ -245,7 +245,12 @@ class Case:
     def call(self, formula: str, *arguments: Any) -> Any:
         """Return what a formula of the law gives: the compiled one if there is one."""
         plain = getattr(type(self.subject.tested), formula)
-        return self.subject.compiled.get(formula, plain)(self.law.build(self.values), *arguments)
+        return self.subject.compiled.get(formula, plain)(self.built, *arguments)
+
+    @cached_property
+    def built(self) -> Any:
+        """The law's numbers as kernels see them."""
+        return self.law.build(self.values)
 
     @cached_property
     def values(self) -> Mapping[str, float]:

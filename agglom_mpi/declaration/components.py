@@ -241,7 +241,7 @@ class Component(Declared):
     def components(cls) -> dict[str, type[Self]]:
         """Return the components of this kind by name, by module and in the order of declaration."""
         if cls.found_in:
-            _import_modules(cls.found_in)
+            import_modules(cls.found_in)
         return {
             name: each
             for each in sorted(_subclasses(cls), key=lambda each: each.__module__)
@@ -303,7 +303,7 @@ def components_within(component: Component) -> Iterator[Component]:
 
 
 @cache
-def _import_modules(package: str) -> None:
+def import_modules(package: str) -> None:
     """Import the modules of a package, so that the components that they declare are known."""
     for module in pkgutil.iter_modules(import_module(package).__path__):
         import_module(f"{package}.{module.name}")

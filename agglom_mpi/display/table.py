@@ -8,6 +8,7 @@ import csv
 import io
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Final, NamedTuple
 
 from rich.cells import cell_len
@@ -102,18 +103,18 @@ class Table:
     mark: str = ""
     gap: int = INDENT
 
-    @property
+    @cached_property
     def shown(self) -> list[Column]:
         """The first column, and the others that have a cell."""
         first, *others = self.columns
         return [first, *(each for each in others if any(each.cell(row) for row in self.rows))]
 
-    @property
+    @cached_property
     def headings(self) -> list[str]:
         """Headings of the columns."""
         return [column.heading for column in self.shown]
 
-    @property
+    @cached_property
     def cells(self) -> list[list[str]]:
         """Texts of the rows."""
         shown = self.shown
@@ -152,7 +153,7 @@ class Table:
 
 
 class _Layout(NamedTuple):
-    """Lines of texts, the first of which are headings, in columns side by side as far as they fit.
+    """Headings and lines of texts, in columns side by side as far as they fit.
 
     The others follow below, in as many pieces as it takes, each with the first column again. Where
     a column has no room beside the first one, each row is a paragraph with a line for each cell.

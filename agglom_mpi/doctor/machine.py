@@ -26,7 +26,7 @@ def answer_of(
     Raises
     ------
     OSError, subprocess.TimeoutExpired
-        If it cannot be started, or does not end in so many seconds.
+        If it cannot be started, or does not end in that time.
     """
     return subprocess.run(
         words,

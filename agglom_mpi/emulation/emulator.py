@@ -12,7 +12,6 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import digamma, gammaincinv, ndtri, polygamma
-from scipy.stats import qmc
 
 from agglom_mpi.emulation.gaussian_process import Covariance, Floats, GaussianProcess
 from agglom_mpi.emulation.likelihood_fit import LargeFit
@@ -193,6 +192,8 @@ def _unit_frequencies(dimensions: int, random: np.random.Generator) -> Floats:
 
     They have Student's t distribution with five degrees of freedom [RW 4.15], for unit lengths.
     """
+    from scipy.stats import qmc  # takes half a second to load
+
     even = qmc.Sobol(dimensions + 1, seed=random).random(FREQUENCY_COUNT)
     stretch = np.sqrt(2.0 * gammaincinv(2.5, even[:, 0]) / 5.0)
     return np.asarray((ndtri(even[:, 1:]) / stretch[:, None]).T)

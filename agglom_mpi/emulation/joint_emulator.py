@@ -6,7 +6,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
-from scipy.stats import qmc
 
 from agglom_mpi.emulation.emulator import Emulator, merge_samples
 from agglom_mpi.emulation.gaussian_process import Floats
@@ -72,6 +71,8 @@ class JointEmulator:
         self._is_single = k == 1
         self._normal = np.empty((0, 1))
         if k > 1:  # evenly spread
+            from scipy.stats import qmc  # takes half a second to load
+
             self._normal = np.asarray(ndtri(qmc.Sobol(k, seed=1).random(NORMAL_POINTS)))
 
     @property

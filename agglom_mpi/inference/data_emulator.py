@@ -207,7 +207,7 @@ class EmulatedData(EmulatedBox):
 
     @property
     def criterion_text(self) -> str:
-        """What draws are compatible with."""
+        """Measured or wanted values that the draws are compatible with."""
         return f"data: {', '.join(datum.name for datum in self.data)}"
 
     def entries(self) -> dict[str, Any]:

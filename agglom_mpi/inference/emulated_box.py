@@ -19,7 +19,7 @@ EMULATOR_STREAM, FAILURE_STREAM = range(2)
 
 
 class EmulatedStrings(NamedTuple):
-    """What an emulator knows of strings.
+    """An emulator with its strings: means, failures and coordinates.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ class EmulatedBox:
 def failure_emulator(
     points: Floats, failed: NDArray[np.bool_], random: np.random.Generator, groups: int = 0
 ) -> Emulator | None:
-    """Return a regression of which strings failed; None where none did.
+    """Return a regression of the failures of strings; None where none failed.
 
     Parameters
     ----------

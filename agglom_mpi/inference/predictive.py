@@ -1,4 +1,4 @@
-"""What a posterior of data predicts for each datum, and how well that agrees."""
+"""Predictions of each datum by a posterior of data, and their agreement with it."""
 
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple

@@ -1,4 +1,4 @@
-"""What was measured, with the covariance of its errors, and what the samples of a string predict.
+"""Measured data with the covariance of their errors, and the predictions of a string.
 
 All values are in SI units. `files.size_curve` makes shares and their covariance of what
 laboratories report: a cumulative curve, a histogram, or single diameters.

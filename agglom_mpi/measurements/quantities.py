@@ -18,7 +18,7 @@ from agglom_mpi.measurements.sample_sums import SampleSums, left_out_sums
 Floats = NDArray[np.float64]
 
 PARTICLE_WEIGHTS: Final = ("number", "area", "mass")
-"""What a particle counts by in a distribution: 1, its surface, or its mass."""
+"""Weights of a particle in a distribution: 1, its surface, or its mass."""
 
 
 class AssumedError(NamedTuple):
@@ -60,8 +60,8 @@ class MeasuredQuantity(Component):
     share
         Share of the particles below it; None unless it is a quantile.
     next_weights
-        Weights by which it may be measured next. Each number stands once: none is a function of
-        another one. Empty if it is proposed under another name.
+        Weights of the measurements that may be proposed next. Each number stands once: none is a
+        function of another one. Empty if it is proposed under another name.
     assumed_error
         Error of a further measurement where the data have none of its kind.
     shown_as, factor
@@ -90,7 +90,7 @@ class MeasuredQuantity(Component):
 
     @property
     def summary(self) -> str:
-        """What is measured."""
+        """Name of the measured quantity."""
         return str(type(self).__doc__)
 
     @needed

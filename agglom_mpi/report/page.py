@@ -130,6 +130,7 @@ def render(page: Page) -> str:
         keep_trailing_newline=True,
     )
     environment.globals["csv"] = _csv
+    environment.filters["typeset"] = _typeset
     data = page.data
     judged, rows = data.result_rows(), data.all_sample_rows()
     summary = (
@@ -147,15 +148,15 @@ def render(page: Page) -> str:
 
 
 def _safe(value: Any) -> Any:
-    """Return what the template writes, printable, with the radius of the start as figures show it.
+    """Return what the template writes, printable: nothing in it turns or hides other texts."""
+    return type(value)(printable(value)) if isinstance(value, str) else value
 
-    Printable texts have nothing that would turn or hide others.
-    """
-    if not isinstance(value, str):
-        return value
-    return type(value)(printable(value).replace("b/b0", "b/b⁰"))
+
+def _typeset(text: str) -> str:
+    """Return a text of the report with the radius of the start as figures show it."""
+    return text.replace("b/b0", "b/b⁰")
 
 
 def _csv(table: Table) -> str:
     """Return a table as a `data:` URI of a CSV file, which needs no server and no script."""
-    return f"data:text/csv;charset=utf-8,{quote(table.csv())}"
+    return f"data:text/csv;charset=utf-8,{quote(_typeset(table.csv()))}"

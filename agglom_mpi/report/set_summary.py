@@ -1,6 +1,5 @@
 """The feasible set of a campaign as text and as plain values for JSON."""
 
-import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Final
 
@@ -9,7 +8,7 @@ from rich.console import Group, RenderableType
 from agglom_mpi.analysis.shown_units import shown_unit
 from agglom_mpi.config.allowed_share import allowed_share
 from agglom_mpi.display.table import Column, Facts, Table
-from agglom_mpi.formatting import axis_label, format_percent, value_with_error
+from agglom_mpi.formatting import axis_label, format_percent, value_with_error, without_nan
 from agglom_mpi.inference.emulated_set import BOX_POINTS
 from agglom_mpi.inference.feasible_set import FeasibleSet
 from agglom_mpi.inference.set_directions import name_ends, rounded
@@ -271,7 +270,7 @@ def set_as_dict(of: FeasibleSet, posterior: "Posterior | None" = None) -> dict[s
         "allowed": of.allowed,
         "inner": of.inner,
         "outer": of.outer,
-        "expected_error": None if of.empty else finite(of.expected_error),
+        "expected_error": None if of.empty else without_nan(of.expected_error),
         "samples_to_halve": samples_to_halve(of) if of.volume > 0.0 and not of.empty else None,
         "failed_strings": of.failing,
         "favours_low_objectives": of.favours_low_objectives,
@@ -285,11 +284,6 @@ def set_as_dict(of: FeasibleSet, posterior: "Posterior | None" = None) -> dict[s
     if posterior is not None:
         found["posterior"] = posterior.as_dict()
     return found
-
-
-def finite(value: float) -> float | None:
-    """Return a number, or None if it is not finite, which JSON cannot express."""
-    return value if math.isfinite(value) else None
 
 
 def grid_table(of: FeasibleSet, most: int = 20_000) -> "pd.DataFrame":

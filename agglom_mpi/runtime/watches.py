@@ -1,4 +1,4 @@
-"""Threads that end a rank of which nobody else would: the launcher is gone, or rank 0 is silent.
+"""Threads that end a rank whose launcher is gone, or whose rank 0 is silent.
 
 Also of that: one rank of each host reports that rank 0 is silent. Rank 0 in its turn observes the
 others in `silence`.

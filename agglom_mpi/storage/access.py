@@ -244,8 +244,7 @@ def _explain(path: Path, message: str) -> NotACampaign:
 
 def _check_tables(file: h5py.File, path: Path) -> None:
     attributes = _attributes(file)
-    check_attributes(attributes)
-    sizes = TableSizes.of(attributes)
+    sizes = check_attributes(attributes)
     # The attributes do not state how long these are.
     unstated = {name: len(file[name]) for name in ("generations", "legs", "failures")}
     capacities = sizes.capacities() | unstated

@@ -20,8 +20,8 @@ _TEXTS_OPTIONAL: Final = ("purpose", QUANTITIES, CENSUS, OWN_MODULES, OWN_COMPON
 """Texts that older files lack, and those of campaigns without code of one's own."""
 
 
-def check_attributes(attributes: Mapping[str, Any]) -> None:
-    """Raise a ValueError if the attributes of a file are not what a campaign file has.
+def check_attributes(attributes: Mapping[str, Any]) -> TableSizes:
+    """Return the sizes of a file; raise a ValueError if its attributes are of no campaign file.
 
     The identity must have the digest that is stored with it, so that its entries are those that
     were written.
@@ -35,8 +35,8 @@ def check_attributes(attributes: Mapping[str, Any]) -> None:
             raise ValueError(f"attribute {name} is no whole number of at least {least}")
     if attributes.get("fresh_from", 0) > attributes["max_samples"]:
         raise ValueError("attribute fresh_from is above max_samples")
-    TableSizes.of(attributes)
     identity_of(attributes)
+    return TableSizes.of(attributes)
 
 
 def _is_text(value: Any) -> bool:

@@ -107,7 +107,8 @@ def enlarge_campaign_file(path: str | os.PathLike[str], sizes: TableSizes) -> bo
         with atomic_file(path, replace=True) as temporary, new_file(temporary) as (new, _):
             _lay_out(new, attributes | wanted.counts(), wanted)
             for schema in known.tables():
-                _copy(old, new, schema, path)
+                rooms = _samples_of_string(known, schema), _samples_of_string(wanted, schema)
+                _copy(old, new, schema, path, *rooms)
             if CHECKSUMS in attributes:
                 write_checksums(new)
         return True
@@ -151,23 +152,23 @@ def _variable_rows(variables: VariableTable, lower: np.ndarray, upper: np.ndarra
     return rows
 
 
-def _samples_of_string(file: h5py.File, schema: TableSchema) -> int:
+def _samples_of_string(sizes: TableSizes, schema: TableSchema) -> int:
     """Return how many rows a table of samples has of each string; 0 of another table."""
-    sizes = TableSizes.of(file.attrs)
     return {BY_SAMPLE: sizes.sample_room, IN_VOLUME: sizes.fresh}.get(schema.row, 0)
 
 
-def _copy(old: h5py.File, new: h5py.File, schema: TableSchema, path: Path) -> None:
+def _copy(
+    old: h5py.File, new: h5py.File, schema: TableSchema, path: Path, before: int, after: int
+) -> None:
     """Copy the final rows of a table as they are, checksums included; holes stay holes.
 
-    Where rows are by string and sample they keep these, whatever the room for samples.
+    Rows by string and sample keep these, whatever the room for samples before and after.
     """
     if not schema.final:
         Rows(new[schema.name], path).write(0, Rows(old[schema.name], path).read_all())
         return
     source_table, target = Table(old, schema.name, path), Table(new, schema.name, path)
     step = max(1, _COPY_BYTES // schema.dtype.itemsize)
-    before, after = (_samples_of_string(file, schema) for file in (old, new))
     for first, count in source_table.runs():
         at = first
         while at < first + count:

@@ -23,7 +23,7 @@ _LOCKED_BYTE: Final = 1 << 62
 """Offset of the locked byte of a campaign file, far beyond its end: no lock of MPI-IO on data
 includes it."""
 NOTES_OFFSET: Final = 4096
-"""Place in the lock file from which ranks note their samples; the text on the holder is before."""
+"""Offset in the lock file at which ranks note their samples, behind the text on the holder."""
 _DATA_LOCK: Final = struct.pack("@hhqqi4x", fcntl.F_WRLCK, os.SEEK_SET, _LOCKED_BYTE, 1, 0)
 """A `struct flock` for writing."""
 

@@ -1,1 +1,1 @@
-"""What a campaign is asked from Python: samples, estimates, and a search in one's own loop."""
+"""Verbs of a campaign in Python: samples, estimates, and a search in one's own loop."""

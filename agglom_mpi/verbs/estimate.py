@@ -11,7 +11,7 @@ import numpy.typing as npt
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.derived import columns_of
 from agglom_mpi.config.given_strings import read_string
-from agglom_mpi.formatting import format_mean, in_unit, pluralise, value_with_error
+from agglom_mpi.formatting import format_mean, in_unit, pluralise, value_with_error, without_nan
 from agglom_mpi.outcome import LEDGER
 from agglom_mpi.physics.scales import half_width
 from agglom_mpi.public_face import PublicFace
@@ -122,7 +122,7 @@ class StringEstimate(metaclass=PublicFace):
         found = {
             "parameters": self.parameters,
             "derived": {
-                name: {"value": _finite(value), "unit": unit}
+                name: {"value": without_nan(value), "unit": unit}
                 for name, (value, unit) in self.derived.items()
             },
             "samples": self.samples,
@@ -192,12 +192,8 @@ def _line(name: str, value: float, unit: str) -> str:
     return in_unit(f"  {name:<22}{value:.6g}", unit)
 
 
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
-
-
 def _plain(mean: MeanEstimate) -> dict[str, float | None]:
-    return {"mean": _finite(mean.value), "standard_error": _finite(mean.error)}
+    return {"mean": without_nan(mean.value), "standard_error": without_nan(mean.error)}
 
 
 def estimate(

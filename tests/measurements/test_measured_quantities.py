@@ -1,4 +1,4 @@
-"""What each quantity states of itself, and what follows from one more class."""
+"""Declarations of measured quantities, and a quantity that a test adds."""
 
 from typing import Literal
 

@@ -88,8 +88,9 @@ def map_study(options: StudyOptions, size: MapSize) -> Stages:
         if setups or stage is None:
             stage = f"map_{level}.h5", Study(source, setups, BUDGET)
         file = yield stage
+        found = stage[1].collect(file)
         for plane_map in maps:
-            plane_map.take(level, stage[1].collect(file))
+            plane_map.take(level, found)
         rows = file.all_sample_rows()
         seconds, samples = seconds + float(time_on_free_core(rows).sum()), samples + len(rows)
     sections = [

@@ -35,7 +35,7 @@ NEAR: Final = 1e-3
 
 
 class Material(NamedTuple):
-    """What decides restitution, besides X.
+    """Quantities that decide restitution, besides X.
 
     Attributes
     ----------

@@ -58,14 +58,15 @@ def control_volume_part(scene: StudiedScene) -> StudyPart:
     end time stay what they are, and only the control volume changes.
     """
     engine, own = event_engine(scene.campaign), scene.campaign.scene
+    end_time = scene.end_time
     setups: dict[str, Setup] = {}
     for number, name in compared_numbers(scene).items():
-        changes: dict[str, object] = {"particles": number, "end_time": scene.end_time}
+        changes: dict[str, object] = {"particles": number, "end_time": end_time}
         if own.half_width is not None:  # it follows from the size of the grains otherwise
             changes["half_width"] = own.half_width * (number / own.particles) ** (1.0 / 3.0)
         setups[name] = scene.setup(None, engine=engine, **changes)
     for factor, name in compared_times(scene).items():
-        setups[name] = scene.setup(None, engine=engine, end_time=factor * scene.end_time)
+        setups[name] = scene.setup(None, engine=engine, end_time=factor * end_time)
     return StudyPart(setups, lambda samples: _section(scene, samples))
 
 

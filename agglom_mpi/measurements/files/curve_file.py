@@ -41,7 +41,7 @@ MAX_CLASSES: Final = 300
 MAX_SUM_DEVIATION: Final = 0.02
 """Maximum deviation from 100 % of the sum of all shares, as sieving loses and rounding leaves."""
 _ROUNDING: Final = 1e-3
-"""Maximum by which a cumulative share may exceed 100 %."""
+"""Maximum excess of a cumulative share over 100 %."""
 
 
 def read_size_curve(folder: Path, name: str, keys: CurveKeys) -> SizeCurve:

@@ -24,7 +24,7 @@ GRAINS_REMEDY: Final = (
     "a file of sizes must have one grain per row. For a curve by mass give a law, such as "
     "{law: lognormal, median: d50, spread: (d84/d16)^0.5, basis: volume}"
 )
-"""What to write instead of a curve or a histogram."""
+"""Advice on a file that is neither a curve nor a histogram."""
 
 
 Diameters: TypeAlias = tuple[tuple[float, ...], bool]

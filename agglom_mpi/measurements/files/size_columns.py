@@ -31,7 +31,7 @@ _WEIGHTS: Final[dict[str, ShareWeight]] = {
     **{"weight": "mass", "vol": "mass"},
 }
 _SIGNS: Final[dict[str, ShareWeight]] = {"0": "number", "2": "area", "3": "mass"}
-"""What an amount is of, by the digit of its sign in ISO 9276."""
+"""Weight of an amount (number, area, mass) by the digit of its sign in ISO 9276."""
 
 KNOWN_HEADINGS: Final[dict[str, tuple[Role, ShareWeight | None]]] = {
     **dict.fromkeys(SIZES, ("size", None)),

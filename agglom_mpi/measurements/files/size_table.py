@@ -181,7 +181,9 @@ class SizeTable:
     def _only(self, columns: list[SizeColumn]) -> SizeColumn:
         """Return a column; raise a FieldError if the entry must name one of several."""
         if len(columns) > 1:
-            message = f"must name one of several columns, {_titles(columns)}; or keep one of them"
+            headings = {(each.heading.title.lower(), each.heading.unit) for each in columns}
+            which = "name one" if len(headings) == len(columns) else "keep one in the file"
+            message = f"must {which} of several columns, {_titles(columns)}"
             raise FieldError((("column",), message))
         return columns[0]
 
@@ -211,16 +213,17 @@ class SizeTable:
         FieldError
             Unless either the heading or the entry gives a unit of this kind.
         """
-        units = [unit for unit in (column.unit, self.keys.unit) if unit]
-        if len(units) == 1:
+        title, own, given = quoted_start(column.heading.title), column.unit, self.keys.unit
+        if own and given:
+            message = f"is {quoted(given)}, but the sizes in column {title} are in {quoted(own)}"
+            raise FieldError((("unit",), f"{message}; leave it out"))
+        if unit := own or given:
             with suppress(ValueError):
-                to_si(f"1 {units[0]}", kind)
-                return units[0]
-        title, found = quoted_start(column.heading.title), " and ".join(map(quoted_start, units))
-        message = (
-            f"is {found or 'missing'} for the sizes in column {title}; must be one in the file"
-        )
-        raise FieldError((("unit",), f"{message} like '{CURVE_EXAMPLE}', or here like '{example}'"))
+                to_si(f"1 {unit}", kind)
+                return unit
+        found = f"is {quoted(unit) if unit else 'missing'} for the sizes in column {title}"
+        must = f"must be one like '{example}', {'in the file' if own else 'here or in the file'}"
+        raise FieldError((("unit",), f"{found}; {must}"))
 
     def rows(self, columns: Sequence[SizeColumn]) -> list[SizeRow]:
         """Return the rows by ascending size, without one of totals.

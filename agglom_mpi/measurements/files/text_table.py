@@ -29,7 +29,7 @@ NO_NUMBER: Final = (
     f"no number with one meaning, 0 or in size from {MAGNITUDES[0]:g} to {MAGNITUDES[1]:g}; write "
     "numbers with a decimal point and without separators of thousands"
 )
-"""What is wrong with a field, and what to write."""
+"""A fault of a field, with a remedy."""
 
 _NUMBER: Final = re.compile(PLAIN_NUMBER, re.ASCII)
 _COMMA_NUMBER: Final = re.compile(r"[+-]?(?:\d+,\d*|,\d+)(?:[eEdD][+-]?\d+)?", re.ASCII)

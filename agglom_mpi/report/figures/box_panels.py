@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from agglom_mpi.analysis.shown_units import shown_unit
 from agglom_mpi.formatting import axis_label
-from agglom_mpi.inference.searched_box import SearchedBox
 from agglom_mpi.report.drawing import few_ticks
 from agglom_mpi.storage.reader import CampaignData
 
 if TYPE_CHECKING:
     import matplotlib.figure
+
+    from agglom_mpi.inference.searched_box import SearchedBox
 
 Floats = NDArray[np.float64]
 
@@ -54,7 +55,7 @@ class BoxPoints(NamedTuple):
         Range that panels span, in units of the box, (d,).
     """
 
-    box: SearchedBox
+    box: "SearchedBox"
     names: list[str]
     shown_units: list[tuple[float, str]]
     units: Floats
@@ -80,7 +81,7 @@ class BoxPoints(NamedTuple):
         return np.asarray(self.box.space.to_unit(marked)[:, place])
 
 
-def shown_units_of(data: CampaignData, box: SearchedBox, names: Sequence[str]) -> Any:
+def shown_units_of(data: CampaignData, box: "SearchedBox", names: Sequence[str]) -> Any:
     """Return factor and label of the unit in which each of some searched variables is shown."""
     own = {each.name: each for each in box.own}
     return [shown_unit(data.campaign_text, name, own[name].unit, own[name].upper) for name in names]

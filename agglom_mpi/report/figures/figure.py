@@ -3,13 +3,11 @@
 A figure is declared by one `Figure` in a module of this package, which registers it.
 """
 
-import pkgutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from importlib import import_module
 from inspect import Parameter, Signature
-from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
@@ -17,8 +15,8 @@ import numpy as np
 from agglom_mpi.analysis.estimates import objective_of
 from agglom_mpi.config.arguments import read_count
 from agglom_mpi.config.yaml_source import ArgumentError
+from agglom_mpi.declaration.components import import_modules
 from agglom_mpi.errors import require_library
-from agglom_mpi.inference.data_posterior import data_posterior
 from agglom_mpi.report.drawing import SIZE, Drawing, note, style_axes
 from agglom_mpi.report.sample_particles import RESIMULATION_SECONDS
 from agglom_mpi.storage.reader import CampaignData
@@ -116,22 +114,26 @@ class Figure:
     def __post_init__(self) -> None:
         FIGURES[self.name] = self
 
-    def plotter(self, snapshot: Callable[[], CampaignData]) -> Callable[..., Any]:
-        """Return the method of a campaign file that plots the figure of its rows as they are."""
+    def method_of(self, snapshot: Callable[[Any], CampaignData]) -> Callable[..., Any]:
+        """Return the method that plots the figure of the rows of a campaign file as they are."""
         kind = Parameter.POSITIONAL_OR_KEYWORD
-        signature = Signature([Parameter(name, kind, default=None) for name in self.takes])
+        taken = [Parameter(name, kind, default=None) for name in self.takes]
+        signature = Signature([Parameter("self", kind), *taken])
 
         def plot(*args: Any, **options: Any) -> Any:
             require_library("matplotlib", "report", "figures")
-            given, data = signature.bind(*args, **options).arguments, snapshot()
+            given = signature.bind(*args, **options).arguments
+            data = snapshot(given.pop("self"))
             target = given.pop("figure" if self.panels else "ax", None)
             if given.get("string") is not None:
                 given["string"] = _count(data, given["string"])
             if "posterior" in self.takes and given.get("posterior") is None:
+                from agglom_mpi.inference.data_posterior import data_posterior  # loads SciPy
+
                 given["posterior"] = data_posterior(data)
             return self.plot(data, target, FigureOptions(plotted=True, **given))
 
-        plot.__name__, plot.__doc__ = self.method, self.meaning
+        plot.__name__, plot.__doc__ = self.method, fill(self.meaning, 92)
         plot.__signature__ = signature  # type: ignore[attr-defined]
         return plot
 
@@ -197,12 +199,5 @@ def _count(data: CampaignData, value: Any) -> int:
 @cache
 def figures() -> dict[str, Figure]:
     """Return all figures by name, in the order in which each section of the page shows them."""
-    for module in pkgutil.iter_modules([str(Path(__file__).parent)]):
-        import_module(f"{__package__}.{module.name}")
+    import_modules(__package__)
     return dict(sorted(FIGURES.items(), key=lambda each: each[1].place))
-
-
-@cache
-def plots() -> dict[str, Figure]:
-    """Return the figures that a campaign file plots, by the names of its methods."""
-    return {figure.method: figure for figure in figures().values() if figure.method}

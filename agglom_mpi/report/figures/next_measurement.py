@@ -1,13 +1,15 @@
 """Share of the box that each further measurement would leave, as bars."""
 
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from agglom_mpi.inference.next_measurement import NextMeasurements
 from agglom_mpi.report.drawing import COLOURS, legend_below, style_axes
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
 from agglom_mpi.storage.reader import CampaignData
+
+if TYPE_CHECKING:
+    from agglom_mpi.inference.next_measurement import NextMeasurements
 
 MAX_BARS: Final = 20
 """Maximum number of measurements that are drawn."""
@@ -17,7 +19,7 @@ TWO_SIDED: Final = 1.96
 """Standard errors in half a 95 % interval of a normal distribution."""
 
 
-def draw_next(ax: Any, found: NextMeasurements) -> Any:
+def draw_next(ax: Any, found: "NextMeasurements") -> Any:
     """Draw the expected volume after each measurement beside that of today; return the axes."""
     style_axes(ax)
     shown = found.ranked[:MAX_BARS]
@@ -41,13 +43,13 @@ def draw_next(ax: Any, found: NextMeasurements) -> Any:
     return ax
 
 
-def _found(_: CampaignData, options: FigureOptions) -> NextMeasurements | None:
+def _found(_: CampaignData, options: FigureOptions) -> "NextMeasurements | None":
     if options.plotted and options.posterior is not None:
         return options.posterior.next_measurements()
     return options.further
 
 
-def _caption(found: NextMeasurements) -> str:
+def _caption(found: "NextMeasurements") -> str:
     left = len(found.ranked) - MAX_BARS
     more = f" The {left} that would leave more are left out." if left > 0 else ""
     return (

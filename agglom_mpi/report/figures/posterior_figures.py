@@ -11,7 +11,6 @@ from agglom_mpi.analysis.shown_units import unit_of_datum
 from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.declaration.units import to_si
 from agglom_mpi.formatting import in_unit
-from agglom_mpi.inference.searched_box import SearchedBox
 from agglom_mpi.report.drawing import COLOURS
 from agglom_mpi.report.figures.box_panels import (
     MAX_PLOTTED_VARIABLES,
@@ -39,6 +38,7 @@ if TYPE_CHECKING:
     import matplotlib.figure
 
     from agglom_mpi.inference.posterior import Posterior
+    from agglom_mpi.inference.searched_box import SearchedBox
 
 Floats = NDArray[np.float64]
 
@@ -111,7 +111,7 @@ def _doubt(posterior: "Posterior") -> str:
     return f" Unreliable: {posterior.warning}." if posterior.warning else ""
 
 
-def _true_value(box: SearchedBox, name: str, value: float | str) -> float:
+def _true_value(box: "SearchedBox", name: str, value: float | str) -> float:
     """Return a value of a searched variable, given as a number or a text, in its SI unit."""
     if name not in box.names:
         raise box.mistaken(name, f"is no searched variable; {suggestion(name, box.names)}")

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from agglom_mpi.formatting import label_of
 from agglom_mpi.inference.emulated_set import BOX_POINTS
-from agglom_mpi.inference.feasible_set import FeasibleSet
 from agglom_mpi.inference.set_points import INNER_PROBABILITY, OUTER_PROBABILITY
 from agglom_mpi.report.drawing import (
     COLOURS,
@@ -39,6 +38,7 @@ from agglom_mpi.storage.reader import CampaignData
 if TYPE_CHECKING:
     import matplotlib.figure
 
+    from agglom_mpi.inference.feasible_set import FeasibleSet
     from agglom_mpi.inference.set_directions import SetVariable
 
 Floats = NDArray[np.float64]
@@ -59,7 +59,7 @@ class PlottedSet(NamedTuple):
     `variables` are the searched ones, the decided ones first.
     """
 
-    of: FeasibleSet
+    of: "FeasibleSet"
     variables: "dict[str, SetVariable]"
     points: BoxPoints
 
@@ -72,13 +72,13 @@ def plotted(data: CampaignData, options: FigureOptions) -> PlottedSet | None:
     return _plotted(data, of)
 
 
-def _calibrated(options: FigureOptions) -> FeasibleSet | None:
+def _calibrated(options: FigureOptions) -> "FeasibleSet | None":
     of = options.feasible_set
     return of if of is not None and of.calibration.passed else None
 
 
 @lru_cache(maxsize=1)  # several figures show it
-def _plotted(data: CampaignData, of: FeasibleSet) -> PlottedSet:
+def _plotted(data: CampaignData, of: "FeasibleSet") -> PlottedSet:
     box, lower, upper = of.emulated.box, of.points.lower, of.points.upper
     strings = box.even_strings(PLOTTED_POINTS, lower, upper)
     ordered = sorted(of.variables, key=lambda each: (each.free, each.kept))
@@ -217,7 +217,7 @@ def _product_label(product: str) -> str:
     ).replace("_", " ")
 
 
-def draw_reach(figure: "matplotlib.figure.Figure", of: FeasibleSet) -> Any:
+def draw_reach(figure: "matplotlib.figure.Figure", of: "FeasibleSet") -> Any:
     """Draw how each compared quantity is spread over the box, and return the axes, (q,)."""
     values = of.emulated.mean_only(of.emulated.box.even_strings(BOX_POINTS))
     bands = of.criterion.bands()
@@ -242,7 +242,7 @@ def draw_reach(figure: "matplotlib.figure.Figure", of: FeasibleSet) -> Any:
     return axes
 
 
-def _combination(of: FeasibleSet, row: dict[str, Any], strings: Floats) -> Floats:
+def _combination(of: "FeasibleSet", row: dict[str, Any], strings: Floats) -> Floats:
     """Return the group that a direction is near, or else its product of powers, (n,)."""
     for group in of.emulated.coordinates.groups:
         if group.symbol == row["group"]:
@@ -253,7 +253,7 @@ def _combination(of: FeasibleSet, row: dict[str, Any], strings: Floats) -> Float
     return np.asarray(np.prod(values ** np.array(powers), axis=1))
 
 
-def draw_reliability(ax: Any, of: FeasibleSet) -> Any:
+def draw_reliability(ax: Any, of: "FeasibleSet") -> Any:
     """Draw observed shares against predicted probabilities, and return the axes."""
     from scipy.stats import beta
 
@@ -302,7 +302,7 @@ def _group(data: CampaignData, options: FigureOptions) -> PlottedSet | None:
     return shown if shown is not None and len(shown.of.directions) else None
 
 
-def _empty(_: CampaignData, options: FigureOptions) -> FeasibleSet | None:
+def _empty(_: CampaignData, options: FigureOptions) -> "FeasibleSet | None":
     of = _calibrated(options)
     return of if of is not None and of.empty else None
 

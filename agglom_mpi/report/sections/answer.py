@@ -12,7 +12,6 @@ from agglom_mpi.analysis.ranking import listed_strings, rank_strings
 from agglom_mpi.analysis.shown_units import column_of, shown_unit
 from agglom_mpi.analysis.summary import describe_best
 from agglom_mpi.analysis.tables import searched_variables
-from agglom_mpi.config.describe import sections
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.display.table import Column, Table
 from agglom_mpi.formatting import label_of, pluralise
@@ -21,7 +20,6 @@ from agglom_mpi.report.posterior_summary import data_posterior_text
 from agglom_mpi.report.sections.section import Block, Page, bullets, note, section, shown, warning
 from agglom_mpi.report.set_summary import set_text
 from agglom_mpi.storage.reader import CampaignData
-from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
 QUESTION: Final = ("objective", "target", "final answer")
 """Lines on a run that stand at the top of the page."""
@@ -33,7 +31,7 @@ MAX_ROWS: Final = 2000
 def question(page: Page) -> Iterator[Block | Table]:
     """Yield the objective and the ranges."""
     try:
-        pairs = [line.partition(": ") for line in sections(recorded_campaign(page.data))[0][1]]
+        pairs = [line.partition(": ") for line in page.described[0][1]]
     except CampaignError:
         pairs = []
     asked = [(name, text) for name, _, text in pairs if name in QUESTION]

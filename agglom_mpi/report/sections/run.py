@@ -7,14 +7,12 @@ from typing import Any, Final
 import numpy as np
 
 from agglom_mpi.analysis.ranking import rank_strings
-from agglom_mpi.config.describe import sections
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.display.table import Column, Table
 from agglom_mpi.formatting import format_duration, pluralise
 from agglom_mpi.outcome import COLUMNS, COMPLETED, FAILED, LEDGER, REASONS
 from agglom_mpi.report.sections.section import Block, Page, bullets, folded, note, section, warning
 from agglom_mpi.storage.reader import CampaignData
-from agglom_mpi.storage.recorded_campaign import recorded_campaign
 from agglom_mpi.storage.schema import FAILURE_CAPACITY
 
 LAST: Final = 20
@@ -134,7 +132,7 @@ def _text(value: bytes) -> str:
 def scene(page: Page) -> Iterator[Block | Table]:
     """Yield the submodels, and what is left out."""
     try:
-        headings = dict(sections(recorded_campaign(page.data)))
+        headings = dict(page.described)
     except CampaignError as error:
         yield warning(f"The campaign's text in the file cannot be read: {error}")
         return

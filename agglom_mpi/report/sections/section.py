@@ -1,21 +1,22 @@
 """A section of the page: a function that yields its blocks, and the register of all sections."""
 
 import io
-import pkgutil
 from collections.abc import Callable, Iterator
-from functools import cache, partial
-from importlib import import_module
+from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from rich.console import Console, RenderableType
 
+from agglom_mpi.config import describe
+from agglom_mpi.declaration.components import import_modules
 from agglom_mpi.display.table import Table
 from agglom_mpi.report import drawing
 from agglom_mpi.report.embedding import EmbeddedFigure, embedded
 from agglom_mpi.report.figures.figure import FigureOptions, figures
 from agglom_mpi.report.sample_particles import FramesUnavailableError
 from agglom_mpi.storage.reader import CampaignData
+from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
 WIDE_TEXT, NARROW_TEXT = 140, 42
 """Number of characters in a line of text on the page, and on that of a narrow screen."""
@@ -51,7 +52,7 @@ def plain_text(content: RenderableType, width: int) -> str:
 
 
 class Page:
-    """What the sections of a page are made of.
+    """Inputs of the sections of a page, and the figures written so far.
 
     Attributes
     ----------
@@ -76,6 +77,11 @@ class Page:
         self.figure_count = 0
         self.why_no_frames = ""
         self._directory = directory
+
+    @cached_property
+    def described(self) -> list[describe.Paragraph]:
+        """The campaign in paragraphs, as `agglom check` prints it; raises a CampaignError."""
+        return describe.sections(recorded_campaign(self.data))
 
     def figures(self, section: str) -> Block:
         """Write the figures of a section that have something to show, and return them."""
@@ -133,6 +139,5 @@ def section(place: int, heading: str) -> Callable[[Any], Any]:
 @cache
 def sections() -> list[Section]:
     """Return all sections in their order."""
-    for module in pkgutil.iter_modules([str(Path(__file__).parent)]):
-        import_module(f"{__package__}.{module.name}")
+    import_modules(__package__)
     return sorted(SECTIONS, key=lambda each: each.place)
