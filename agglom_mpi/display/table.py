@@ -135,12 +135,12 @@ class Table:
         return "\n".join(f"| {' | '.join(line)} |" for line in texts)
 
     def _layout(self) -> "_Layout":
-        lines = [self.headings, *self.cells]
+        lines = entries = [self.headings, *self.cells]
         left = {place for place, column in enumerate(self.shown) if column.text or place == 0}
         if self.upright:
             lines, left = [list(line) for line in zip(*lines, strict=True)], {0}
         widths = [max(map(cell_len, each)) for each in zip(*lines, strict=True)]
-        return _Layout(lines, left, widths, self.gap)
+        return _Layout(lines, entries, left, widths, self.gap)
 
     def __rich_measure__(self, console: Console, options: ConsoleOptions) -> Measurement:
         widths = self._layout().widths
@@ -156,10 +156,12 @@ class _Layout(NamedTuple):
     """Headings and lines of texts, in columns side by side as far as they fit.
 
     The others follow below, in as many pieces as it takes, each with the first column again. Where
-    a column has no room beside the first one, each row is a paragraph with a line for each cell.
+    a column has no room beside the first one, each of the `entries`, the rows of the table even of
+    an upright one, is a paragraph with a line for each cell.
     """
 
     texts: list[list[str]]
+    entries: list[list[str]]
     left: set[int]
     widths: list[int]
     gap: int
@@ -201,7 +203,7 @@ class _Layout(NamedTuple):
 
     def _paragraphs(self, console: Console, room: int) -> Iterator[Text]:
         """Yield for each row its label, and below it each heading with its cell."""
-        (first, *headings), *rows = self.texts
+        (first, *headings), *rows = self.entries
         if first:
             yield Text(first, style="table.header", overflow="fold")
         wide = max(map(cell_len, headings), default=0)

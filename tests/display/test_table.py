@@ -79,6 +79,19 @@ def test_rows_of_an_upright_table_are_columns_of_the_terminal():
     assert lines == ["rank            #1   #2", "hardness (MPa)  67  100"]
 
 
+def test_where_an_upright_table_does_not_fit_each_row_is_a_paragraph():
+    columns = [Column("rank"), Column("activation energy", unit="J/mol"), Column("samples")]
+    rows = [{"rank": "#1", "activation energy": "67.25 ± 0.50", "samples": "9"}, {"rank": "#2"}]
+    assert drawn(Table(columns, rows, upright=True), 32) == [
+        "rank",
+        "#1",
+        "  activation energy (J/mol)",
+        "    67.25 ± 0.50",
+        "  samples                    9",
+        "#2",
+    ]
+
+
 def test_numbers_are_shown_in_the_unit_and_format_of_their_column():
     column = Column("length", unit="mm", format=".3g", size=1e-3)
     assert column.heading == "length (mm)"
