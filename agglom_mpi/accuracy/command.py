@@ -21,7 +21,6 @@ from agglom_mpi.accuracy.study import (
 from agglom_mpi.accuracy.time_integration.control_volume import control_volume_part
 from agglom_mpi.accuracy.time_integration.ensemble import ensemble_part
 from agglom_mpi.accuracy.time_integration.extremes import extremes_part, read_scenes
-from agglom_mpi.accuracy.time_integration.published_method import published_part
 from agglom_mpi.accuracy.time_integration.search_history import history_part
 from agglom_mpi.accuracy.time_integration.steps import StudiedScene, steps_part
 from agglom_mpi.analysis.tables import time_on_free_core, wall_over_cpu
@@ -95,9 +94,11 @@ def scene_study(options: StudyOptions) -> Stages:
         string = campaign.parameters(options.settings)
         values = campaign.variables.used_values(string)
         numbers = {name: values[name] for name in campaign.variables.of_scene}
-        scene = StudiedScene(*closed(campaign, string), size.samples, options.quick)
+        scene = StudiedScene(*closed(campaign, string), size.samples, size.pool, options.quick)
         facts = list(_facts(scene, numbers))
-        parts = list(_parts(scene, size.pool))
+        if refused := scene_error(Setup(scene.campaign, scene.parameters, 1)):
+            raise CampaignError(Problem(scene.campaign.name, None, "scene", refused))
+        parts = [steps_part(scene), ensemble_part(scene), control_volume_part(scene)]
         if options.history:
             history = read_inversion(options.history, options.allow_code)
             parts.append(history_part(history, size.again, campaign.user_function))
@@ -118,26 +119,9 @@ def scene_study(options: StudyOptions) -> Stages:
     }
     title = "stiff and extreme scenes" if campaign is None else first.title or first.name
     done = _extent(study, file, options.quick)
-    busy = busy_lines(
-        wall_over_cpu(file.all_sample_rows()), [s for p in sections.values() for s in p]
-    )
+    busy = busy_lines(wall_over_cpu(file.all_sample_rows()))
     facts = [shlex.join(options.words()), *facts, done, *busy]
     return write_document(Path(options.out), f"Accuracy: {title}", facts, sections)
-
-
-def _parts(scene: "StudiedScene", pool: int) -> Iterator[StudyPart]:
-    """Yield the parts of one scene, in the order of the report.
-
-    The quick study leaves out what would compile further kernels.
-    """
-    refused = scene_error(Setup(scene.campaign, scene.parameters, 1))
-    if refused:
-        raise CampaignError(Problem(scene.campaign.name, None, "scene", refused))
-    yield steps_part(scene)
-    yield ensemble_part(scene, max(pool, scene.samples))
-    yield control_volume_part(scene)
-    if not scene.quick:
-        yield published_part(scene)
 
 
 def _read_sources(options: StudyOptions) -> tuple[Campaign | None, dict[str, Campaign]]:

@@ -8,7 +8,7 @@ import math
 import os
 import platform
 import textwrap
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from agglom_mpi.analysis.tables import csv_texts
+from agglom_mpi.display.table import Column, Table
 from agglom_mpi.errors import require_library
 from agglom_mpi.formatting import (
     format_digits,
@@ -29,7 +30,7 @@ from agglom_mpi.formatting import (
 from agglom_mpi.report.drawing import COLOURS, Drawing, log_ticks, write_drawing
 from agglom_mpi.runtime.provenance import processor
 from agglom_mpi.statistics import MeanEstimate
-from agglom_mpi.stopwatch import BUSY_RATIO, TimeSpent
+from agglom_mpi.stopwatch import BUSY_RATIO
 from agglom_mpi.storage.files import replace_file
 from agglom_mpi.version import __version__
 
@@ -42,68 +43,37 @@ REPORT_NAME: Final = "report.md"
 REPORT_LIBRARIES: Final = {"matplotlib": "figures", "pandas": "tables", "jinja2": "documents"}
 """Optional libraries that a report needs, and what for."""
 MARKERS: Final = "os^DvPX"
-WALL_OVER_CPU: Final = "wall-clock over processor time"
-"""Name of the column of timed loops that shows a busy machine."""
+TIME: Final = "processor time per sample (s)"
+"""Name of the column of the median time."""
+QUARTILES: Final = tuple(
+    f"processor time per sample, {which} quartile (s)" for which in ("lower", "upper")
+)
+"""Names of the columns of the quartiles of the time."""
 
 
-class TableColumn(NamedTuple):
-    """A column of a table in the document: its heading, and the text of a row of the frame."""
+class RowColumn(Column):
+    """A column whose cells show several values of a row, which its format is called with."""
 
-    heading: str
-    text: Callable[[Any], str]
-
-    @classmethod
-    def plain(cls, *names: str) -> "tuple[TableColumn, ...]":
-        """Return columns of a frame as they are, with their names as headings."""
-        return tuple(cls.number(name, "") for name in names)
-
-    @classmethod
-    def number(cls, name: str, spec: str, heading: str = "") -> "TableColumn":
-        """Return a column of a frame in a format; its heading is its name, if none is given."""
-        return cls(heading or name, lambda row: format(row[name], spec))
-
-    @classmethod
-    def percent(cls, name: str, heading: str = "") -> "TableColumn":
-        """Return a column of shares in percent."""
-        return cls(heading or name, lambda row: format_percent(row[name]))
-
-    @classmethod
-    def mean(cls, heading: str, value: str, error: str, samples: str) -> "TableColumn":
-        """Return means with their standard errors, from three columns of a frame."""
-        return cls(
-            heading, lambda row: format_mean(MeanEstimate(row[value], row[error], row[samples]))
-        )
-
-    @classmethod
-    def time(cls, of: str) -> "TableColumn":
-        """Return the column with median and quartiles of the time of a `sample` or an `impact`."""
-        return cls(f"processor time per {of}", lambda row: time_text(row, of))
+    def cell(self, row: Mapping[str, Any]) -> str:
+        """Return the text of a row."""
+        assert callable(self.format)
+        return self.format(row)
 
 
-class ReportTable(NamedTuple):
-    """Numbers of one study: all of them as `NAME.csv`, some as a table in the document.
+def mean_column(heading: str, value: str, error: str, samples: str) -> RowColumn:
+    """Return a column of means with their standard errors, from three values of a row."""
+    return RowColumn(
+        heading,
+        format=lambda row: format_mean(MeanEstimate(row[value], row[error], row[samples])),
+    )
 
-    Attributes
-    ----------
-    name : str
-        File stem of the CSV.
-    caption : str
-        One sentence: what a row is.
-    frame : pandas.DataFrame
-        Everything, unrounded; units in the column names as `seconds per sample (s)`.
-    shown : tuple of TableColumn
-        Columns of the document's table, each called with the rows of `frame`; none: CSV alone.
-    """
 
-    name: str
-    caption: str
-    frame: "pd.DataFrame"
-    shown: tuple[TableColumn, ...] = ()
-
-    def rows(self) -> Iterator[str]:
-        """Yield the rows of the document's table as Markdown."""
-        for _, row in self.frame.iterrows():
-            yield " | ".join(column.text(row).replace("|", "¦") for column in self.shown)
+def frame_table(
+    frame: "pd.DataFrame", title: str, name: str, columns: Sequence[Column] = ()
+) -> Table:
+    """Return a table of the rows of a frame; without columns it is in a CSV file alone."""
+    rows: list[Any] = frame.to_dict("records")
+    return Table(columns, rows, title, name)
 
 
 class ReportSection(NamedTuple):
@@ -115,7 +85,8 @@ class ReportSection(NamedTuple):
     problem, reference, setups : str
         What is asked, what errors are measured against, and what was run; Markdown paragraphs.
     figures : tuple of Drawing
-    tables : tuple of ReportTable
+    tables : tuple of Table
+        Everything is in `NAME.csv`, unrounded; the document has those with columns.
     failures : tuple of str
         What did not work, one sentence each, computed from the data.
     conclusions : tuple of str
@@ -127,7 +98,7 @@ class ReportSection(NamedTuple):
     reference: str
     setups: str
     figures: tuple[Drawing, ...] = ()
-    tables: tuple[ReportTable, ...] = ()
+    tables: tuple[Table, ...] = ()
     failures: tuple[str, ...] = ()
     conclusions: tuple[str, ...] = ()
 
@@ -165,7 +136,7 @@ class Sentences:
         return "".join(self._template.blocks[block](self._template.new_context(self._values)))
 
     def section(
-        self, title: str, figures: Sequence[Drawing] = (), tables: Sequence[ReportTable] = ()
+        self, title: str, figures: Sequence[Drawing] = (), tables: Sequence[Table] = ()
     ) -> ReportSection:
         """Return a section whose texts are the blocks of their names."""
         return ReportSection(
@@ -228,12 +199,14 @@ def write_document(
     chapters
         Sections by the heading that they have in common.
     """
+    import pandas as pd
+
     for section in (section for sections in chapters.values() for section in sections):
         for figure in section.figures:
             write_drawing(directory, figure)
-        for name, _, frame, _ in section.tables:
-            text = csv_texts(frame).to_csv(index=False)
-            replace_file(directory / f"{name}.csv", text.encode())
+        for table in section.tables:
+            text = csv_texts(pd.DataFrame(table.rows)).to_csv(index=False)
+            replace_file(directory / f"{table.name}.csv", text.encode())
     text = (
         _templates()
         .get_template("report.md.j2")
@@ -321,64 +294,40 @@ def draw_curves(
     return axes
 
 
-def time_name(of: str) -> str:
-    """Return the name of the column with the median time of a `sample`, a `run` or an `impact`."""
-    return f"processor time per {of} (s)"
-
-
-def quartile_names(of: str) -> tuple[str, str]:
-    """Return the names of the columns with the lower and the upper quartile of the time."""
-    stem = time_name(of).removesuffix(" (s)")
-    return f"{stem}, lower quartile (s)", f"{stem}, upper quartile (s)"
-
-
-def time_columns(of: str, seconds: ArrayLike) -> dict[str, float]:
-    """Return median and quartiles of times in s, shape (n,), n > 0, as columns of a frame.
+def time_columns(seconds: ArrayLike) -> dict[str, float]:
+    """Return median and quartiles of times of samples in s, shape (n,), n > 0, as columns.
 
     The median is the usual time of a sample. The few samples that an interruption made long would
     decide a mean.
     """
-    names = (time_name(of), *quartile_names(of))
     values = np.percentile(np.asarray(seconds, float), (50.0, 25.0, 75.0))
-    return dict(zip(names, values.tolist(), strict=True))
+    return dict(zip((TIME, *QUARTILES), values.tolist(), strict=True))
 
 
-def time_text(row: Any, of: str) -> str:
-    """Return median and quartiles of a row of a frame: `360 µs (340 µs to 410 µs)`."""
-    names = (time_name(of), *quartile_names(of))
-    median, low, high = (format_seconds(float(row[name])) for name in names)
+def time_text(row: Any) -> str:
+    """Return median and quartiles of a row: `360 µs (340 µs to 410 µs)`."""
+    median, low, high = (format_seconds(float(row[name])) for name in (TIME, *QUARTILES))
     return f"{median} ({low} to {high})"
 
 
-def loop_columns(of: str, times: Sequence[TimeSpent]) -> dict[str, float]:
-    """Return the times of timed loops as columns, with the median ratio of their clocks."""
-    ratio = float(np.median([spent.wall / spent.cpu for spent in times]))
-    return time_columns(of, [spent.cpu for spent in times]) | {WALL_OVER_CPU: ratio}
+TIME_COLUMN: Final = RowColumn("processor time per sample", format=time_text)
 
 
-def busy_lines(samples: float, sections: Sequence[ReportSection] = ()) -> list[str]:
+def busy_lines(ratio: float) -> list[str]:
     """Return a warning about a machine that was busy with other work; empty if it was not.
 
-    Parameters
-    ----------
-    samples
-        Ratio of wall-clock to processor time of all samples; nan where the latter is unknown.
-    sections
-        Sections of the report; the median of each column `WALL_OVER_CPU` in their tables counts.
+    The `ratio` is that of wall-clock to processor time of all samples; nan where the latter is
+    unknown.
     """
-    if math.isnan(samples):
+    if math.isnan(ratio):
         return [
             "times of samples are wall-clock times: an earlier version of the package, which did "
             "not record processor times, has begun the file"
         ]
-    frames = [table.frame for section in sections for table in section.tables]
-    loops = [float(f[WALL_OVER_CPU].median()) for f in frames if WALL_OVER_CPU in f and len(f)]
-    if max([samples, *loops]) <= BUSY_RATIO:
+    if ratio <= BUSY_RATIO:
         return []
-    found = f"samples took {samples:.2g} times their processor time"
-    if loops:
-        found += f", timed loops up to {max(loops):.2g} times theirs"
     return [
-        f"**made on a busy machine**: {found}. All times are processor times, but these also grow "
-        "where others use the caches and the clock rate of the same cores"
+        f"**made on a busy machine**: samples took {ratio:.2g} times their processor time. All "
+        "times are processor times, but these also grow where others use the caches and the clock "
+        "rate of the same cores"
     ]

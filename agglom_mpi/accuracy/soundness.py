@@ -122,7 +122,7 @@ def summary(rows: Rows) -> dict[str, Any]:
         "overlaps per sample": float(np.mean(good["overlaps"])) if len(good) else np.nan,
         "energy error": float(np.max(np.abs(good["energy_error"]))) if len(good) else np.nan,
         "momentum error": float(np.max(good["momentum_error"])) if len(good) else np.nan,
-        **time_columns("sample", time_on_free_core(rows)),
+        **time_columns(time_on_free_core(rows)),
     }
 
 

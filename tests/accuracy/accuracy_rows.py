@@ -1,6 +1,7 @@
 """Sample rows made up for tests of what the report computes from them."""
 
 import numpy as np
+import pandas as pd
 
 from agglom_mpi.outcome import COMPLETED, FAILED
 from agglom_mpi.storage.schema import sample_dtype
@@ -21,3 +22,8 @@ def made_up(ratios, cost=1e-3, failed=(), **columns):
         rows[name] = values
     rows["state"][list(failed)] = FAILED
     return rows
+
+
+def frame_of(table):
+    """Return the rows of a table of a report, as its CSV file has them."""
+    return pd.DataFrame(table.rows)

@@ -23,7 +23,6 @@ from numpy.typing import ArrayLike, NDArray
 
 import agglom_mpi.simulation.event_driven.engine
 import agglom_mpi.simulation.time_driven.steppers  # noqa: F401  (all register their engines)
-from agglom_mpi.accuracy.report import loop_columns
 from agglom_mpi.compilation.kernels import kernel
 from agglom_mpi.compilation.stages import inlined
 from agglom_mpi.physics.contact import CompressionRecoveryDuration, ContactArea
@@ -49,7 +48,6 @@ from agglom_mpi.simulation.particles import (
 from agglom_mpi.simulation.reference_frame import to_box_frame, to_mass_frame
 from agglom_mpi.simulation.scene import Scene, new_engine_state, run_to_end
 from agglom_mpi.statistics import mean_of
-from agglom_mpi.stopwatch import Stopwatch, TimeSpent
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -64,9 +62,6 @@ BUDGET: Final = 20_000
 ROUNDING: Final = 1e-12
 """Errors below this are no part of a fit: the step does not decide them."""
 
-REPETITIONS = 5
-"""Number of runs of a batch; the median and the quartiles of their times are reported."""
-
 
 class FinalStates(NamedTuple):
     """States at the end of every run.
@@ -77,14 +72,11 @@ class FinalStates(NamedTuple):
         Of the particles left, in the order of their slots, shape (runs, 3, grains), m and m/s.
     left
         Particles left, shape (runs,).
-    times
-        Time spent per run, of one batch or of several.
     """
 
     position: Floats
     velocity: Floats
     left: NDArray[np.int64]
-    times: tuple[TimeSpent, ...]
 
 
 @inlined
@@ -123,24 +115,15 @@ def run_batch(scene, grains, particles, engine_state, ledger, position, velocity
 
 
 def run_all(scene: Scene, starts: InitialStates) -> FinalStates:
-    """Run a scene without fragmentation from all starts, timed after its compilation."""
-    _run(scene, InitialStates(starts.position[:1], starts.velocity[:1]))
-    ends = [_run(scene, starts) for _ in range(REPETITIONS)]
-    return ends[0]._replace(times=tuple(spent for end in ends for spent in end.times))
-
-
-def _run(scene: Scene, starts: InitialStates) -> FinalStates:
+    """Run a scene without fragmentation from all starts."""
     position, velocity = starts.position.copy(), starts.velocity.copy()
     left = np.zeros(len(position), np.int64)
     abort = np.zeros(1, np.uint8)
     count = scene.particles
     grains, particles = new_particles(scene, count), new_particles(scene, count)
     state = grains, particles, new_engine_state(scene.engine, scene, count), new_ledger()
-    stopwatch = Stopwatch()
     run_batch(scene, *state, position, velocity, abort, left)
-    spent, runs = stopwatch.read(), len(position)
-    times = (TimeSpent(spent.wall / runs, spent.cpu / runs),)
-    return FinalStates(position, velocity, left, times)
+    return FinalStates(position, velocity, left)
 
 
 def scene_of(case: FewBodyCase, engine: Any) -> Scene:
@@ -269,7 +252,6 @@ def measure(case: FewBodyCase, engine: Any, delays: Floats) -> dict[str, float]:
         "velocity error": speed_error.value,
         "velocity error, standard error": speed_error.error,
         "velocity error, largest": max(velocity, default=math.nan),
-        **loop_columns("run", ends.times),
     }
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from accuracy_rows import made_up
+from accuracy_rows import frame_of, made_up
 
 from agglom_mpi.accuracy.time_integration import control_volume as module
 from agglom_mpi.accuracy.time_integration.steps import EVENT, StudiedScene
@@ -15,7 +15,7 @@ def campaign():
 
 
 def studied(campaign, quick):
-    return StudiedScene(campaign, campaign.parameters(), 9, quick)
+    return StudiedScene(campaign, campaign.parameters(), 9, 9, quick)
 
 
 def test_another_number_of_particles_changes_nothing_but_the_control_volume(campaign):
@@ -71,4 +71,4 @@ def test_each_end_time_has_the_mean_error_and_time_of_its_own_samples(campaign):
     assert last["standard error"] == pytest.approx(later.std(ddof=1) / 10.0, rel=1e-9)
     assert last["processor time per sample (s)"] == pytest.approx(3e-3)
     found = module.control_volume_part(studied(campaign, True)).section(samples)
-    assert [len(table.frame) for table in found.tables] == [3, 3]
+    assert [len(frame_of(table)) for table in found.tables] == [3, 3]

@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from accuracy_rows import frame_of
 
 from agglom_mpi.accuracy.maps.cooling import (
     EXAMPLE_LAW,
@@ -87,12 +88,12 @@ def section():
 
 @pytest.fixture(scope="module")
 def cells(section):
-    return section.tables[1].frame.set_index("method")
+    return frame_of(section.tables[1]).set_index("method")
 
 
 def test_exact_cooling_does_not_depend_on_its_intervals(cells):
     own = cells.loc[EXACT]
-    assert (own["trouble"] == "").all()
+    assert (own["troubles"] == "").all()
     assert (own["relative error of θ"] < 1e-12).all()
 
 
@@ -100,10 +101,10 @@ def test_short_euler_steps_are_sound_and_err_and_long_ones_fail(cells):
     own = cells.loc[EULER]
     step = own["step over the estimated limit"]
     short, long = own[step < 0.5], own[step > 20.0]
-    assert (short["trouble"] == "").all()
+    assert (short["troubles"] == "").all()
     assert ((short["relative error of θ"] > 1e-9) & (short["relative error of θ"] < 0.3)).all()
-    assert (long["trouble"] != "").all()
-    assert set(own["trouble"]) == {"", "overshoots", "below 0 K"}
+    assert (long["troubles"] != "").all()
+    assert set(own["troubles"]) == {"", "overshoots", "below 0 K"}
 
 
 @BOTH

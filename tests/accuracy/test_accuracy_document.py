@@ -11,9 +11,9 @@ from matplotlib.image import imread
 from agglom_mpi.accuracy.report import (
     Curve,
     ReportSection,
-    ReportTable,
-    TableColumn,
+    RowColumn,
     draw_curves,
+    frame_table,
     write_document,
 )
 from agglom_mpi.report.drawing import DOTS_PER_INCH, SIZE, Drawing
@@ -34,13 +34,13 @@ SECTION = ReportSection(
     setups="Two.",
     figures=(Drawing("steps", "Error against steps.", draw),),
     tables=(
-        ReportTable(
-            "steps",
-            "One row is one step.",
+        frame_table(
             FRAME,
-            (TableColumn("step", lambda r: f"{r.iloc[0]}|"),),
+            "One row is one step.",
+            "steps",
+            (RowColumn("step", format=lambda row: f"{row['step (s)']}|"),),
         ),
-        ReportTable("hidden", "Not shown.", FRAME),
+        frame_table(FRAME, "Not shown.", "hidden"),
     ),
     failures=("The first one failed.",),
     conclusions=("Steps cost time.",),

@@ -5,6 +5,7 @@ import sys
 import matplotlib.figure
 import numpy as np
 import pytest
+from accuracy_rows import frame_of
 from goals import growth_target, maximum_growth
 from rules import difference, ensemble_of, half_width, settled_moments
 
@@ -179,14 +180,14 @@ def test_error_of_a_fixed_number_is_the_spread_over_its_root():
         assert abs(np.mean(squares) - truth.spread**2 / samples) < 4.0 * error
 
 
-def frame_of(pool, samples, orders, seed):
+def rules_on(pool, samples, orders, seed):
     objective = growth_target()
     rules = families(truth_of(pool, objective), samples)
     return study(pool, objective, rules, drawn(pool, samples, orders, seed))
 
 
 def test_published_rule_stops_by_luck():
-    frame = frame_of(normal_pool(5000, 2.0, 0.1, seed=10), 400, 1000, seed=11)
+    frame = rules_on(normal_pool(5000, 2.0, 0.1, seed=10), 400, 1000, seed=11)
     row = frame[(frame["rule"] == FIRST_MOMENT) & (frame["tolerance"] == 1e-4)].iloc[0]
     # Half of normal errors are beyond 0.67 spread/√n, here at n = 400 still 0.0017 of the mean.
     assert row["stopped by luck"] > 0.5
@@ -196,7 +197,7 @@ def test_published_rule_stops_by_luck():
 
 def test_standard_error_rule_is_further_off_than_its_tolerance_in_5_percent():
     orders = 1000
-    frame = frame_of(normal_pool(5000, 2.0, 0.1, seed=10), 400, orders, seed=11)
+    frame = rules_on(normal_pool(5000, 2.0, 0.1, seed=10), 400, orders, seed=11)
     rows = frame[(frame["rule"] == WITH_ERROR) & (frame["samples, mean"] > 150)]
     assert len(rows) > 0
     for _, row in rows.iterrows():
@@ -207,7 +208,7 @@ def test_standard_error_rule_is_further_off_than_its_tolerance_in_5_percent():
 
 
 def test_stopping_early_costs_coverage():
-    frame = frame_of(normal_pool(5000, 2.0, 0.1, seed=12), 100, 4000, seed=13)
+    frame = rules_on(normal_pool(5000, 2.0, 0.1, seed=12), 100, 4000, seed=13)
     for rule in (FIRST_MOMENT, WITH_ERROR):
         rows = frame[(frame["rule"] == rule) & (frame["samples, mean"] < 30)]
         worst = rows.sort_values("coverage").iloc[0]
@@ -215,7 +216,7 @@ def test_stopping_early_costs_coverage():
 
 
 def test_tighter_tolerances_take_more_samples():
-    frame = frame_of(pool_of_radii(100, seed=14), 300, 200, seed=15)
+    frame = rules_on(pool_of_radii(100, seed=14), 300, 200, seed=15)
     for _, rows in frame.groupby("rule"):
         assert rows["samples, mean"].is_monotonic_increasing
         assert rows["tolerance"].is_monotonic_decreasing
@@ -260,19 +261,18 @@ def test_section_leaves_out_failed_samples_and_can_be_drawn():
     assert "93 completed samples" in section.reference
     for figure in section.figures:
         figure.draw(matplotlib.figure.Figure())
-    frame = {table.name: table.frame for table in section.tables}["ensemble_rules"]
+    frame = {table.name: frame_of(table) for table in section.tables}["ensemble_rules"]
     assert np.all(np.isfinite(frame["rms error"]))
     assert not any("nan" in sentence for sentence in (*section.failures, *section.conclusions))
     for table in section.tables:
-        for _, row in table.frame.iterrows():
-            assert all(column.text(row) for column in table.shown)
+        assert all(column.cell(row) for row in table.rows for column in table.columns)
 
 
 def test_section_judges_the_campaigns_own_rule_within_its_own_limits():
     section = ensemble_section(
         Campaign.from_text(CAMPAIGN), pool_of_radii(100, seed=18), quick=True
     )
-    frame = {table.name: table.frame for table in section.tables}["ensemble_rules"]
+    frame = {table.name: frame_of(table) for table in section.tables}["ensemble_rules"]
     own = frame[frame["rule"] == OWN].iloc[0]
     same = frame[(frame["rule"] == FIRST_MOMENT) & (frame["tolerance"] == 1e-4)].iloc[0]
     assert own["samples, 90 %"] <= 300.0
@@ -288,14 +288,14 @@ def test_section_of_a_scene_alone_has_no_rule_of_its_own():
     section = ensemble_section(Campaign.from_text(alone), pool_of_radii(60, seed=22), quick=True)
     assert "no rule of its own" in section.setups
     assert not any("This campaign" in sentence for sentence in section.conclusions)
-    assert OWN not in set(section.tables[1].frame["rule"])
+    assert OWN not in set(frame_of(section.tables[1])["rule"])
 
 
 def test_section_is_the_same_again():
     campaign, pool = Campaign.from_text(CAMPAIGN), pool_of_radii(60, seed=19)
     first, again = (ensemble_section(campaign, pool, quick=True) for _ in range(2))
     assert first.conclusions == again.conclusions
-    assert first.tables[1].frame.equals(again.tables[1].frame)
+    assert frame_of(first.tables[1]).equals(frame_of(again.tables[1]))
 
 
 def test_section_of_equal_samples_says_so():
@@ -340,7 +340,7 @@ class NarrowMean(AdaptiveRule):
 def test_a_rule_that_is_added_is_studied_and_reported(monkeypatch):
     monkeypatch.setattr(stopping_study, "STUDIED_RULES", (*STUDIED_RULES, ("narrow", NarrowMean)))
     section = ensemble_section(Campaign.from_text(CAMPAIGN), pool_of_radii(60, seed=23), quick=True)
-    frame = {table.name: table.frame for table in section.tables}["ensemble_rules"]
+    frame = {table.name: frame_of(table) for table in section.tables}["ensemble_rules"]
     rows = frame[frame["rule"] == "narrow"]
     assert rows["tolerance"].tolist() == list(PUBLISHED_TOLERANCES)
     assert rows["samples, mean"].is_monotonic_increasing

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from accuracy_rows import made_up
+from accuracy_rows import frame_of, made_up
 from scipy import stats
 
 from agglom_mpi.accuracy.time_integration import steps as time_integration
@@ -42,10 +42,10 @@ def pool(seed, count):
 def test_stopping_rules_are_studied_by_growth_and_the_campaigns_own_is_left_out(objective):
     found = ensemble_section(campaign(objective), pool(1, 60), quick=True)
     assert "the campaign's objective looks at more than mean radii" in found.setups
-    assert OWN not in set(found.tables[-1].frame["rule"])
+    assert OWN not in set(frame_of(found.tables[-1])["rule"])
     published = ensemble_section(campaign(TARGET), pool(1, 60), quick=True)
     assert "within its own limits" in published.setups
-    assert OWN in set(published.tables[-1].frame["rule"])
+    assert OWN in set(frame_of(published.tables[-1])["rule"])
 
 
 @pytest.mark.parametrize("objective", [MOMENTS, FUNCTION, TARGET])

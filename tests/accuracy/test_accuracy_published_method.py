@@ -4,12 +4,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from accuracy_rows import made_up
+from accuracy_rows import frame_of, made_up
 
 from agglom_mpi.accuracy.study import with_scene
-from agglom_mpi.accuracy.time_integration import published_method
 from agglom_mpi.accuracy.time_integration.published_method import as_published
-from agglom_mpi.accuracy.time_integration.steps import EVENT, StudiedScene
+from agglom_mpi.accuracy.time_integration.steps import (
+    ITERATION,
+    STEP,
+    WHOLE,
+    StudiedScene,
+    published_setups,
+    steps_part,
+)
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.scene import SceneSection
 
@@ -61,32 +67,36 @@ def campaign():
     return load_campaign("jobs/accuracy/accretion_2003_row_1.yaml")
 
 
-def part(campaign):
-    scene = StudiedScene(campaign, campaign.parameters(), 5, quick=False)
-    return published_method.published_part(scene)
+def studied(campaign, quick=False):
+    return StudiedScene(campaign, campaign.parameters(), 5, 9, quick)
 
 
 def test_the_published_method_is_run_where_the_scene_differs_from_it(campaign):
-    setups = part(campaign).setups
-    assert list(setups) == [published_method.ITERATION, published_method.WHOLE]
+    setups = published_setups(studied(campaign))
+    assert list(setups) == [ITERATION, WHOLE]
+    assert published_setups(studied(campaign, quick=True)) == {}
     iterated, whole = setups.values()
     assert iterated.campaign.scene.solver.law == "iteration"
     assert iterated.engine.law == "event"
     assert whole.campaign.scene == as_published(campaign.scene)
     published = with_scene(campaign, **dict(as_published(campaign.scene)))
-    assert part(published).setups == {}
+    assert published_setups(studied(published)) == {}
 
 
 def test_the_bias_of_the_published_method_is_over_growth(campaign):
     shared = 2.0 + 0.1 * np.random.default_rng(1).normal(size=50)
-    samples = {
-        EVENT: made_up(shared),
-        published_method.ITERATION: made_up(shared - 0.1, collisions=10, capped_iterations=4),
-        published_method.WHOLE: made_up(shared, failed=[0], collisions=10),
+    part = steps_part(studied(campaign))
+    samples = {name: made_up(shared) for name in part.setups} | {
+        ITERATION: made_up(shared - 0.1, collisions=10, capped_iterations=4),
+        WHOLE: made_up(shared, failed=[0], collisions=10),
     }
-    found = part(campaign).section(samples)
+    found = part.section(samples)
     growth = shared.mean()
-    assert found.conclusions[0].startswith("Published impact iteration, exact times: mean b/b⁰ is")
-    assert f"{-10.0 / growth:+.2f} ± 0.00 %" in found.conclusions[0]
+    iterated, _ = found.conclusions[-2:]
+    assert iterated.startswith("Published impact iteration, exact times: mean b/b⁰ is")
+    assert f"{-10.0 / growth:+.2f} ± 0.00 %" in iterated
+    assert "published" not in found.conclusions[0]
+    frame = frame_of(found.tables[0])
+    assert frame["method"][frame[STEP].isna()].tolist() == [ITERATION, WHOLE]
     assert any("40 % of all impacts end at the iteration's cap" in text for text in found.failures)
     assert any("1 of 50 samples failed" in text for text in found.failures)

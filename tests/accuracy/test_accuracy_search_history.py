@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from accuracy_rows import made_up
+from accuracy_rows import frame_of, made_up
 from goals import growth_target
 from matplotlib.figure import Figure
 from measured_runs import write_measured
@@ -74,16 +74,16 @@ def test_a_lucky_string_is_told_from_a_good_one():
         f"string 9, claims 0.0100 ± 0.0200 and is worth {value:.4f} ± {error:.4f}"
         in (found.conclusions[0])
     )
-    wanted = search_history.optimism_of(found.tables[1].frame.drop_duplicates("string"))
+    wanted = search_history.optimism_of(frame_of(found.tables[1]).drop_duplicates("string"))
     errors = [0.02, 0.02, *(growth_target(2.0).of_rows(made_up(r))[1] for r in (good, lucky))]
     assert wanted.error == pytest.approx(np.linalg.norm(errors) / 2)
     assert wanted.value == pytest.approx(
         np.mean([growth_target(2.0).of_rows(made_up(r))[0] for r in (good, lucky)]) - 0.03
     )
     assert "string 4 of generation 1 has the lowest objective" in found.conclusions[1]
-    frame = found.tables[1].frame
+    frame = frame_of(found.tables[1])
     assert frame["estimated again"].iloc[2] == value
-    assert len(found.tables[0].frame) == 2
+    assert len(frame_of(found.tables[0])) == 2
     assert len(frame) == 3
 
 

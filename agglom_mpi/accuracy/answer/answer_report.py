@@ -14,16 +14,17 @@ from agglom_mpi.accuracy.answer.times_to_targets import Band, TimesToTargets
 from agglom_mpi.accuracy.report import (
     MARKERS,
     ReportSection,
-    ReportTable,
+    RowColumn,
     Sentences,
-    TableColumn,
     busy_lines,
+    frame_table,
     write_document,
 )
 from agglom_mpi.accuracy.study import StudyOptions
 from agglom_mpi.analysis.tables import wall_over_cpu
 from agglom_mpi.config.answer_study import DEFAULT, AnswerStudy, file_stem
-from agglom_mpi.formatting import format_digits, format_duration, format_seconds
+from agglom_mpi.display.table import Column
+from agglom_mpi.formatting import format_digits, format_duration, format_percent, format_seconds
 from agglom_mpi.report.drawing import COLOURS, Drawing, log_ticks, style_axes
 from agglom_mpi.storage.reader import CampaignData
 
@@ -92,10 +93,10 @@ def answer_section(study: AnswerStudy, answers: Answers, times: Sequence[Times])
     )
     what = f"Expected cost of an error of at most {study.compared:g}: one row is one setting."
     tables = [
-        ReportTable("compared", what, compared, EXPECTED_COLUMNS),
-        ReportTable("last_answers", "The answers at the end of the runs.", last, LAST_COLUMNS),
-        ReportTable("expected_run_times", "One row is one setting and target.", expected),
-        ReportTable("answers", "One row is one generation of a run.", answers.frame),
+        frame_table(compared, what, "compared", EXPECTED_COLUMNS),
+        frame_table(last, "The answers at the end of the runs.", "last_answers", LAST_COLUMNS),
+        frame_table(expected, "One row is one setting and target.", "expected_run_times"),
+        frame_table(answers.frame, "One row is one generation of a run.", "answers"),
     ]
     of_stem = {each.stem: found for each, found in zip(study.settings, times, strict=True)}
     targets, figures = ", ".join(f"{target:g}" for target in study.targets), []
@@ -220,20 +221,23 @@ def _expected(row: Any, cost: str) -> Band:
 
 
 EXPECTED_COLUMNS: Final = (
-    *TableColumn.plain("factor", "setting"),
-    TableColumn("samples", lambda row: band_text(_expected(row, COST_SAMPLES))),
-    TableColumn("processor time", lambda row: band_text(_expected(row, COST_SECONDS), "time")),
+    Column("factor", text=True),
+    Column("setting", text=True),
+    RowColumn("samples", format=lambda row: band_text(_expected(row, COST_SAMPLES))),
+    RowColumn("processor time", format=lambda row: band_text(_expected(row, COST_SECONDS), "time")),
 )
 LAST_COLUMNS: Final = (
-    *TableColumn.plain("setting"),
-    TableColumn("error, mean", lambda row: format_digits(row["error, mean"])),
-    TableColumn(
+    Column("setting", text=True),
+    Column("error, mean", format=format_digits),
+    RowColumn(
         "least to most",
-        lambda row: " to ".join(format_digits(row[f"error, {end}"]) for end in ("least", "most")),
+        format=lambda row: " to ".join(
+            format_digits(row[f"error, {end}"]) for end in ("least", "most")
+        ),
     ),
-    TableColumn.percent("last answer within the target", "within the target"),
-    TableColumn.number(f"{COST_SAMPLES}, mean", ".0f", "samples"),
-    TableColumn("time", lambda row: f"{row[f'{COST_SECONDS}, mean']:.3g} s"),
+    Column("last answer within the target", "within the target", format=format_percent),
+    Column(f"{COST_SAMPLES}, mean", "samples", format=".0f"),
+    Column(f"{COST_SECONDS}, mean", "time", format=lambda time: f"{time:.3g} s"),
 )
 
 

@@ -4,14 +4,15 @@ Cells are squares of the unit square, refined where a value changes. Those of le
 1/(grid·2^l). A cell with children is no leaf; the leaves cover the square.
 """
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.accuracy.maps.figure import Axis, MapPanel, draw_map, map_size
-from agglom_mpi.accuracy.report import ReportSection, ReportTable, Sentences, TableColumn
+from agglom_mpi.accuracy.report import ReportSection, Sentences
+from agglom_mpi.display.table import Column, Table
 from agglom_mpi.formatting import format_percent
 from agglom_mpi.report.drawing import Drawing
 
@@ -139,11 +140,18 @@ class CellMap:
         Label and ends of the scale of the errors.
     """
 
-    error = "relative error of mean b/b⁰"
-    ends = (1e-3, 1.0)
-
-    def __init__(self, name: str, title: str, x: Axis, y: Axis, grid: int) -> None:
-        self.name, self.title, self.x, self.y, self.grid = name, title, x, y, grid
+    def __init__(
+        self,
+        name: str,
+        title: str,
+        sides: tuple[Axis, Axis],
+        grid: int,
+        error: str = "relative error of mean b/b⁰",
+        ends: tuple[float, float] = (1e-3, 1.0),
+    ) -> None:
+        self.name, self.title, self.grid = name, title, grid
+        self.x, self.y = sides
+        self.error, self.ends = error, ends
         self.results: dict[str, dict[Cell, CellResult]] = {}
 
     def numbers(self, cell: Cell) -> tuple[float, float]:
@@ -168,14 +176,10 @@ class CellMap:
         """Return the part of the plane that cells cover."""
         return sum(cell.edge(self.grid) ** 2 for cell in cells)
 
-    def shown_error(self, result: CellResult) -> float:
-        """Return the magnitude of a resolved error; nan where there is none to show."""
-        return abs(result.error) if result.resolved else np.nan
+    def rows(self, lines: Mapping[str, str]) -> Iterator[dict[str, Any]]:
+        """Yield what becomes of the plane by each method; shares are of its area.
 
-    def rows(self, troubles: str) -> Iterator[tuple[dict[str, Any], list[CellResult]]]:
-        """Yield the columns that all tables of methods have, with the results of sound leaves.
-
-        `troubles` is the column with the part of the plane of each trouble, as text.
+        `lines` are commands that reproduce a failing cell, by method.
         """
         for method, own in self.results.items():
             kept = leaves(own)
@@ -183,63 +187,72 @@ class CellMap:
             for cell in kept:
                 kinds.setdefault(own[cell].trouble, []).append(cell)
             sound = kinds.pop("", [])
+            failing = [cell for cells in kinds.values() for cell in cells]
+            excused = [cell for cell in kept if own[cell].troubles and own[cell].excuse]
+            resolved = [abs(own[cell].error) for cell in sound if own[cell].resolved]
             parts = (f"{kind} {format_percent(self.area(each))}" for kind, each in kinds.items())
-            row = {"method": method, "cells": len(own), "sound": self.area(sound)}
-            yield row | {troubles: ", ".join(parts)}, [own[cell] for cell in sound]
+            yield {
+                "method": method,
+                "cells": len(own),
+                "sound": self.area(sound),
+                "failing, documented": self.area(excused),
+                "failing cells, not documented": len(failing) - len(excused),
+                "documented": "; ".join(dict.fromkeys(own[cell].excuse for cell in excused)),
+                "troubles": ", ".join(parts),
+                "sound cells with a resolved error": len(resolved),
+                "sound cells": len(sound),
+                "largest resolved error": max(resolved, default=np.nan),
+                "reproduced by": lines.get(method, ""),
+            }
 
     def section(
         self,
         sentences: Sentences,
-        rows: Sequence[Mapping[str, Any]],
-        shown: Sequence[TableColumn],
-        of_cell: Callable[[CellResult], Mapping[str, Any]],
-        points: Mapping[str, NDArray[np.float64]] | None = None,
+        rows: list[dict[str, Any]],
+        points: Mapping[str, NDArray[np.float64]],
     ) -> ReportSection:
         """Return the section of the report.
 
         Parameters
         ----------
         sentences
-        rows, shown
-            The table of methods, and further columns of it that the document shows.
-        of_cell
-            Returns the columns of the table of cells on a result.
+            With a block `caption`.
+        rows
+            Those of `rows`, which the sentences refer to.
         points
-            Scenes that are marked on the map, by name, (2,); None: it has none.
+            Scenes that are marked on the map, by name, (2,).
         """
-        import pandas as pd
-
-        troubles = "troubles" if "troubles" in rows[0] else "fails by"
-        columns = (
-            *TableColumn.plain("method", "cells"),
-            TableColumn.percent("sound"),
-            TableColumn("fails by", lambda row: row[troubles] or "–"),
-            *shown,
-        )
         cells = [
-            {"method": method, "level": cell.level}
-            | dict(zip((self.x.label, self.y.label), self.numbers(cell), strict=True))
-            | dict(of_cell(result))
+            {
+                "method": method,
+                "level": cell.level,
+                **dict(zip((self.x.label, self.y.label), self.numbers(cell), strict=True)),
+                "mean b/b0": result.growth,
+                self.error: result.error,
+                "standard error": result.standard_error,
+                "troubles": "; ".join(result.troubles.values()),
+                "documented": result.excuse,
+            }
             for method, own in self.results.items()
             for cell, result in own.items()
         ]
         name = f"map_{self.name}"
         tables = [
-            ReportTable(name, "One row is one method.", pd.DataFrame(rows), columns),
-            ReportTable(f"{name}_cells", "One row is one cell.", pd.DataFrame(cells)),
+            Table(METHOD_COLUMNS, rows, "One row is one method.", name),
+            Table((), cells, "One row is one cell.", f"{name}_cells"),
         ]
-        if points is not None:
-            frame = pd.DataFrame(
-                [[point, *place] for point, place in points.items()],
-                columns=["scene", self.x.label, self.y.label],
-            )
-            tables.append(ReportTable(f"{name}_points", "One row is one scene.", frame))
+        if points:
+            scenes = [
+                {"scene": scene, self.x.label: float(across), self.y.label: float(up)}
+                for scene, (across, up) in points.items()
+            ]
+            tables.append(Table((), scenes, "One row is one scene.", f"{name}_points"))
         panels = [self._panel(method) for method in self.results]
         figure = Drawing(
             name,
             sentences.paragraph("caption"),
             lambda figure: draw_map(
-                figure, (self.x, self.y), panels, points or {}, self.error, self.ends
+                figure, (self.x, self.y), panels, points, self.error, self.ends
             ),
             map_size(len(panels)),
         )
@@ -258,7 +271,18 @@ class CellMap:
             method,
             np.array(squares).reshape(-1, 2, 3),
             np.array([cell.level for cell in kept]),
-            np.array([self.shown_error(own[cell]) for cell in kept]),
+            np.array([abs(own[cell].error) if own[cell].resolved else np.nan for cell in kept]),
             [own[cell].trouble for cell in kept],
             np.array([bool(own[cell].excuse) for cell in kept]),
         )
+
+
+METHOD_COLUMNS: Final = (
+    Column("method", text=True),
+    Column("cells"),
+    Column("sound", format=format_percent),
+    Column("troubles", "fails by", text=True),
+    Column("sound cells with a resolved error"),
+    Column("sound cells", "of sound cells"),
+    Column("largest resolved error", "largest", format=lambda error: f"{100.0 * error:.2g} %"),
+)

@@ -1,9 +1,7 @@
-"""Cooling of single grains by Euler steps and exactly: many in one compiled loop, timed."""
+"""Cooling of single grains by Euler steps and exactly, in compiled loops."""
 
 import math
 from typing import Any, Final, NamedTuple
-
-import numpy as np
 
 from agglom_mpi.compilation.kernels import kernel
 from agglom_mpi.physics.cooling import (
@@ -15,16 +13,11 @@ from agglom_mpi.physics.cooling import (
     rest_temperature,
 )
 from agglom_mpi.simulation.scene import Scene
-from agglom_mpi.stopwatch import Stopwatch, TimeSpent
 
 EXAMPLE_LAW: Final = RadiativeCooling(emissivity=0.5, surroundings=300.0).build({})
 """Radiation as in [B], where a scene has no cooling."""
 EXAMPLE_CAPACITY: Final = 1000.0
 """J/(kg K), where a scene has no heat."""
-TIMED: Final = 2000
-"""Grains of a timed loop."""
-REPEATS: Final = 5
-"""Number of timed loops; the median and the quartiles are reported."""
 
 
 class Grain(NamedTuple):
@@ -76,31 +69,6 @@ def cool_on(law, surface, capacity, temperature, step, steps):
     return temperature
 
 
-@kernel
-def euler_loop(law, radius, mass, temperature, step, repeats):
-    """Take `repeats` Euler steps of every grain, in place, as a stepper does; heat lost in J."""
-    lost = 0.0
-    for _ in range(repeats):
-        for i in range(temperature.size):
-            surface, capacity = 4.0 * math.pi * radius[i] ** 2, mass[i]
-            after = max(0.0, euler_step(law, temperature[i], surface, capacity, step))
-            lost += capacity * (temperature[i] - after)
-            temperature[i] = after
-    return lost
-
-
-@kernel
-def exact_loop(law, radius, mass, temperature, duration, repeats):
-    """Cool every grain exactly for `duration` s, `repeats` times over; heat lost in J."""
-    lost = 0.0
-    for _ in range(repeats):
-        for i in range(temperature.size):
-            surface, capacity = 4.0 * math.pi * radius[i] ** 2, mass[i]
-            after = exact_temperature(law, temperature[i], surface, capacity, duration)
-            lost += capacity * (temperature[i] - after)
-    return lost
-
-
 def euler(grain: Grain, temperature: float, step: float, steps: int) -> EulerRun:
     """Take `steps` Euler steps of `step` in s from a temperature in K."""
     law, surface, capacity, rest = grain
@@ -119,16 +87,3 @@ def linear_limit(grain: Grain, temperature: float) -> float:
     The linear law of that slope overshoots with any longer Euler step.
     """
     return 1.0 / rate_slope(grain.law, temperature, grain.surface, grain.capacity)
-
-
-def times_of(loop: Any, grain: Grain, temperature: float, span: float) -> list[TimeSpent]:
-    """Return the times in s that `euler_loop` or `exact_loop` takes for one grain and time span."""
-    radius = np.full(TIMED, math.sqrt(grain.surface / (4.0 * math.pi)))
-    mass, repeats, times = np.full(TIMED, grain.capacity), 10, []
-    for _ in range(REPEATS + 1):  # the first one compiles
-        temperatures = np.full(TIMED, temperature)
-        stopwatch = Stopwatch()
-        loop(grain.law, radius, mass, temperatures, span, repeats)
-        wall, cpu = stopwatch.read()
-        times.append(TimeSpent(wall / (TIMED * repeats), cpu / (TIMED * repeats)))
-    return times[1:]

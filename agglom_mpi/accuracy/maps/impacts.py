@@ -1,4 +1,4 @@
-"""Impacts of one pair of spheres: solved by any solver, timed, and known without the package.
+"""Impacts of one pair of spheres: solved by any solver, and known without the package.
 
 The references are closed forms, and a search by brute force. Everything in them is dimensionless.
 `X` is the pressure of a perfectly plastic impact over the one that bonds it, both at the
@@ -23,7 +23,6 @@ from agglom_mpi.physics.restitution import (
     PressureRestitution,
     solve_restitution,
 )
-from agglom_mpi.stopwatch import Stopwatch, TimeSpent
 
 LOWEST: Final = -60.0
 """Logarithm of the deficit d = 1 − e down to which the brute force looks for roots."""
@@ -127,9 +126,6 @@ PAIR: Final = ContactPair(
 )
 """Equal spheres, head on; X is set by the hardness, which alone differs between the impacts."""
 
-REPEATS: Final = 3
-"""Number of timed loops; the median is reported."""
-
 
 def impact_laws(material: Material, solver: Any) -> ImpactLaws:
     """Return the laws of a material for `PAIR`; the kernels fill in the hardness."""
@@ -182,19 +178,18 @@ def with_hardness(laws, base):
 
 
 @kernel
-def solve_repeatedly(laws, pair, hardness, repeats, deficit, bonds, capped):
-    """Solve the impact of a pair at every H₀ in Pa, `repeats` times over; fills the last three."""
-    for _ in range(repeats):
-        for i in range(hardness.size):
-            own = with_hardness(laws, hardness[i])
-            solution = solve_restitution(own.restitution, own, pair)
-            deficit[i] = solution.deficit
-            bonds[i] = solution.bonds
-            capped[i] = solution.capped
+def solve_each(laws, pair, hardness, deficit, bonds, capped):
+    """Solve the impact of a pair at every H₀ in Pa; fills the last three."""
+    for i in range(hardness.size):
+        own = with_hardness(laws, hardness[i])
+        solution = solve_restitution(own.restitution, own, pair)
+        deficit[i] = solution.deficit
+        bonds[i] = solution.bonds
+        capped[i] = solution.capped
 
 
-def solve_all(laws: ImpactLaws, hardness: NDArray[np.float64], repeats: int = 1) -> tuple[Any, ...]:
-    """Solve the impact of `PAIR` at every H₀ in Pa, shape (n,), `repeats` times over.
+def solve_all(laws: ImpactLaws, hardness: NDArray[np.float64]) -> tuple[Any, ...]:
+    """Solve the impact of `PAIR` at every H₀ in Pa, shape (n,).
 
     Returns
     -------
@@ -203,19 +198,5 @@ def solve_all(laws: ImpactLaws, hardness: NDArray[np.float64], repeats: int = 1)
     """
     count = len(hardness)
     found = np.empty(count), np.empty(count, np.bool_), np.empty(count, np.bool_)
-    solve_repeatedly(laws, PAIR, hardness, repeats, *found)
+    solve_each(laws, PAIR, hardness, *found)
     return found
-
-
-def times_of_impact(laws: ImpactLaws, hardness: NDArray[np.float64], least: int) -> list[TimeSpent]:
-    """Return the times in s of an impact, of loops over at least `least` impacts."""
-    repeats = -(-least // len(hardness))
-    solve_all(laws, hardness)  # compiles
-    times = []
-    for _ in range(REPEATS):
-        stopwatch = Stopwatch()
-        solve_all(laws, hardness, repeats)
-        wall, cpu = stopwatch.read()
-        count = repeats * len(hardness)
-        times.append(TimeSpent(wall / count, cpu / count))
-    return times

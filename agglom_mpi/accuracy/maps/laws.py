@@ -7,16 +7,7 @@ from typing import Any, Final
 import numpy as np
 
 from agglom_mpi.accuracy.maps.cells import CellMap, CellResult, first_cells
-from agglom_mpi.accuracy.maps.cooling import (
-    Grain,
-    euler,
-    euler_loop,
-    exact,
-    exact_loop,
-    grain_of,
-    linear_limit,
-    times_of,
-)
+from agglom_mpi.accuracy.maps.cooling import Grain, euler, exact, grain_of, linear_limit
 from agglom_mpi.accuracy.maps.figure import Axis
 from agglom_mpi.accuracy.maps.impacts import (
     Material,
@@ -24,19 +15,10 @@ from agglom_mpi.accuracy.maps.impacts import (
     hardness_of,
     impact_laws,
     solve_all,
-    times_of_impact,
 )
 from agglom_mpi.accuracy.maps.scene import MapScene
-from agglom_mpi.accuracy.report import (
-    ReportSection,
-    Sentences,
-    TableColumn,
-    loop_columns,
-    time_name,
-)
-from agglom_mpi.formatting import format_seconds
+from agglom_mpi.accuracy.report import ReportSection, Sentences
 from agglom_mpi.physics.impact_solvers import BracketedRoot, FixedPointIteration
-from agglom_mpi.stopwatch import TimeSpent
 
 ROOT: Final = "root finder"
 ITERATION_CAPS: Final = (10, 100, 1000)
@@ -49,77 +31,47 @@ ELSEWHERE: Final = 100.0
 RISE: Final = 1.0
 """Rise of the temperature by a perfectly plastic impact, over the temperature."""
 
-LEAST_TIMED: Final = 2000
-"""Minimum number of impacts of a timed loop."""
-
 STIFF: Final = 10.0
 """Length of a run in the map of cooling, over the longest step that is stable at its start."""
+
+ROUNDING: Final = (1e-15, 1.0)
+"""Ends of the scale of errors, from rounding on."""
 
 EXACT: Final = "exact"
 EULER: Final = "Euler steps"
 
 
-class LawMap(CellMap):
-    """Cells of a plane of a law, refined at every method's edge of soundness.
+def law_section(
+    found: CellMap,
+    evaluate: Callable[[float, float], Mapping[str, CellResult]],
+    quick: bool,
+    **values: Any,
+) -> ReportSection:
+    """Return the section on a law, of cells that are refined at every method's edge of soundness.
 
     Parameters
     ----------
-    name, title, x, y
-        As of every map.
-    error
-        Label of the errors.
+    found
+        The map, without cells.
     evaluate
         Returns what becomes of a point of the plane by every method.
     quick
         Whether to have few cells.
+    values
+        What the sentences refer to.
     """
-
-    ends = (1e-15, 1.0)
-
-    def __init__(
-        self,
-        name: str,
-        title: str,
-        x: Axis,
-        y: Axis,
-        error: str,
-        evaluate: Callable[[float, float], Mapping[str, CellResult]],
-        quick: bool,
-    ) -> None:
-        super().__init__(name, title, x, y, 8 if quick else 12)
-        self.error = error
-        cells = first_cells(self.grid)
-        for level in range(2 if quick else 3):
-            if level:
-                cells = list(dict.fromkeys(c for own in self.refined(level).values() for c in own))
-            for cell in cells:
-                for method, result in evaluate(*self.numbers(cell)).items():
-                    self.results.setdefault(method, {})[cell] = result
-
-    def shown_error(self, result: CellResult) -> float:
-        """Return the magnitude of the error, at least that at the end of the scale."""
-        return max(result.error, self.ends[0])
-
-    def law_section(
-        self, of: str, times: Mapping[str, list[TimeSpent]], **values: Any
-    ) -> ReportSection:
-        """Return the section on the law, with the times per `of`, such as `impact`, by method."""
-        rows = [
-            row
-            | {"largest error of a sound cell": max((r.error for r in sound), default=math.nan)}
-            | loop_columns(of, times[row["method"]])
-            for row, sound in self.rows("fails by")
-        ]
-        shown = (
-            TableColumn.number("largest error of a sound cell", ".1e"),
-            TableColumn(f"processor time per {of}", lambda row: format_seconds(row[time_name(of)])),
-        )
-        sentences = Sentences(
-            "law_maps", law=self.name, title=self.title, error=self.error, rows=rows, **values
-        )
-        return self.section(
-            sentences, rows, shown, lambda r: {self.error: r.error, "trouble": r.trouble}
-        )
+    cells = first_cells(found.grid)
+    for level in range(2 if quick else 3):
+        if level:
+            cells = list(dict.fromkeys(c for own in found.refined(level).values() for c in own))
+        for cell in cells:
+            for method, result in evaluate(*found.numbers(cell)).items():
+                found.results.setdefault(method, {})[cell] = result
+    rows = list(found.rows({}))
+    sentences = Sentences(
+        "law_maps", law=found.name, title=found.title, error=found.error, rows=rows, **values
+    )
+    return found.section(sentences, rows, {})
 
 
 def impact_map(scene: MapScene, quick: bool = False) -> ReportSection:
@@ -127,23 +79,20 @@ def impact_map(scene: MapScene, quick: bool = False) -> ReportSection:
     mean_speed = scene.section.duration.takes_published_steps
     initial = scene.section.contact_area.initial / scene.section.contact_area.final
     solvers = impact_solvers()
-    found = LawMap(
-        "impact",
-        "Impact solvers",
+    sides = (
         Axis("impact pressure over that of bonding", -6.0, 1.0),
         Axis("activation energy over Rθ", -2.0, math.log10(50.0)),
-        "error of e",
+    )
+    grid = 8 if quick else 12
+    return law_section(
+        CellMap("impact", "Impact solvers", sides, grid, "error of e", ROUNDING),
         lambda x, y: solved_impacts(solvers, Material(mean_speed, initial, y, RISE), x),
         quick,
+        initial=initial,
+        mean_speed=mean_speed,
+        rise=RISE,
+        tolerance=TOLERANCE,
     )
-    material = Material(mean_speed, initial, 1.0, RISE)
-    hardness = hardness_of(material, np.logspace(-6.0, -0.01, 50))
-    times = {
-        name: times_of_impact(impact_laws(material, solver), hardness, LEAST_TIMED)
-        for name, solver in solvers.items()
-    }
-    values = {"initial": initial, "mean_speed": mean_speed, "rise": RISE, "tolerance": TOLERANCE}
-    return found.law_section("impact", times, **values)
 
 
 def impact_solvers() -> dict[str, Any]:
@@ -172,7 +121,7 @@ def solved_impacts(
             elsewhere = error > ELSEWHERE * TOLERANCE
             trouble = "at the cap" if capped else "another root" if elsewhere else "inaccurate"
         error = 0.0 if bonded and bonds else error
-        results[name] = CellResult({trouble: trouble} if trouble else {}, error)
+        results[name] = CellResult({trouble: trouble} if trouble else {}, error, 0.0)
     return results
 
 
@@ -181,22 +130,19 @@ def cooling_map(scene: MapScene, quick: bool = False) -> ReportSection:
     built = scene.section.build(scene.values)
     grain = grain_of(built)
     base = grain.rest if grain.rest > 0.0 else max(built.temperature, 1.0)
-    found = LawMap(
-        "cooling",
-        "Cooling of a grain",
+    sides = (
         Axis("step over the estimated limit", -3.0, 2.0),
         Axis("excess temperature over that of rest", -2.0, 3.0),
-        "relative error of θ",
+    )
+    grid = 8 if quick else 12
+    return law_section(
+        CellMap("cooling", "Cooling of a grain", sides, grid, "relative error of θ", ROUNDING),
         lambda x, y: cooled_grain(grain, base * (1.0 + y), x),
         quick,
+        grain=grain,
+        scene=built,
+        stiff=STIFF,
     )
-    start = 2.0 * base
-    limit = linear_limit(grain, start)
-    times = {
-        EXACT: times_of(exact_loop, grain, start, limit),
-        EULER: times_of(euler_loop, grain, start, 1e-3 * limit),
-    }
-    return found.law_section("step", times, grain=grain, scene=built, stiff=STIFF)
 
 
 def cooled_grain(grain: Grain, start: float, step: float) -> dict[str, CellResult]:
@@ -208,11 +154,10 @@ def cooled_grain(grain: Grain, start: float, step: float) -> dict[str, CellResul
     again = exact(grain, start, steps * size, steps)
     found = euler(grain, start, size, steps)
     wrong = "below 0 K" if found.negative else "overshoots" if found.overshoots else ""
+    off = abs(found.temperature / reference - 1.0)
     return {
-        EXACT: CellResult({}, abs(again / reference - 1.0)),
-        EULER: CellResult(
-            {wrong: wrong} if wrong else {}, abs(found.temperature / reference - 1.0)
-        ),
+        EXACT: CellResult({}, abs(again / reference - 1.0), 0.0),
+        EULER: CellResult({wrong: wrong} if wrong else {}, off, 0.0),
     }
 
 

@@ -1,14 +1,14 @@
 """Stability maps of a scene: cells of planes by every method, refined at the edge of soundness."""
 
-from collections.abc import Iterator, Mapping
-from typing import Any, Final, NamedTuple
+from collections.abc import Mapping
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from agglom_mpi.accuracy.maps.cells import Cell, CellMap, CellResult, first_cells, leaves
 from agglom_mpi.accuracy.maps.planes import DEFAULT, Plane, points
 from agglom_mpi.accuracy.maps.scene import MapScene, Values
-from agglom_mpi.accuracy.report import ReportSection, Sentences, TableColumn
+from agglom_mpi.accuracy.report import ReportSection, Sentences
 from agglom_mpi.accuracy.soundness import (
     EXHAUSTED,
     KINDS,
@@ -22,7 +22,6 @@ from agglom_mpi.accuracy.study import Rows, Setup, scene_error
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.config.yaml_source import CampaignError, Problem
-from agglom_mpi.formatting import format_percent
 
 REFUSED: Final = "refused"
 """Kind of trouble of a scene that is refused before anything is simulated."""
@@ -72,7 +71,7 @@ class PlaneMap(CellMap):
     """
 
     def __init__(self, plane: Plane, scene: MapScene, size: MapSize) -> None:
-        super().__init__(plane.name, plane.title, plane.x, plane.y, size.grid)
+        super().__init__(plane.name, plane.title, (plane.x, plane.y), size.grid)
         self.plane = plane
         self.size = size
         self._scene = scene
@@ -200,57 +199,6 @@ def map_section(
     lines
         Commands that reproduce a failing cell, by method.
     """
-    rows = list(_method_rows(plane_map, lines))
+    rows = list(plane_map.rows(lines))
     sentences = Sentences("maps", plane=plane_map, size=plane_map.size, rows=rows)
-    placed = points(plane_map.plane, scenes)
-    return plane_map.section(sentences, rows, ERROR_COLUMNS, _cell_columns, placed)
-
-
-def _method_rows(plane_map: PlaneMap, lines: Mapping[str, str]) -> Iterator[dict[str, Any]]:
-    """Yield what becomes of the plane by each method; shares are of its area."""
-    for row, sound in plane_map.rows("troubles"):
-        results = plane_map.results[row["method"]]
-        failing = [cell for cell in leaves(results) if results[cell].troubles]
-        excused = [cell for cell in failing if results[cell].excuse]
-        resolved = [abs(result.error) for result in sound if result.resolved]
-        texts = row.pop("troubles")
-        yield row | {
-            "failing, documented": plane_map.area(excused),
-            "failing cells, not documented": len(failing) - len(excused),
-            "documented": "; ".join(dict.fromkeys(results[cell].excuse for cell in excused)),
-            "troubles": texts,
-            "sound cells with a resolved error": len(resolved),
-            "sound cells": len(sound),
-            "largest resolved error": max(resolved, default=np.nan),
-            "reproduced by": lines.get(row["method"], ""),
-        }
-
-
-ERROR_COLUMNS: Final = (
-    TableColumn(
-        "sound cells with a resolved error",
-        lambda row: (
-            "–"
-            if row["method"] == DEFAULT
-            else f"{row['sound cells with a resolved error']} of {row['sound cells']}"
-        ),
-    ),
-    TableColumn(
-        "largest",
-        lambda row: (
-            "–"
-            if np.isnan(row["largest resolved error"])
-            else format_percent(row["largest resolved error"])
-        ),
-    ),
-)
-
-
-def _cell_columns(result: CellResult) -> dict[str, Any]:
-    return {
-        "mean b/b0": result.growth,
-        "relative error": result.error,
-        "standard error": result.standard_error,
-        "troubles": "; ".join(result.troubles.values()),
-        "documented": result.excuse,
-    }
+    return plane_map.section(sentences, rows, points(plane_map.plane, scenes))

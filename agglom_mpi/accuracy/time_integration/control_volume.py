@@ -7,20 +7,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.accuracy.report import (
+    TIME,
+    TIME_COLUMN,
     Curve,
     ReportSection,
-    ReportTable,
     Sentences,
-    TableColumn,
     draw_curves,
+    frame_table,
+    mean_column,
     time_columns,
-    time_name,
 )
 from agglom_mpi.accuracy.study import Rows, Setup, StudyPart, completed
 from agglom_mpi.accuracy.time_integration.steps import EVENT, StudiedScene, event_engine
 from agglom_mpi.analysis.extrapolation import Extrapolation, extrapolated
 from agglom_mpi.analysis.finite_size import enough_grains
 from agglom_mpi.analysis.tables import time_on_free_core
+from agglom_mpi.display.table import Column
 from agglom_mpi.report.drawing import Drawing
 from agglom_mpi.statistics import MeanEstimate, mean_of
 
@@ -84,11 +86,6 @@ def _section(scene: StudiedScene, samples: Mapping[str, Rows]) -> ReportSection:
     )
     figures = [
         Drawing(
-            "box_particles",
-            "Mean growth against the number of particles, with 95 % bands.",
-            lambda figure: _draw(figure, sizes, "particles", "number of particles N"),
-        ),
-        Drawing(
             "box_finite_size",
             "Bias of mean growth against the limit of many grains with 95 % bands, standard "
             "deviation of one sample, and processor time × variance of a sample over that of "
@@ -99,12 +96,12 @@ def _section(scene: StudiedScene, samples: Mapping[str, Rows]) -> ReportSection:
         Drawing(
             "box_end_time",
             "Mean growth against the end time, with 95 % bands.",
-            lambda figure: _draw(figure, times, "end time (s)", "end time T (s)"),
+            lambda figure: _draw_end_times(figure, times),
         ),
     ]
     tables = [
-        ReportTable("box_particles", "One row is one number of particles.", sizes, BOX_COLUMNS),
-        ReportTable("box_end_time", "One row is one end time.", times, BOX_COLUMNS),
+        frame_table(sizes, "One row is one number of particles.", "box_particles", BOX_COLUMNS),
+        frame_table(times, "One row is one end time.", "box_end_time", BOX_COLUMNS),
     ]
     return sentences.section("Control volume and end time", figures, tables)
 
@@ -140,7 +137,7 @@ def _row(scene: StudiedScene, particles: int, end_time: float, rows: Rows) -> di
         "spread of samples": float(np.std(ratios, ddof=1)) if len(ratios) > 1 else np.nan,
         "objective": value,
         "standard error of the objective": error,
-        **time_columns("sample", time_on_free_core(rows)),
+        **time_columns(time_on_free_core(rows)),
     }
 
 
@@ -156,7 +153,7 @@ def limit_of(sizes: "pd.DataFrame") -> Extrapolation:
 
 def _cost_of_error(sizes: "pd.DataFrame", own: int) -> NDArray[np.float64]:
     """Return processor time × variance of a sample, over that of the scene's own box, (n,)."""
-    cost = (sizes[time_name("sample")] * sizes["spread of samples"] ** 2).to_numpy()
+    cost = (sizes[TIME] * sizes["spread of samples"] ** 2).to_numpy()
     return np.asarray(cost / cost[(sizes["particles"] == own).to_numpy()])
 
 
@@ -202,23 +199,22 @@ def _draw_finite_size(
 
 
 BOX_COLUMNS: Final = (
-    TableColumn.number("particles", ".0f", "N"),
-    TableColumn("T", lambda row: f"{row['end time (s)']:.3g} s"),
-    TableColumn.number("samples", ".0f"),
-    TableColumn.mean("mean b/b⁰", "mean b/b0", "standard error", "samples"),
-    TableColumn.number("spread of samples", ".2g", "spread of one sample"),
-    TableColumn.mean("objective", "objective", "standard error of the objective", "samples"),
-    TableColumn.time("sample"),
+    Column("particles", "N"),
+    Column("end time (s)", "T", format=lambda time: f"{time:.3g} s"),
+    Column("samples"),
+    mean_column("mean b/b⁰", "mean b/b0", "standard error", "samples"),
+    Column("spread of samples", "spread of one sample", format=".2g"),
+    mean_column("objective", "objective", "standard error of the objective", "samples"),
+    TIME_COLUMN,
 )
 
 
-def _draw(
-    figure: "matplotlib.figure.Figure", frame: "pd.DataFrame", column: str, label: str
-) -> None:
-    mean, half = frame["mean b/b0"], frame["half width"]
-    curve = Curve("mean b/b⁰", frame[column], mean, mean - half, mean + half)
-    axes = draw_curves(figure, [curve], label, "mean b/b⁰", scales=("log", "linear"))
-    axes.set_xticks(list(frame[column]), [_plain(value) for value in frame[column]])
+def _draw_end_times(figure: "matplotlib.figure.Figure", times: "pd.DataFrame") -> None:
+    mean, half, ends = times["mean b/b0"], times["half width"], times["end time (s)"]
+    curve = Curve("mean b/b⁰", ends, mean, mean - half, mean + half)
+    scales = ("log", "linear")
+    axes = draw_curves(figure, [curve], "end time T (s)", "mean b/b⁰", scales=scales)
+    axes.set_xticks(list(ends), [_plain(value) for value in ends])
     axes.minorticks_off()
 
 

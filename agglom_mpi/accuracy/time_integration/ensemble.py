@@ -9,13 +9,13 @@ import numpy as np
 from agglom_mpi.accuracy.report import (
     Curve,
     ReportSection,
-    ReportTable,
+    RowColumn,
     Sentences,
-    TableColumn,
     draw_curves,
+    frame_table,
 )
 from agglom_mpi.accuracy.study import Rows, StudyPart, completed
-from agglom_mpi.accuracy.time_integration.steps import EVENT, StudiedScene, event_engine
+from agglom_mpi.accuracy.time_integration.steps import EVENT, StudiedScene
 from agglom_mpi.accuracy.time_integration.stopping_study import (
     OWN,
     WITH_ERROR,
@@ -30,6 +30,8 @@ from agglom_mpi.accuracy.time_integration.stopping_study import (
     truth_of,
 )
 from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.display.table import Column, Table
+from agglom_mpi.formatting import format_percent
 from agglom_mpi.random_streams import search_stream
 from agglom_mpi.report.drawing import Drawing
 from agglom_mpi.search.objectives.growth import MaximumGrowth
@@ -61,14 +63,13 @@ RANDOM_ORDER: Final = 201
 """Purpose of the random stream; see `random_streams`."""
 
 
-def ensemble_part(scene: StudiedScene, pool: int) -> StudyPart:
-    """Return the part on the stopping rules, on a pool of samples of the event engine."""
-    event = scene.setup(event_engine(scene.campaign))._replace(samples=pool)
+def ensemble_part(scene: StudiedScene) -> StudyPart:
+    """Return the part on the stopping rules, on the pool of samples of the event engine."""
 
     def section(samples: Mapping[str, Rows]) -> ReportSection:
         return ensemble_section(scene.campaign, completed(samples[EVENT]), scene.quick)
 
-    return StudyPart({EVENT: event}, section)
+    return StudyPart({}, section)
 
 
 def ensemble_section(campaign: Campaign, rows: np.ndarray, quick: bool = False) -> ReportSection:
@@ -180,13 +181,6 @@ def _figures(
         axes.plot(count, best, "k--", linewidth=1.0, label="number fixed beforehand")
         axes.legend(frameon=False, fontsize="small")
 
-    def belief(figure: "matplotlib.figure.Figure") -> None:
-        believed = "relative error that the tolerance stands for"
-        axes = draw_curves(figure, _curves(rules, "error believed"), believed, wrong)
-        axes.axline((1e-2, 1e-2), (1e-3, 1e-3), color="0.5", linewidth=0.8)
-        axes.legend(frameon=False, fontsize="small", loc="upper left")
-        axes.set_ylim(top=5.0 * rules["rms error"].max())
-
     def coverage(figure: "matplotlib.figure.Figure") -> None:
         curves, label = (
             _curves(rules, "samples, mean", "coverage"),
@@ -197,7 +191,6 @@ def _figures(
 
     return (
         Drawing("ensemble_error", sentences.paragraph("error_caption"), error),
-        Drawing("ensemble_belief", sentences.paragraph("belief_caption"), belief),
         Drawing("ensemble_coverage", sentences.paragraph("coverage_caption"), coverage),
     )
 
@@ -214,29 +207,30 @@ def _curves(frame: "pd.DataFrame", cost: str, error: str = "rms error") -> list[
 
 
 RULE_COLUMNS: Final = (
-    *TableColumn.plain("rule"),
-    TableColumn.number("tolerance", ".3g", "TOL"),
-    TableColumn.number("error believed", ".1e", "believed"),
-    TableColumn(
+    Column("rule", text=True),
+    Column("tolerance", "TOL", format=".3g"),
+    Column("error believed", "believed", format=".1e"),
+    RowColumn(
         "samples, mean (10 %, 90 %)",
-        lambda row: (
+        format=lambda row: (
             f"{row['samples, mean']:.0f} ({row['samples, 10 %']:.0f}, {row['samples, 90 %']:.0f})"
         ),
     ),
-    TableColumn.percent("rms error"),
-    TableColumn.percent("median error"),
-    TableColumn("by luck", lambda row: _share(row, "stopped by luck")),
-    TableColumn("95 % covers", lambda row: _share(row, "coverage")),
-    TableColumn.percent("ended at max_samples", "at max_samples"),
+    Column("rms error", format=format_percent),
+    Column("median error", format=format_percent),
+    RowColumn("by luck", format=lambda row: _share(row, "stopped by luck")),
+    RowColumn("95 % covers", format=lambda row: _share(row, "coverage")),
+    Column("ended at max_samples", "at max_samples", format=format_percent),
 )
 
 
-def _tables(frame: "pd.DataFrame", goal: float, sentences: Sentences) -> tuple[ReportTable, ...]:
+def _tables(frame: "pd.DataFrame", goal: float, sentences: Sentences) -> tuple[Table, ...]:
     import pandas as pd
 
     chosen = pd.concat([at_goal(of_rules(frame), goal), frame[frame["rule"] == OWN]])
     everything = "Every rule at every tolerance; errors are relative, samples are counts."
+    caption = sentences.paragraph("table_caption")
     return (
-        ReportTable("ensemble_at_goal", sentences.paragraph("table_caption"), chosen, RULE_COLUMNS),
-        ReportTable("ensemble_rules", everything, frame),
+        frame_table(chosen, caption, "ensemble_at_goal", RULE_COLUMNS),
+        frame_table(frame, everything, "ensemble_rules"),
     )

@@ -4,19 +4,16 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from agglom_mpi.accuracy.report import (
-    ReportSection,
-    ReportTable,
-    Sentences,
-    TableColumn,
-    time_text,
-)
+import numpy as np
+
+from agglom_mpi.accuracy.report import ReportSection, RowColumn, Sentences, time_text
 from agglom_mpi.accuracy.soundness import CLOSED, heaped_overlaps, summary, troubles
 from agglom_mpi.accuracy.study import Rows, Setup, StudyPart, with_scene
 from agglom_mpi.accuracy.time_integration.published_method import as_published
 from agglom_mpi.accuracy.time_integration.steps import event_engine
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
+from agglom_mpi.display.table import Column, Table
 from agglom_mpi.formatting import format_mean
 from agglom_mpi.statistics import MeanEstimate
 
@@ -47,8 +44,6 @@ def extremes_part(scenes: Mapping[str, Campaign], samples: int) -> StudyPart:
 
 
 def _section(scenes: Mapping[str, Campaign], samples: Mapping[str, Rows]) -> ReportSection:
-    import pandas as pd
-
     rows, wrong = [], []
     for name, campaign in scenes.items():
         row: dict[str, Any] = {"scene": name, "what": campaign.title}
@@ -58,13 +53,12 @@ def _section(scenes: Mapping[str, Campaign], samples: Mapping[str, Rows]) -> Rep
             text = "; ".join(troubles(own, heaped_overlaps(found[0])).values())
             wrong.append({"scene": name, "method": method, "troubles": text})
         rows.append(row)
-    frame = pd.DataFrame(rows)
     texts = {(one["scene"], one["method"]): one["troubles"] or "sound" for one in wrong}
     published = [one["troubles"] for one in wrong if one["method"] == "published"]
     sentences = Sentences(
         "extremes",
         closed=CLOSED,
-        scenes=len(frame),
+        scenes=len(rows),
         troubled=[one for one in wrong if one["troubles"]],
         sound={
             method: sum(texts[name, method] == "sound" for name in scenes) for method in METHODS
@@ -72,24 +66,24 @@ def _section(scenes: Mapping[str, Campaign], samples: Mapping[str, Rows]) -> Rep
         unsolved=sum("impacts unsolved" in text for text in published),
         below_zero=sum("below zero" in text for text in published),
         overlaps=sum("overlaps" in text for text in published),
-        energy_error=frame["ours: energy error"].max(),
+        energy_error=np.fmax.reduce([row["ours: energy error"] for row in rows]),
     )
     columns = (
-        TableColumn("scene", lambda row: f"`{row['scene']}`: {row['what']}"),
-        TableColumn("ours: b/b⁰", lambda row: _growth(row, "ours")),
-        TableColumn("ours", lambda row: texts[row["scene"], "ours"]),
-        TableColumn.number("ours: energy error", ".1g", "energy error"),
-        TableColumn.number("ours: collisions per sample", ".3g", "collisions"),
-        TableColumn("processor time", lambda row: time_text(row.rename(_without_method), "sample")),
-        TableColumn("published: b/b⁰", lambda row: _growth(row, "published")),
-        TableColumn("published", lambda row: texts[row["scene"], "published"]),
+        RowColumn("scene", format=lambda row: f"`{row['scene']}`: {row['what']}", text=True),
+        RowColumn("ours: b/b⁰", format=lambda row: _growth(row, "ours")),
+        RowColumn("ours", format=lambda row: texts[row["scene"], "ours"], text=True),
+        Column("ours: energy error", "energy error", format=".1g"),
+        Column("ours: collisions per sample", "collisions", format=".3g"),
+        RowColumn("processor time", format=lambda row: time_text(_of_method(row, "ours"))),
+        RowColumn("published: b/b⁰", format=lambda row: _growth(row, "published")),
+        RowColumn("published", format=lambda row: texts[row["scene"], "published"], text=True),
     )
-    table = ReportTable("extremes", "One row is one scene.", frame, columns)
+    table = Table(columns, rows, "One row is one scene.", "extremes")
     return sentences.section("Stiff and extreme scenes", tables=[table])
 
 
-def _without_method(column: str) -> str:
-    return column.removeprefix("ours: ")
+def _of_method(row: Mapping[str, Any], method: str) -> dict[str, Any]:
+    return {name.removeprefix(f"{method}: "): value for name, value in row.items()}
 
 
 def _growth(row: Any, method: str) -> str:

@@ -9,16 +9,17 @@ import numpy as np
 from agglom_mpi.accuracy.report import (
     Curve,
     ReportSection,
-    ReportTable,
     Sentences,
-    TableColumn,
     draw_curves,
+    frame_table,
+    mean_column,
 )
 from agglom_mpi.accuracy.study import Rows, Setup, StudyPart, closed, completed
 from agglom_mpi.analysis.selection_bias import CLAIMED_ERRORS
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.user_function import UserFunction
 from agglom_mpi.config.yaml_source import CampaignError, Problem
+from agglom_mpi.display.table import Column
 from agglom_mpi.formatting import format_digits
 from agglom_mpi.report.drawing import Drawing
 from agglom_mpi.statistics import MeanEstimate, t_95
@@ -89,8 +90,8 @@ def _section(
     )
     caption = "One row is one generation that changed the best."
     tables = [
-        ReportTable("inversion", caption, changes, HISTORY_COLUMNS),
-        ReportTable("inversion_history", "One row is one generation.", frame),
+        frame_table(changes, caption, "inversion", HISTORY_COLUMNS),
+        frame_table(frame, "One row is one generation.", "inversion_history"),
     ]
     return sentences.section("Inversion", [figure], tables)
 
@@ -139,14 +140,12 @@ def optimism_of(strings: "pd.DataFrame") -> MeanEstimate:
 
 
 HISTORY_COLUMNS: Final = (
-    TableColumn("generation", lambda row: f"{row['generation'] + 1:.0f}"),
-    TableColumn("wall-clock s", lambda row: format_digits(row["seconds (s)"])),
-    TableColumn.number("string", ".0f"),
-    TableColumn.number("its samples", ".0f"),
-    TableColumn.mean("objective, as searched", "objective", "standard error", "its samples"),
-    TableColumn.mean(
-        "estimated again", "estimated again", "standard error of that", "samples of that"
-    ),
+    Column("generation", format=lambda number: f"{number + 1}"),
+    Column("seconds (s)", "wall-clock s", format=format_digits),
+    Column("string"),
+    Column("its samples"),
+    mean_column("objective, as searched", "objective", "standard error", "its samples"),
+    mean_column("estimated again", "estimated again", "standard error of that", "samples of that"),
 )
 
 

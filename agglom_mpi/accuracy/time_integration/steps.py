@@ -1,4 +1,7 @@
-"""Time steps against exact times: the bias of growth and objective, and what it costs.
+"""The published methods against exact times: the bias of growth and objective, and what it costs.
+
+The time steps of both papers are varied, with all else exact. The published iteration of impacts,
+and all of the published method, are measured as they are.
 
 An error that is small at one setting and larger at a finer one is small by accident: a bias that
 changes its sign passes through zero, and noise dips below any bound.
@@ -12,15 +15,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from agglom_mpi.accuracy.report import (
+    QUARTILES,
+    TIME,
+    TIME_COLUMN,
     Curve,
     ReportSection,
-    ReportTable,
+    RowColumn,
     Sentences,
-    TableColumn,
     draw_curves,
-    quartile_names,
+    frame_table,
+    mean_column,
     time_columns,
-    time_name,
     time_text,
 )
 from agglom_mpi.accuracy.study import (
@@ -31,8 +36,11 @@ from agglom_mpi.accuracy.study import (
     paired_difference,
     with_scene,
 )
+from agglom_mpi.accuracy.time_integration.published_method import as_published
 from agglom_mpi.analysis.tables import time_on_free_core
 from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.display.table import Column
+from agglom_mpi.formatting import format_percent
 from agglom_mpi.report.drawing import Drawing
 from agglom_mpi.simulation.engines import AdaptiveSteps, Engine, EventDriven, FixedSteps
 from agglom_mpi.statistics import MeanEstimate, mean_of
@@ -83,11 +91,12 @@ FLOORS: Final = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 QUICK_FLOORS: Final = (1e-2, 1e-3)
 CAPS: Final = (1000.0, 10.0, 1.0)
 """Longest over shortest adaptive step; the first is published [B 6.14]."""
-TIME: Final = time_name("sample")
-"""Column of the median time."""
-AXIS: Final = "processor time of a sample (s)"
+STEP: Final = "shortest step (s)"
+"""Column of the shortest step, nan for the published methods, whose steps are not varied."""
 TOLERANCES: Final = (0.05, 0.01, 0.002)
 """Relative errors of growth that the conclusions speak of."""
+ITERATION: Final = "published impact iteration, exact times"
+WHOLE: Final = "published iteration, cooling and time steps"
 
 
 class StudiedScene(NamedTuple):
@@ -98,7 +107,9 @@ class StudiedScene(NamedTuple):
     campaign, parameters
         The scene, and the string, shape (k,), SI units.
     samples
-        Of each set-up.
+        Of each set-up but that of the event engine.
+    pool
+        Samples of the event engine, which all others are measured against.
     quick
         Whether to vary little.
     """
@@ -106,6 +117,7 @@ class StudiedScene(NamedTuple):
     campaign: Campaign
     parameters: NDArray[np.float64]
     samples: int
+    pool: int
     quick: bool
 
     @property
@@ -149,63 +161,84 @@ def event_engine(campaign: Campaign) -> Engine:
     return EventDriven() if engine.has_time_steps else engine
 
 
+def published_setups(scene: StudiedScene) -> dict[str, Setup]:
+    """Return the set-ups of the published methods that differ from the scene.
+
+    A quick study has none: they would compile further kernels.
+    """
+    own, published, setups = scene.campaign.scene, as_published(scene.campaign.scene), {}
+    if scene.quick:
+        return {}
+    if published.solver != own.solver:
+        setups[ITERATION] = scene.setup(event_engine(scene.campaign), solver=published.solver)
+    if published != own:
+        setups[WHOLE] = scene.setup(None, **dict(published))
+    return setups
+
+
 def steps_part(scene: StudiedScene) -> StudyPart:
-    """Return the part on the error of time steps: every stepper on the event engine's samples."""
-    setups = {EVENT: scene.setup(event_engine(scene.campaign))}
+    """Return the part on published methods: each on the samples of the event engine.
+
+    That engine's own samples are the pool of the stopping rules, too.
+    """
+    event = scene.setup(event_engine(scene.campaign))._replace(samples=scene.pool)
+    setups = {EVENT: event}
     for stepper in steppers(scene.end_time, scene.quick):
         setups[stepper.name] = scene.setup(stepper.engine)
+    setups |= published_setups(scene)
     return StudyPart(setups, lambda samples: _section(scene, samples))
 
 
 def _section(scene: StudiedScene, samples: Mapping[str, Rows]) -> ReportSection:
-    frame = measured_steps(scene, samples)
-    cost = time_columns("sample", time_on_free_core(samples[EVENT]))
+    frame = measured_methods(scene, samples)
+    steps = frame[frame[STEP].notna()]
+    cost = time_columns(time_on_free_core(samples[EVENT]))
     sentences = Sentences(
         "time_integration",
         growth=mean_of(completed(samples[EVENT])["mean_radius_ratio"]),
         cost=cost[TIME],
-        cost_text=time_text(cost, "sample"),
+        cost_text=time_text(cost),
         time=TIME,
         end_time=scene.end_time,
-        reached=[(tolerance, list(reached_by(frame, tolerance))) for tolerance in TOLERANCES],
+        reached=[(tolerance, list(reached_by(steps, tolerance))) for tolerance in TOLERANCES],
+        engine=as_published(scene.campaign.scene).engine,
+        published=[row for _, row in frame[frame[STEP].isna()].iterrows()],
         failed=[row for _, row in frame[frame["failed"] > 0].iterrows()],
-        overlaps=frame.groupby("method", sort=False)["overlaps per sample"].max().items(),
+        overlaps=steps.groupby("method", sort=False)["overlaps per sample"].max().items(),
     )
-    figures = [
-        Drawing(
-            "time_integration",
-            sentences.paragraph("bias_caption"),
-            lambda figure: _draw_signed(figure, frame, cost[TIME]),
-        ),
-        Drawing(
-            "time_integration_error",
-            sentences.paragraph("error_caption"),
-            lambda figure: _draw_error(figure, frame, cost[TIME]),
-        ),
-    ]
-    table = ReportTable("time_integration", "One row is one set-up.", frame, STEP_COLUMNS)
-    return sentences.section("Time integration", figures, [table])
+    figure = Drawing(
+        "time_integration_error",
+        sentences.paragraph("error_caption"),
+        lambda figure: _draw_error(figure, steps, cost[TIME]),
+    )
+    table = frame_table(frame, "One row is one set-up.", "time_integration", METHOD_COLUMNS)
+    return sentences.section("Time integration", [figure], [table])
 
 
-def measured_steps(scene: StudiedScene, samples: Mapping[str, Rows]) -> "pd.DataFrame":
-    """Return cost and bias of every stepper, one row each, from the samples of all set-ups."""
+def measured_methods(scene: StudiedScene, samples: Mapping[str, Rows]) -> "pd.DataFrame":
+    """Return cost and bias of every method, one row each, from the samples of all set-ups."""
     import pandas as pd
 
     reference = samples[EVENT]
     growth = mean_of(completed(reference)["mean_radius_ratio"]).value
+    measured = [
+        (each.name, each.family, each.step) for each in steppers(scene.end_time, scene.quick)
+    ]
+    measured += [(name, name, math.nan) for name in published_setups(scene)]
     rows = []
-    for stepper in steppers(scene.end_time, scene.quick):
-        own = samples[stepper.name]
+    for name, method, step in measured:
+        own = samples[name]
         good = completed(own)
         bias = paired_difference(own, reference, "mean_radius_ratio")
         objective = objective_bias(scene.campaign, own, reference)
+        collisions = max(1.0, float(np.sum(good["collisions"])))
         rows.append(
             {
-                "method": stepper.family,
-                "shortest step (s)": stepper.step,
+                "method": method,
+                STEP: step,
                 "samples": len(own),
                 "failed": len(own) - len(good),
-                **time_columns("sample", time_on_free_core(own)),
+                **time_columns(time_on_free_core(own)),
                 "bias of b/b0": bias.value,
                 "standard error": bias.error,
                 "relative bias": bias.value / growth,
@@ -213,6 +246,7 @@ def measured_steps(scene: StudiedScene, samples: Mapping[str, Rows]) -> "pd.Data
                 "bias of objective": objective.value,
                 "standard error of that": objective.error,
                 "overlaps per sample": float(np.mean(good["overlaps"])) if len(good) else np.nan,
+                "unsolved impacts": float(np.sum(good["capped_iterations"])) / collisions,
                 "pairs": bias.samples,
             }
         )
@@ -231,52 +265,39 @@ def objective_bias(campaign: Campaign, own: Rows, reference: Rows) -> MeanEstima
     return paired_difference(pair[0], pair[1], "value")
 
 
-STEP_COLUMNS: Final = (
-    *TableColumn.plain("method"),
-    TableColumn("shortest step", lambda row: f"{row['shortest step (s)']:.2g} s"),
-    TableColumn.number("samples", ".0f"),
-    TableColumn.number("failed", ".0f"),
-    TableColumn.time("sample"),
-    TableColumn.mean("bias of b/b⁰", "bias of b/b0", "standard error", "pairs"),
-    TableColumn(
+METHOD_COLUMNS: Final = (
+    Column("method", text=True),
+    Column(STEP, "shortest step", format=lambda step: "–" if math.isnan(step) else f"{step:.2g} s"),
+    Column("samples"),
+    Column("failed"),
+    TIME_COLUMN,
+    mean_column("bias of b/b⁰", "bias of b/b0", "standard error", "pairs"),
+    RowColumn(
         "relative, ± 95 %",
-        lambda row: f"{100 * row['relative bias']:+.2f} ± {100 * row['relative half width']:.2f} %",
+        format=lambda row: (
+            f"{100 * row['relative bias']:+.2f} ± {100 * row['relative half width']:.2f} %"
+        ),
     ),
-    TableColumn.mean(
-        "bias of the objective", "bias of objective", "standard error of that", "pairs"
-    ),
-    TableColumn.number("overlaps per sample", ".2g", "overlaps left"),
+    mean_column("bias of the objective", "bias of objective", "standard error of that", "pairs"),
+    Column("overlaps per sample", "overlaps left", format=".2g"),
+    Column("unsolved impacts", format=format_percent),
 )
 
 
-def _draw_signed(figure: "matplotlib.figure.Figure", frame: "pd.DataFrame", cost: float) -> None:
-    curves = []
-    for curve, rows in _curves(frame):
-        bias, half = 100.0 * rows["relative bias"], 100.0 * rows["relative half width"]
-        curves.append(curve._replace(error=bias, low=bias - half, high=bias + half))
-    axes = draw_curves(figure, curves, AXIS, "bias of mean b/b⁰ (%)", scales=("log", "linear"))
-    axes.axhline(0.0, color="0.5", linewidth=0.8)
-    axes.plot([cost], [0.0], "k*", markersize=9, label="event")
-    axes.legend(frameon=False, fontsize="small")
-
-
 def _draw_error(figure: "matplotlib.figure.Figure", frame: "pd.DataFrame", cost: float) -> None:
-    curves = [curve for curve, _ in _curves(frame)]
-    axes = draw_curves(figure, curves, AXIS, "|bias| of mean b/b⁰, at most (%)")
+    curves = []
+    for method, rows in frame.groupby("method", sort=False):
+        low, high = (rows[name] for name in QUARTILES)
+        error = 100.0 * _bound(rows)
+        curves.append(Curve(str(method), rows[TIME], error, cost_low=low, cost_high=high))
+    label = "|bias| of mean b/b⁰, at most (%)"
+    axes = draw_curves(figure, curves, "processor time of a sample (s)", label)
     # No error has no place on a logarithmic axis: the star stands on its lower end.
     axes.axvline(cost, color="k", linewidth=0.8, linestyle=":")
     bottom = axes.get_xaxis_transform()
     event = "event, no error in time"
     axes.plot([cost], [0.0], "k*", markersize=9, label=event, transform=bottom, clip_on=False)
     axes.legend(edgecolor="none", fontsize="small")  # opaque over the spreads of times
-
-
-def _curves(frame: "pd.DataFrame") -> Iterator[tuple[Curve, "pd.DataFrame"]]:
-    """Yield the curve of each method's errors against the time of a sample, with its rows."""
-    for method, rows in frame.groupby("method", sort=False):
-        low, high = (rows[name] for name in quartile_names("sample"))
-        error = 100.0 * _bound(rows)
-        yield Curve(str(method), rows[TIME], error, cost_low=low, cost_high=high), rows
 
 
 def _bound(rows: "pd.DataFrame") -> "pd.Series":
