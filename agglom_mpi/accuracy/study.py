@@ -20,7 +20,7 @@ from agglom_mpi.config.identity import objective as objective_identity
 from agglom_mpi.config.relations import NO_RELATIONS
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.display.run_display import Display
-from agglom_mpi.errors import BAD_INPUT, FINISHED, UserError, error_text
+from agglom_mpi.errors import FINISHED
 from agglom_mpi.outcome import COMPLETED, SampleSummary
 from agglom_mpi.runtime.experiment import Experiment, Restore, SampleSetup, StageProgress
 from agglom_mpi.runtime.file_setup import check_writable
@@ -390,7 +390,7 @@ def run_stages(
     program
         Called on rank 0 alone; may raise the user's mistakes.
     count
-        Number of its stages, as every rank knows from the options; without any, nothing is run.
+        Number of its stages, as every rank knows from the options.
     """
     display, found = StudyDisplay(options.quiet), list[CampaignData]()
     stages, stop = program(), StopRequest(options.max_walltime)
@@ -403,27 +403,16 @@ def run_stages(
 
     def finish(request: RunRequest) -> None:
         found.append(read_campaign(request.path, options.allow_code))
-        if len(found) == count:
-            _end(stages, found[-1], display)
+        if len(found) < count:
+            return
+        display.message("writing the report")
+        try:
+            stages.send(found[-1])
+        except StopIteration as end:
+            display.message(f"{end.value} with its figures and tables")
 
     for _ in range(count):
         code = run_on_all_ranks(read, display, finish, world, stop=stop)
         if code != FINISHED:
             return code
-    if count == 0 and (world is None or world.rank == 0):
-        try:
-            _end(stages, None, display)
-        except (UserError, OSError) as error:
-            display.error(error_text(error))
-            return error.exit_code if isinstance(error, UserError) else BAD_INPUT
     return FINISHED
-
-
-def _end(stages: Stages, file: CampaignData | None, display: Display) -> None:
-    """Have the report written, from the file of the last stage."""
-    if file is not None:
-        display.message("writing the report")
-    try:
-        next(stages) if file is None else stages.send(file)
-    except StopIteration as end:
-        display.message(f"{end.value} with its figures and tables")

@@ -45,7 +45,7 @@ from agglom_mpi.cli.common import (
     flag_value="all",
     metavar="[PLANE,...]",
     help="Map where each method breaks, in the given planes or in all: softening, heat, collapse, "
-    "masses, scale, impact, cooling.",
+    "masses, scale.",
 )
 @MAX_WALLTIME
 @QUIET

@@ -10,10 +10,10 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from agglom_mpi.accuracy.maps.laws import LAW_MAPS
-from agglom_mpi.accuracy.maps.plane_map import FULL, QUICK, MapSize, PlaneMap, map_section
+from agglom_mpi.accuracy.maps.plane_map import FULL, QUICK, MapSize, PlaneMap
 from agglom_mpi.accuracy.maps.planes import PLANES
 from agglom_mpi.accuracy.maps.scene import Values, file_text, map_scene
+from agglom_mpi.accuracy.maps.section import map_section
 from agglom_mpi.accuracy.report import require_report, write_document
 from agglom_mpi.accuracy.study import Setup, Stages, Study, StudyOptions, closed, run_stages
 from agglom_mpi.accuracy.time_integration.extremes import read_scenes
@@ -44,8 +44,7 @@ def map_accuracy(options: StudyOptions, world: "Intracomm | None") -> int:
     size = QUICK if options.quick else FULL
     if options.samples is not None:
         size = size._replace(samples=options.samples)
-    levels = size.levels if needs_samples(options.map or ALL) else 0
-    return run_stages(options, world, lambda: map_study(options, size), levels)
+    return run_stages(options, world, lambda: map_study(options, size), size.levels)
 
 
 def map_study(options: StudyOptions, size: MapSize) -> Stages:
@@ -69,19 +68,19 @@ def map_study(options: StudyOptions, size: MapSize) -> Stages:
     scenes = dict(_points(source, options))
     maps, refusals = [], list[str]()
     for name in names:
-        refusal = PLANES[name].refusal(scene) if name in PLANES else ""
+        refusal = PLANES[name].refusal(scene)
         if refusal and options.map != ALL:
             raise CampaignError(Problem(files[0], None, f"--map {name}", refusal))
         if refusal:
             refusals.append(f"{name}: {refusal}")
-        elif name in PLANES:
+        else:
             maps.append(PlaneMap(PLANES[name], scene, size))
-    if refusals and not maps:
+    if not maps:
         raise CampaignError(Problem(files[0], None, f"--map {ALL}", "; ".join(refusals)))
     directory = Path(options.out)
     directory.mkdir(parents=True, exist_ok=True)
     seconds, samples, stage = 0.0, 0, None
-    for level in range(size.levels if maps else 0):
+    for level in range(size.levels):
         setups: dict[str, Setup] = {}
         for plane_map in maps:
             setups |= plane_map.setups(level)
@@ -96,43 +95,38 @@ def map_study(options: StudyOptions, size: MapSize) -> Stages:
     sections = [
         map_section(each, scenes, dict(_reproduced(each, directory, size.samples))) for each in maps
     ]
-    sections += [LAW_MAPS[name](scene, options.quick) for name in names if name in LAW_MAPS]
     spent = f"{pluralise(samples, 'sample')}, {format_duration(seconds)} of processor time"
     title = f"Stability maps: {source.title or source.name}"
     facts = [shlex.join(options.words()), spent]
     return write_document(directory, title, facts, {"Stability maps": sections})
 
 
-def needs_samples(planes: str) -> bool:
-    """Return whether anything is to be simulated for a list of planes, as every rank knows."""
-    return any(name.strip() not in LAW_MAPS for name in planes.split(","))
-
-
 def _reproduced(plane_map: PlaneMap, directory: Path, samples: int) -> Iterator[tuple[str, str]]:
     """Write a failing cell of each method as a campaign file; yield the commands to run it."""
+    plane = plane_map.plane
     for method in plane_map.results:
         cell = plane_map.failing_cell(method)
         campaign = None if cell is None else plane_map.campaign(cell, method)
         if cell is None or campaign is None:
             continue
         x, y = plane_map.numbers(cell)
-        title = f"{method}: {plane_map.x.label} {x:.3g}, {plane_map.y.label} {y:.3g}"
+        title = f"{method}: {plane.x.label} {x:.3g}, {plane.y.label} {y:.3g}"
         (directory / CELLS).mkdir(exist_ok=True)
         slug = re.sub(r"[^a-z0-9]+", "_", method.lower()).strip("_")
-        path = directory / CELLS / f"{plane_map.name}_{slug}.yaml"
+        path = directory / CELLS / f"{plane.name}_{slug}.yaml"
         replace_file(path, file_text(campaign, title).encode())
         yield method, f"agglom simulate {shlex.quote(str(path))} --samples {samples}"
 
 
 def plane_names(text: str) -> tuple[str, ...]:
-    """Return the planes and laws that a list of names, separated by commas, asks for.
+    """Return the planes that a list of names, separated by commas, asks for.
 
     Raises
     ------
     CampaignError
         If one is unknown.
     """
-    known = (*PLANES, *LAW_MAPS)
+    known = tuple(PLANES)
     if text == ALL:
         return known
     names = tuple(name.strip() for name in text.split(","))

@@ -26,6 +26,11 @@ POINT_STYLES: Final[Mapping[bool, Mapping[str, Any]]] = {
 """How scenes are marked, and rows of a paper, whose names are like `[A] row 1`."""
 
 
+ERROR_LABEL: Final = "relative error of mean b/b⁰"
+ERROR_ENDS: Final = (1e-3, 1.0)
+"""Ends of the scale of the errors."""
+
+
 class Axis(NamedTuple):
     """An axis of a map: its label, and the decimal logarithms of its ends."""
 
@@ -81,8 +86,6 @@ def draw_map(
     sides: tuple[Axis, Axis],
     panels: Sequence[MapPanel],
     points: Mapping[str, NDArray[np.float64]],
-    error: str,
-    ends: tuple[float, float],
 ) -> None:
     """Draw a map.
 
@@ -94,15 +97,13 @@ def draw_map(
         One for each method.
     points
         Scenes to be marked where they lie on the map, by name, (2,).
-    error, ends
-        Label and ends of the scale of the colours.
     """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import LogNorm
 
     rows, columns = _layout(len(panels))
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
-    colours = ScalarMappable(LogNorm(*ends), "Blues")
+    colours = ScalarMappable(LogNorm(*ERROR_ENDS), "Blues")
     low, high = (np.array([side.value(end) for side in sides]) for end in (0.0, 1.0))
     shown = {n: at for n, at in points.items() if (low <= at).all() and (at <= high).all()}
     kinds = list(dict.fromkeys(k for panel in panels for k in panel.troubles if k))
@@ -119,7 +120,7 @@ def draw_map(
         axes[(len(panels) - 1 - column) // columns, column].tick_params(labelbottom=True)
     figure.supxlabel(sides[0].label, fontsize="medium")
     figure.supylabel(sides[1].label, fontsize="medium")
-    figure.colorbar(colours, ax=axes, label=error, extend="both", shrink=0.8)
+    figure.colorbar(colours, ax=axes, label=ERROR_LABEL, extend="both", shrink=0.8)
     _add_legend(figure, kinds, shown, any(panel.hatched.any() for panel in panels))
 
 

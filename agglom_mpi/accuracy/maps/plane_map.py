@@ -5,10 +5,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.accuracy.maps.cells import Cell, CellMap, CellResult, first_cells, leaves
-from agglom_mpi.accuracy.maps.planes import DEFAULT, Plane, points
-from agglom_mpi.accuracy.maps.scene import MapScene, Values
-from agglom_mpi.accuracy.report import ReportSection, Sentences
+from agglom_mpi.accuracy.maps.cells import Cell, CellResult, edge_cells, first_cells, leaves
+from agglom_mpi.accuracy.maps.planes import DEFAULT, Plane
+from agglom_mpi.accuracy.maps.scene import MapScene
 from agglom_mpi.accuracy.soundness import (
     EXHAUSTED,
     KINDS,
@@ -20,7 +19,6 @@ from agglom_mpi.accuracy.soundness import (
 )
 from agglom_mpi.accuracy.study import Rows, Setup, scene_error
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.config.yaml_source import CampaignError, Problem
 
 REFUSED: Final = "refused"
@@ -61,21 +59,44 @@ QUICK: Final = MapSize(grid=4, levels=2, samples=4, grains=40, budget=2000, quic
 FULL: Final = MapSize(grid=6, levels=3, samples=5, grains=100, budget=3000, quick=False)
 
 
-class PlaneMap(CellMap):
+class PlaneMap:
     """The cells of one plane by every method, level by level.
 
     Parameters
     ----------
     plane, scene, size
         What is mapped, and how finely.
+
+    Attributes
+    ----------
+    results
+        Of each method, the default one first, its cells.
     """
 
     def __init__(self, plane: Plane, scene: MapScene, size: MapSize) -> None:
-        super().__init__(plane.name, plane.title, (plane.x, plane.y), size.grid)
         self.plane = plane
         self.size = size
+        self.results: dict[str, dict[Cell, CellResult]] = {}
         self._scene = scene
         self._campaigns: dict[Cell, dict[str, Campaign] | str] = {}
+
+    def numbers(self, cell: Cell) -> tuple[float, float]:
+        """Return the two numbers at the centre of a cell."""
+        across, up = cell.centre(self.size.grid)
+        return self.plane.x.value(across), self.plane.y.value(up)
+
+    def refined(self, level: int) -> dict[str, list[Cell]]:
+        """Return the cells of a level at the edges of each method's soundness."""
+        return {
+            method: [
+                child
+                for cell in edge_cells(
+                    {cell: result.sound for cell, result in own.items()}, self.size.grid, level - 1
+                )
+                for child in cell.children()
+            ]
+            for method, own in self.results.items()
+        }
 
     def campaign(self, cell: Cell, method: str) -> Campaign | None:
         """Return the scene of a cell by a method; None if it is refused."""
@@ -93,11 +114,11 @@ class PlaneMap(CellMap):
             If every cell is refused.
         """
         if level == 0:
-            first = first_cells(self.grid)
+            first = first_cells(self.size.grid)
             found = [self._methods(cell) for cell in first]
             known = next((methods for methods in found if not isinstance(methods, str)), None)
             if known is None:
-                problem = Problem(self._scene.centre.name, None, self.name, str(found[0]))
+                problem = Problem(self._scene.centre.name, None, self.plane.name, str(found[0]))
                 raise CampaignError(problem)
             return dict.fromkeys(known, first)
         chosen = self.refined(level)
@@ -146,7 +167,7 @@ class PlaneMap(CellMap):
         return max(failing, key=telling, default=None)
 
     def _name(self, method: str, cell: Cell) -> str:
-        return f"{self.name}, {method}, cell {cell.level} {cell.column} {cell.row}"
+        return f"{self.plane.name}, {method}, cell {cell.level} {cell.column} {cell.row}"
 
     def _methods(self, cell: Cell) -> dict[str, Campaign] | str:
         """Return the scene of a cell by every method, or why it is refused."""
@@ -181,24 +202,3 @@ class PlaneMap(CellMap):
         spread = float(np.hypot(own["standard error"], event["standard error"]))
         exact = event["mean b/b0"]
         return CellResult(kinds, growth / exact - 1.0, spread / exact, growth)
-
-
-def map_section(
-    plane_map: PlaneMap,
-    scenes: Mapping[str, tuple[SceneSection, Values]],
-    lines: Mapping[str, str],
-) -> ReportSection:
-    """Return the section on one plane.
-
-    Parameters
-    ----------
-    plane_map
-        With the results of all levels.
-    scenes
-        Scenes that are points on the map, by name, with their variables.
-    lines
-        Commands that reproduce a failing cell, by method.
-    """
-    rows = list(plane_map.rows(lines))
-    sentences = Sentences("maps", plane=plane_map, size=plane_map.size, rows=rows)
-    return plane_map.section(sentences, rows, points(plane_map.plane, scenes))

@@ -13,7 +13,6 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.accuracy.maps.cooling import grain_of
 from agglom_mpi.accuracy.maps.figure import Axis
 from agglom_mpi.accuracy.maps.scene import MapScene, Values
 from agglom_mpi.accuracy.study import with_scene
@@ -186,8 +185,8 @@ class Heat(Plane):
         share = heat * math.pi * built.radius**2 / content
         if built.cooling is None:
             return math.inf, share
-        law, surface, capacity, _ = grain_of(built)
-        slope = rate_slope(law, values["temperature"], surface, capacity)
+        surface, capacity = 4.0 * math.pi * built.radius**2, built.mass * built.laws.heat_capacity
+        slope = rate_slope(built.cooling.law, values["temperature"], surface, capacity)
         rate = scales.collision_rate(section, values)
         return (rate / slope if slope > 0.0 else math.inf), share
 
