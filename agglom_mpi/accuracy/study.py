@@ -3,7 +3,6 @@
 `Study` is what all programs of `agglom accuracy` simulate, and `run_stages` runs one after another.
 """
 
-import math
 from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -91,6 +90,10 @@ class Setup(NamedTuple):
             if name in self.campaign.variables.used:
                 yield f"parameters.{name}", value
 
+    def sha256(self) -> str:
+        """Return the digest of `identity`."""
+        return digest(dict(self.identity()), STUDY_SEPARATORS)
+
 
 class StudyPart(NamedTuple):
     """A part of a study: what it simulates, by name, and its section of the report."""
@@ -166,11 +169,11 @@ class BudgetedEnsemble(Ensemble):
 
     It ends early when the samples have cost `budget`, counted in particle-steps so that the end
     does not depend on the machine, but not before `FEWEST_SAMPLES`; and, as every ensemble, when
-    its rule is satisfied or most of the samples fail.
+    most of the samples fail.
     """
 
-    def __init__(self, setup: Setup, budget: float, rule: StoppingRule | None = None) -> None:
-        rule = rule or _EverySample(max_samples=setup.samples)
+    def __init__(self, setup: Setup, budget: float) -> None:
+        rule = _EverySample(max_samples=setup.samples)
         super().__init__(rule, setup.campaign.objective, setup.campaign.scene.particles)
         self._min_used = min(FEWEST_SAMPLES, setup.samples)
         self._budget_left = budget
@@ -216,11 +219,7 @@ class Study(Experiment):
     setups
         What to simulate; the order decides the numbers of the strings.
     budget
-        Particle-steps after which a set-up needs no more than `FEWEST_SAMPLES`. None: all samples
-        are simulated, of thousands of strings in one scene, so that the identity has one digest of
-        all of them.
-    rule
-        What ends a set-up before its number of samples; None: nothing.
+        Particle-steps after which a set-up needs no more than `FEWEST_SAMPLES`.
     """
 
     max_failures = 100
@@ -231,14 +230,12 @@ class Study(Experiment):
         self,
         campaign: Campaign,
         setups: Mapping[str, Setup],
-        budget: float | None,
-        rule: StoppingRule | None = None,
+        budget: float,
     ) -> None:
         self.campaign = without_data(campaign)
         self.setups = dict(setups)
         self._by_string = list(self.setups.values())
-        self._budget = budget
-        self._rule = rule
+        self.budget = budget
 
     @property
     def table_sizes(self) -> TableSizes:
@@ -255,15 +252,9 @@ class Study(Experiment):
 
     def identity(self) -> dict[str, object]:
         """Return the campaign's own, and digests of the set-ups."""
-        each = [digest(dict(setup.identity()), STUDY_SEPARATORS) for setup in self._by_string]
-        entries = self.campaign.identity()
-        if self._budget is None:
-            all_setups = digest({"all": each}, STUDY_SEPARATORS)
-            entries |= {"strings": len(each), "setups": all_setups}
-            return entries
-        entries |= {"budget": self._budget, "fewest": FEWEST_SAMPLES}
+        entries = self.campaign.identity() | {"budget": self.budget, "fewest": FEWEST_SAMPLES}
         for number, (name, setup) in enumerate(self.setups.items()):
-            text = f"number {number}, {setup.samples} samples, {each[number]}"
+            text = f"number {number}, {setup.samples} samples, {setup.sha256()}"
             entries[f"trials.{name}"] = text
         return entries
 
@@ -277,14 +268,17 @@ class Study(Experiment):
         return SampleSetup(setup.campaign, setup.engine, setup.first_sample)
 
     def kernel_cases(self) -> Iterator[tuple[SampleSetup, NDArray[np.float64]]]:
-        """Yield all set-ups, of one scene the first; those of one kind cost little after that."""
-        for string, setup in enumerate(self._by_string[: 1 if self._budget is None else None]):
+        """Yield all set-ups; those of one kind of scene cost little after the first."""
+        for string, setup in enumerate(self._by_string):
             yield self.setup(string), setup.parameters
+
+    def ensemble(self, setup: Setup) -> Ensemble:
+        """Return what takes the samples of a set-up."""
+        return BudgetedEnsemble(setup, self.budget)
 
     def inversion(self, restore: Restore | None, background: bool = False) -> Inversion:
         """Return an inversion of one generation whose strings are the set-ups."""
-        budget = math.inf if self._budget is None else self._budget
-        ensembles = (BudgetedEnsemble(each, budget, self._rule) for each in self._by_string)
+        ensembles = map(self.ensemble, self._by_string)
         return Inversion(
             FixedProposals(np.array([setup.parameters for setup in self._by_string])),
             lambda string: next(ensembles),

@@ -18,7 +18,7 @@ from agglom_mpi.contracts.objectives_and_rules import (
     objective_failures,
     rule_failures,
 )
-from agglom_mpi.contracts.property_findings import PropertyFinding, component_label
+from agglom_mpi.contracts.promises import PropertyFinding, component_label
 from agglom_mpi.contracts.searches import SEARCH_PROPERTIES, search_failures
 from agglom_mpi.contracts.starts import SIZE_PROPERTIES, sizes_failures
 from agglom_mpi.contracts.subject import CASES_SEED, Case, Subject

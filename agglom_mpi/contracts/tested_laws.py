@@ -7,7 +7,7 @@ from typing import Any, Final, NamedTuple
 from agglom_mpi.contracts import formulas, grains, impacts, starts
 from agglom_mpi.contracts.cases import Violation
 from agglom_mpi.contracts.formulas import LawFormula
-from agglom_mpi.contracts.property_findings import PropertyFinding
+from agglom_mpi.contracts.promises import PropertyFinding
 from agglom_mpi.contracts.subject import RANDOM_CASES, Case, Subject
 from agglom_mpi.declaration.laws import Law
 from agglom_mpi.declaration.own_modules import line_in

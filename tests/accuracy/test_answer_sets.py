@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from accuracy_rows import made_up
 
-from agglom_mpi.accuracy.answer.errors import fresh_setups
+from agglom_mpi.accuracy.answer.errors import FreshSamples
 from agglom_mpi.accuracy.answer.sets import (
     CLEAR_ERRORS,
     ClearMembership,
-    MembershipStudy,
     TrueSet,
     box_points,
     true_set,
@@ -73,8 +72,8 @@ def test_points_are_the_same_for_every_run(study):
 
 
 def test_a_study_of_points_is_another_one_with_another_tolerance(study):
-    setups = fresh_setups(study, box_points(study)[:5])
-    one = MembershipStudy(study, setups)
-    other = MembershipStudy(study._replace(tolerance=0.1), setups)
+    points = box_points(study)[:5]
+    one = FreshSamples(study, points)
+    other = FreshSamples(study._replace(tolerance=0.1), points)
     assert one.sha256() != other.sha256()
-    assert one.sha256() == MembershipStudy(study, setups).sha256()
+    assert one.sha256() == FreshSamples(study, points).sha256()

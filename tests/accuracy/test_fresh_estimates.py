@@ -9,13 +9,13 @@ from goals import growth_target, maximum_growth
 
 from agglom_mpi.accuracy.answer.errors import (
     BOUND_ERRORS,
+    FreshSamples,
     estimate_of,
     first_fresh_sample,
     floor_of,
     fresh_setups,
     upper_bound,
 )
-from agglom_mpi.accuracy.study import Study
 from agglom_mpi.config.answer_study import load_answer_study
 from agglom_mpi.statistics import MeanEstimate
 
@@ -45,7 +45,7 @@ def test_strings_are_estimated_in_the_scene_of_the_question(study):
 
 def test_other_strings_or_samples_are_another_study(study):
     def sha(strings, of):
-        return Study(of.question, fresh_setups(of, strings), None).sha256()
+        return FreshSamples(of, strings).sha256()
 
     centre, lower = (study.question.parameters(fill=fill) for fill in ("centre", "lower"))
     found = {
@@ -110,7 +110,6 @@ def test_a_bound_lies_above_the_floor_by_its_errors():
 
 def test_kernels_are_those_of_one_scene(study):
     centre, lower = (study.question.parameters(fill=fill) for fill in ("centre", "lower"))
-    estimates = Study(study.question, fresh_setups(study, [centre, lower]), None)
-    [(setup, string)] = estimates.kernel_cases()
+    [(setup, string)] = FreshSamples(study, [centre, lower]).kernel_cases()
     assert setup.campaign.scene == study.question.scene
     assert string.tobytes() == centre.tobytes()

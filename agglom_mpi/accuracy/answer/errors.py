@@ -1,5 +1,6 @@
 """Errors of the answers of all runs of a study, by samples that no run has used."""
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple
@@ -8,9 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.accuracy.answer.runs import AnswerHistory, AnswerRun, history_of, runs_of
-from agglom_mpi.accuracy.answer.sets import MembershipStudy, box_points, sets_of, true_set
+from agglom_mpi.accuracy.answer.sets import (
+    CLEAR_ERRORS,
+    MIN_SAMPLES,
+    ClearMembership,
+    box_points,
+    sets_of,
+    true_set,
+)
 from agglom_mpi.accuracy.study import Rows, Setup, Study, closed, completed
 from agglom_mpi.config.answer_study import AnswerStudy
+from agglom_mpi.config.identity import STUDY_SEPARATORS, digest
+from agglom_mpi.runtime.experiment import SampleSetup
+from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.objectives.objective import Objective
 from agglom_mpi.statistics import MeanEstimate
 from agglom_mpi.storage.reader import CampaignData, read_inversion
@@ -61,12 +72,49 @@ class Answers(NamedTuple):
         ]
 
 
-def estimation(study: AnswerStudy, folder: Path) -> Study:
+class FreshSamples(Study):
+    """Thousands of strings in the scene of a question, on samples that no run has used.
+
+    All samples of a best string are simulated, and those of a point of a box until it is clearly in
+    the set or out of it.
+    """
+
+    def __init__(self, study: AnswerStudy, strings: Iterable[Floats]) -> None:
+        super().__init__(study.question, fresh_setups(study, strings), math.inf)
+        self.rule = None
+        if study.answer == "set":
+            fewest = min(MIN_SAMPLES, study.samples)
+            self.rule = ClearMembership(
+                tolerance=study.tolerance, max_samples=study.samples, min_samples=fewest
+            )
+
+    def identity(self) -> dict[str, object]:
+        """Return the campaign's own, one digest of all set-ups, and what ends them."""
+        each = [setup.sha256() for setup in self.setups.values()]
+        entries = self.campaign.identity() | {"strings": len(each)}
+        entries["setups"] = digest({"all": each}, STUDY_SEPARATORS)
+        if self.rule is not None:
+            entries["rule.tolerance"], entries["rule.errors"] = self.rule.tolerance, CLEAR_ERRORS
+            entries["rule.min_samples"] = self.rule.min_samples
+        return entries
+
+    def kernel_cases(self) -> Iterator[tuple[SampleSetup, Floats]]:
+        """Yield the first set-up: all are of one scene."""
+        yield next(super().kernel_cases())
+
+    def ensemble(self, setup: Setup) -> Ensemble:
+        """Return what takes the samples of a string."""
+        if self.rule is None:
+            return super().ensemble(setup)
+        return Ensemble(self.rule, setup.campaign.objective, setup.campaign.scene.particles)
+
+
+def estimation(study: AnswerStudy, folder: Path) -> FreshSamples:
     """Return the samples that tell the errors of the answers of finished runs."""
     if study.answer == "set":
-        return MembershipStudy(study, fresh_setups(study, box_points(study)))
+        return FreshSamples(study, box_points(study))
     strings = distinct(history for _, history in histories(study, folder))
-    return Study(study.question, fresh_setups(study, strings.values()), None)
+    return FreshSamples(study, strings.values())
 
 
 def first_fresh_sample(study: AnswerStudy) -> int:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.accuracy.answer.runs import AnswerRun
-from agglom_mpi.accuracy.study import Rows, Setup, Study, completed
+from agglom_mpi.accuracy.study import Rows, completed
 from agglom_mpi.config.answer_study import AnswerStudy
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.inference.emulated_set import EmulatedSet
@@ -141,24 +141,6 @@ class ClearMembership(StoppingRule):
         """Return whether the edge is `CLEAR_ERRORS` standard errors away."""
         away = abs(after.objective - self.tolerance)
         return (after.samples >= self.min_samples) & (away > CLEAR_ERRORS * after.standard_error)
-
-
-class MembershipStudy(Study):
-    """Points of the box, each simulated until it is clearly in the set or out of it."""
-
-    def __init__(self, study: AnswerStudy, setups: dict[str, Setup]) -> None:
-        rule = ClearMembership(
-            tolerance=study.tolerance,
-            max_samples=study.samples,
-            min_samples=min(MIN_SAMPLES, study.samples),
-        )
-        super().__init__(study.question, setups, None, rule)
-        self._ends = {"rule.tolerance": rule.tolerance, "rule.errors": CLEAR_ERRORS}
-        self._ends["rule.min_samples"] = rule.min_samples
-
-    def identity(self) -> dict[str, object]:
-        """Return that of the estimates, and what ends them."""
-        return super().identity() | self._ends
 
 
 class TrueSet(NamedTuple):

@@ -5,12 +5,24 @@ Cells are squares of the unit square, refined where a value changes. Those of le
 """
 
 from collections.abc import Collection, Iterator, Mapping
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 RESOLVED: Final = 2.0
 """Standard errors beyond which a difference from the event engine counts."""
+
+
+class Axis(NamedTuple):
+    """An axis of a map: its label, and the decimal logarithms of its ends."""
+
+    label: str
+    low: float
+    high: float
+
+    def value(self, share: Any) -> Any:
+        """Return the number at a share of the axis, 0 to 1, or those at an array of shares."""
+        return 10.0 ** (self.low + share * (self.high - self.low))
 
 
 class Cell(NamedTuple):

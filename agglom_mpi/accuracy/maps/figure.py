@@ -2,10 +2,12 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from agglom_mpi.accuracy.maps.cells import Axis, Cell, CellResult, leaves
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -31,44 +33,6 @@ ERROR_ENDS: Final = (1e-3, 1.0)
 """Ends of the scale of the errors."""
 
 
-class Axis(NamedTuple):
-    """An axis of a map: its label, and the decimal logarithms of its ends."""
-
-    label: str
-    low: float
-    high: float
-
-    def value(self, share: float) -> float:
-        """Return the number at a share of the axis, 0 to 1."""
-        return float(10.0 ** (self.low + share * (self.high - self.low)))
-
-
-class MapPanel(NamedTuple):
-    """A method on a map, by its n leaves.
-
-    Attributes
-    ----------
-    title
-    squares
-        Left end, middle and right end across, and the same from below, shape (n, 2, 3).
-    levels
-        Shape (n,).
-    errors
-        Magnitude of the errors; nan where none is shown, shape (n,).
-    troubles
-        What is wrong in each leaf; empty where it is sound.
-    hatched
-        Whether the method may fail there, shape (n,).
-    """
-
-    title: str
-    squares: NDArray[np.float64]
-    levels: NDArray[np.int64]
-    errors: NDArray[np.float64]
-    troubles: Sequence[str]
-    hatched: NDArray[np.bool_]
-
-
 def map_size(panels: int) -> tuple[float, float]:
     """Return width and height of a figure of some panels, inches."""
     rows, columns = _layout(panels)
@@ -84,7 +48,8 @@ def _layout(panels: int) -> tuple[int, int]:
 def draw_map(
     figure: "matplotlib.figure.Figure",
     sides: tuple[Axis, Axis],
-    panels: Sequence[MapPanel],
+    grid: int,
+    results: Mapping[str, Mapping[Cell, CellResult]],
     points: Mapping[str, NDArray[np.float64]],
 ) -> None:
     """Draw a map.
@@ -93,35 +58,40 @@ def draw_map(
     ----------
     sides
         Its axes across and up, logarithmic.
-    panels
-        One for each method.
+    grid
+        Number of cells of level 0 along a side.
+    results
+        Cells of each method, which has a panel.
     points
         Scenes to be marked where they lie on the map, by name, (2,).
     """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import LogNorm
 
-    rows, columns = _layout(len(panels))
+    rows, columns = _layout(len(results))
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     colours = ScalarMappable(LogNorm(*ERROR_ENDS), "Blues")
     low, high = (np.array([side.value(end) for side in sides]) for end in (0.0, 1.0))
     shown = {n: at for n, at in points.items() if (low <= at).all() and (at <= high).all()}
-    kinds = list(dict.fromkeys(k for panel in panels for k in panel.troubles if k))
-    for ax, panel in zip(axes.flat, panels, strict=False):
-        _draw_panel(ax, panel, kinds, colours)
+    panels = [{cell: own[cell] for cell in leaves(own)} for own in results.values()]
+    found = [result for cells in panels for result in cells.values()]
+    kinds = list(dict.fromkeys(result.trouble for result in found if result.trouble))
+    for ax, method, cells in zip(axes.flat, results, panels, strict=False):
+        _draw_panel(ax, sides, grid, cells, kinds, colours)
+        ax.set_title(method, fontsize="small")
         for name, place in shown.items():
             style = POINT_STYLES[name.startswith("[")]
             ax.plot(*place, **style, c="k", ls="none", mec="black", zorder=4, clip_on=False)
         ax.set(xscale="log", yscale="log", xlim=(low[0], high[0]), ylim=(low[1], high[1]))
         _plain_ticks(ax)
-    for ax in axes.flat[len(panels) :]:
+    for ax in axes.flat[len(results) :]:
         ax.set_visible(False)
     for column in range(columns):  # shared axes have their labels in the last row alone
-        axes[(len(panels) - 1 - column) // columns, column].tick_params(labelbottom=True)
+        axes[(len(results) - 1 - column) // columns, column].tick_params(labelbottom=True)
     figure.supxlabel(sides[0].label, fontsize="medium")
     figure.supylabel(sides[1].label, fontsize="medium")
     figure.colorbar(colours, ax=axes, label=ERROR_LABEL, extend="both", shrink=0.8)
-    _add_legend(figure, kinds, shown, any(panel.hatched.any() for panel in panels))
+    _add_legend(figure, kinds, shown, any(result.excuse for result in found))
 
 
 def _plain_ticks(ax: Any) -> None:
@@ -132,28 +102,39 @@ def _plain_ticks(ax: Any) -> None:
     ax.tick_params(labelsize="small")
 
 
-def _draw_panel(ax: Any, panel: MapPanel, kinds: Sequence[str], colours: Any) -> None:
+def _draw_panel(
+    ax: Any,
+    sides: tuple[Axis, Axis],
+    grid: int,
+    cells: Mapping[Cell, CellResult],
+    kinds: Sequence[str],
+    colours: Any,
+) -> None:
     """Draw the cells of a method; all of a kind at once, as single patches take long."""
     from matplotlib.collections import PolyCollection
 
-    errors = panel.errors
+    # Beginning, middle and end of the cells on both axes, shape (2, n, 3).
+    places = np.array([[(cell.column, cell.row), (cell.edge(grid),) * 2] for cell in cells])
+    ends = (places[:, 0, :, None] + [0.0, 0.5, 1.0]) * places[:, 1, :, None]
+    x, y = (side.value(ends[:, i]) for i, side in enumerate(sides))
+    errors = np.array([abs(each.error) if each.resolved else np.nan for each in cells.values()])
     shown = np.where(np.isnan(errors)[:, None], 1.0, colours.to_rgba(np.nan_to_num(errors)))
-    x, y = panel.squares[:, 0][:, [0, 2, 2, 0]], panel.squares[:, 1][:, [0, 0, 2, 2]]
-    corners: Any = np.stack([x, y], axis=-1)
-    widths = np.where(panel.levels == 0, 0.3, 0.0)
+    corners: Any = np.stack([x[:, [0, 2, 2, 0]], y[:, [0, 0, 2, 2]]], axis=-1)
+    levels = np.array([cell.level for cell in cells])
+    widths = np.where(levels == 0, 0.3, 0.0)
     ax.add_collection(
         PolyCollection(corners, facecolors=shown, edgecolors="0.85", linewidths=widths, zorder=1)
     )
-    if panel.hatched.any():
+    hatched = np.array([bool(each.excuse) for each in cells.values()])
+    if hatched.any():
         edge: dict[str, Any] = {"facecolors": "none", "edgecolors": "0.4", "linewidths": 0.0}
-        ax.add_collection(PolyCollection(corners[panel.hatched], **edge, hatch="/////", zorder=3))
-    marks = dict.fromkeys(zip(panel.troubles, panel.levels.tolist(), strict=True))
-    for kind, level in marks:
+        ax.add_collection(PolyCollection(corners[hatched], **edge, hatch="/////", zorder=3))
+    troubles = np.array([each.trouble for each in cells.values()])
+    for kind, level in dict.fromkeys(zip(troubles.tolist(), levels.tolist(), strict=True)):
         if kind:
-            is_one = (np.array(panel.troubles) == kind) & (panel.levels == level)
+            is_one = (troubles == kind) & (levels == level)
             style = _mark(kinds.index(kind)) | {"markersize": 4.5 / 2**level + 0.3}
-            ax.plot(*panel.squares[is_one, :, 1].T, **style, zorder=2)
-    ax.set_title(panel.title, fontsize="small")
+            ax.plot(x[is_one, 1], y[is_one, 1], **style, zorder=2)
 
 
 def _mark(place: int) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.accuracy.maps.figure import Axis
+from agglom_mpi.accuracy.maps.cells import Axis
 from agglom_mpi.accuracy.maps.scene import MapScene, Values
 from agglom_mpi.accuracy.study import with_scene
 from agglom_mpi.accuracy.time_integration.published_method import as_published

@@ -6,7 +6,7 @@ from typing import Any, Final
 import numpy as np
 
 from agglom_mpi.accuracy.maps.cells import Cell, leaves
-from agglom_mpi.accuracy.maps.figure import MapPanel, draw_map, map_size
+from agglom_mpi.accuracy.maps.figure import draw_map, map_size
 from agglom_mpi.accuracy.maps.plane_map import PlaneMap
 from agglom_mpi.accuracy.maps.planes import points
 from agglom_mpi.accuracy.maps.scene import Values
@@ -70,12 +70,13 @@ def map_section(
         Table((), cells, "One row is one cell.", f"{name}_cells"),
         Table((), places, "One row is one scene.", f"{name}_points"),
     ]
-    panels = [_panel(plane_map, method) for method in plane_map.results]
     figure = Drawing(
         name,
         sentences.paragraph("caption"),
-        lambda figure: draw_map(figure, (plane.x, plane.y), panels, placed),
-        map_size(len(panels)),
+        lambda figure: draw_map(
+            figure, (plane.x, plane.y), plane_map.size.grid, plane_map.results, placed
+        ),
+        map_size(len(plane_map.results)),
     )
     return sentences.section(plane.title, [figure], tables)
 
@@ -112,22 +113,3 @@ def method_rows(plane_map: PlaneMap, lines: Mapping[str, str]) -> Iterator[dict[
             "largest resolved error": max(resolved, default=np.nan),
             "reproduced by": lines.get(method, ""),
         }
-
-
-def _panel(plane_map: PlaneMap, method: str) -> MapPanel:
-    """Return what the figure shows of a method."""
-    own, plane, squares = plane_map.results[method], plane_map.plane, []
-    kept = leaves(own)
-    for cell in kept:
-        edge = cell.edge(plane_map.size.grid)
-        x = [plane.x.value((cell.column + i) * edge) for i in (0, 0.5, 1)]
-        y = [plane.y.value((cell.row + i) * edge) for i in (0, 0.5, 1)]
-        squares.append([x, y])
-    return MapPanel(
-        method,
-        np.array(squares).reshape(-1, 2, 3),
-        np.array([cell.level for cell in kept]),
-        np.array([abs(own[cell].error) if own[cell].resolved else np.nan for cell in kept]),
-        [own[cell].trouble for cell in kept],
-        np.array([bool(own[cell].excuse) for cell in kept]),
-    )
