@@ -3,6 +3,7 @@
 import copy
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Final
 
@@ -49,12 +50,13 @@ VARIABLE_UNITS: Final = {name: unit for name, unit, *_ in PAPER_VARIABLES}
 """SI units of the variables, by name."""
 
 
+@dataclass(eq=False)
 class Subject:
     """A law under test.
 
-    Parameters
+    Attributes
     ----------
-    law
+    tested
         The law.
     laws
         All laws of the scene by key; the one under test is among them where it is of an impact.
@@ -63,22 +65,19 @@ class Subject:
     numbers
         Ranges of the law's own numbers that a campaign searches; None: all numbers are drawn
         within their limits, where there are some.
+    compiled
+        Its compiled formulas by name; all others are plain Python.
+    logarithms
+        Those of the units of all laws over SI, see `cases.other_units`; None: the units are SI.
     """
 
-    def __init__(
-        self,
-        law: Law,
-        laws: Mapping[str, Law],
-        variables: Mapping[str, tuple[float, float]] | None = None,
-        numbers: Mapping[str, tuple[float, float]] | None = None,
-    ) -> None:
-        self.tested = law
-        self.laws = laws
-        self.compiled: Mapping[str, Callable[..., Any]] = {}
-        self._ranges = VARIABLE_RANGES | dict(variables or {})
-        self._numbers = numbers
-        self._logarithms: NDArray[np.float64] | None = None
-        self._columns: dict[str, list[float]] = {}
+    tested: Law
+    laws: Mapping[str, Law]
+    variables: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    numbers: Mapping[str, tuple[float, float]] | None = None
+    compiled: Mapping[str, Callable[..., Any]] = field(default_factory=dict)
+    logarithms: NDArray[np.float64] | None = None
+    _columns: dict[str, list[float]] = field(default_factory=dict)
 
     @property
     def solves_equation(self) -> bool:
@@ -92,23 +91,17 @@ class Subject:
         """Units of the physical constants in the formulas of the law, and of those it is given."""
         return {unit for law in (self.tested, *self.laws.values()) for unit in law.constants}
 
-    def with_formulas(self, compiled: Mapping[str, Callable[..., Any]]) -> "Subject":
-        """Return the subject with other compiled formulas; none: all are plain Python."""
+    def but(self, **changes: Any) -> "Subject":
+        """Return the subject with other formulas or units; numbers that were drawn are kept."""
         other = copy.copy(self)
-        other.compiled = compiled
-        return other
-
-    def in_units(self, logarithms: NDArray[np.float64]) -> "Subject":
-        """Return the subject with all laws in other units; see `cases.other_units`."""
-        other = copy.copy(self)
-        other._logarithms = logarithms
+        vars(other).update(changes)
         return other
 
     @cached_property
     def intervals(self) -> Mapping[str, Interval]:
         """Intervals of the variables, of the law's own numbers, and of all others."""
         found = dict(INTERVALS)
-        for name, (low, high) in self._ranges.items():
+        for name, (low, high) in {**VARIABLE_RANGES, **self.variables}.items():
             free = name in MAY_BE_ZERO and VARIABLE_RANGES[name] == (low, high)
             if unit := VARIABLE_UNITS.get(name):
                 found[name] = Interval(low, high, unit, low > 0.0, (0.0,) if free else ())
@@ -138,8 +131,8 @@ class Subject:
     def _interval(self, name: str, number: In) -> Interval:
         """Return where a number of the law is drawn from."""
         given = float(getattr(self.tested, name))
-        if self._numbers is not None:
-            low, high = self._numbers.get(name, (given, given))
+        if self.numbers is not None:
+            low, high = self.numbers.get(name, (given, given))
             return Interval(low, high, number.unit, low > 0.0)
         least, most = number.at_least, number.at_most
         start = number.above if least is None else least
@@ -170,14 +163,14 @@ class Subject:
 
     def scaled(self, law: Law) -> Law:
         """Return a law of the scene in the units of the subject."""
-        return law if self._logarithms is None else scaled_law(law, self._logarithms)
+        return law if self.logarithms is None else scaled_law(law, self.logarithms)
 
 
 def scaled_law(law: Law, logarithms: NDArray[np.float64]) -> Law:
     """Return a law with its numbers in other units."""
     scaled: dict[str, Any] = {}
-    for name, field in type(law).model_fields.items():
-        number, value = number_of(field), getattr(law, name)
+    for name, declared in type(law).model_fields.items():
+        number, value = number_of(declared), getattr(law, name)
         if isinstance(value, Law):
             scaled[name] = scaled_law(value, logarithms)
         if isinstance(number, In) and value is not None:
@@ -186,6 +179,7 @@ def scaled_law(law: Law, logarithms: NDArray[np.float64]) -> Law:
     return law.model_copy(update=scaled)
 
 
+@dataclass(eq=False)
 class Case:
     """A law under test at named numbers, which are drawn when they are asked for.
 
@@ -201,17 +195,10 @@ class Case:
         The original of a case with other numbers; numbers drawn here are its numbers, too.
     """
 
-    def __init__(
-        self,
-        subject: Subject,
-        number: int,
-        numbers: Mapping[str, float] | None = None,
-        origin: "Case | None" = None,
-    ) -> None:
-        self.subject = subject
-        self.number = number
-        self.numbers = dict(numbers or {})
-        self.origin = origin
+    subject: Subject
+    number: int
+    numbers: dict[str, float] = field(default_factory=dict)
+    origin: "Case | None" = None
 
     def __getitem__(self, name: str) -> float:
         if name not in self.numbers:
@@ -227,7 +214,7 @@ class Case:
 
     def of(self, subject: Subject) -> "Case":
         """Return the case of another subject."""
-        return Case(subject, self.number, self.numbers)
+        return Case(subject, self.number, dict(self.numbers))
 
     def in_other_units(self) -> "tuple[Case, NDArray[np.float64]] | None":
         """Return the case in other units of length, mass and time, and their logarithms.
@@ -240,7 +227,7 @@ class Case:
             return None
         units = {name: self.subject.intervals[name].unit for name in self.numbers}
         scaled = {name: self[name] * factor(unit, logarithms) for name, unit in units.items()}
-        return self.of(self.subject.in_units(logarithms)).but(**scaled), logarithms
+        return self.of(self.subject.but(logarithms=logarithms)).but(**scaled), logarithms
 
     def call(self, formula: str, *arguments: Any) -> Any:
         """Return what a formula of the law gives: the compiled one if there is one."""

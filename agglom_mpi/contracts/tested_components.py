@@ -131,7 +131,7 @@ def _of_law(campaign: Campaign, law: Law) -> list[PropertyFinding]:
     known = [name for name, _ in properties_of(subject)]
     if runs_compiled():
         case = Case(subject, 0)
-        subject = subject.with_formulas(compiled_formulas(case.built, case.laws))
+        subject = subject.but(compiled=compiled_formulas(case.built, case.laws))
     return [*_unknown_breaks(type(law), known), *law_findings(subject)]
 
 
