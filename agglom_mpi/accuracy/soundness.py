@@ -115,6 +115,7 @@ def summary(rows: Rows) -> dict[str, Any]:
         "reason": REASONS[int(failed["reason"][0])] if len(failed) else "",
         "mean b/b0": growth.value,
         "standard error": growth.error,
+        "half width": growth.half_width,
         "collisions per sample": collisions / max(1, len(good)),
         "breakages per sample": float(np.sum(good["breakups"])) / max(1, len(good)),
         "unsolved impacts": float(np.sum(good["capped_iterations"])) / max(1.0, collisions),

@@ -15,16 +15,15 @@ from agglom_mpi.accuracy.report import (
     draw_curves,
     frame_table,
     mean_column,
-    time_columns,
 )
+from agglom_mpi.accuracy.soundness import summary
 from agglom_mpi.accuracy.study import Rows, Setup, StudyPart, completed
 from agglom_mpi.accuracy.time_integration.steps import EVENT, StudiedScene, event_engine
 from agglom_mpi.analysis.extrapolation import Extrapolation, extrapolated
 from agglom_mpi.analysis.finite_size import enough_grains
-from agglom_mpi.analysis.tables import time_on_free_core
 from agglom_mpi.display.table import Column
 from agglom_mpi.report.drawing import Drawing
-from agglom_mpi.statistics import MeanEstimate, mean_of
+from agglom_mpi.statistics import MeanEstimate
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -120,24 +119,18 @@ def measured_volumes(
     return pd.DataFrame(sizes), pd.DataFrame(times)
 
 
-def _row(scene: StudiedScene, particles: int, end_time: float, rows: Rows) -> dict[str, float]:
+def _row(scene: StudiedScene, particles: int, end_time: float, rows: Rows) -> dict[str, Any]:
     good = completed(rows)
     ratios = good["mean_radius_ratio"]
-    growth = mean_of(ratios)
     grains = particles * scene.campaign.scene.third_moment
     value, error = scene.campaign.objective.of_grains(grains).of_rows(good)
     return {
         "particles": particles,
         "end time (s)": end_time,
-        "samples": len(rows),
-        "failed": len(rows) - len(good),
-        "mean b/b0": growth.value,
-        "standard error": growth.error,
-        "half width": growth.half_width,
+        **summary(rows),
         "spread of samples": float(np.std(ratios, ddof=1)) if len(ratios) > 1 else np.nan,
         "objective": value,
         "standard error of the objective": error,
-        **time_columns(time_on_free_core(rows)),
     }
 
 

@@ -28,6 +28,7 @@ from agglom_mpi.accuracy.report import (
     time_columns,
     time_text,
 )
+from agglom_mpi.accuracy.soundness import summary
 from agglom_mpi.accuracy.study import (
     Rows,
     Setup,
@@ -228,25 +229,19 @@ def measured_methods(scene: StudiedScene, samples: Mapping[str, Rows]) -> "pd.Da
     rows = []
     for name, method, step in measured:
         own = samples[name]
-        good = completed(own)
         bias = paired_difference(own, reference, "mean_radius_ratio")
         objective = objective_bias(scene.campaign, own, reference)
-        collisions = max(1.0, float(np.sum(good["collisions"])))
         rows.append(
             {
                 "method": method,
                 STEP: step,
-                "samples": len(own),
-                "failed": len(own) - len(good),
-                **time_columns(time_on_free_core(own)),
+                **summary(own),
                 "bias of b/b0": bias.value,
-                "standard error": bias.error,
+                "standard error of bias": bias.error,
                 "relative bias": bias.value / growth,
                 "relative half width": bias.half_width / growth,
                 "bias of objective": objective.value,
                 "standard error of that": objective.error,
-                "overlaps per sample": float(np.mean(good["overlaps"])) if len(good) else np.nan,
-                "unsolved impacts": float(np.sum(good["capped_iterations"])) / collisions,
                 "pairs": bias.samples,
             }
         )
@@ -271,7 +266,7 @@ METHOD_COLUMNS: Final = (
     Column("samples"),
     Column("failed"),
     TIME_COLUMN,
-    mean_column("bias of b/b⁰", "bias of b/b0", "standard error", "pairs"),
+    mean_column("bias of b/b⁰", "bias of b/b0", "standard error of bias", "pairs"),
     RowColumn(
         "relative, ± 95 %",
         format=lambda row: (
