@@ -1,9 +1,9 @@
-"""Intervals of the named numbers at which laws are tested, over decades; faults; other units."""
+"""Intervals of the numbers at which laws are tested, over decades; faults, findings; other units."""
 
 import math
 from collections.abc import Iterable, Mapping
 from functools import cache
-from typing import Final, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -147,3 +147,42 @@ def other_units(wanted: Iterable[float], constants: Iterable[str]) -> NDArray[np
     fixed = np.array([exponents(unit) for unit in constants]).reshape(-1, 3)
     chosen = (np.eye(3) - np.linalg.pinv(fixed) @ fixed) @ np.array([*wanted])
     return chosen if float(np.abs(chosen).max()) > math.sqrt(np.finfo(float).eps) else None
+
+
+class PropertyFinding(NamedTuple):
+    """A property of a component that was tested.
+
+    Attributes
+    ----------
+    component
+        The class of the component.
+    name
+        Name of the property.
+    fault
+        Description of the fault; empty if the property holds.
+    numbers
+        The numbers at which it fails.
+    """
+
+    component: type[Any]
+    name: str
+    fault: str = ""
+    numbers: Mapping[str, float] = {}
+
+    @property
+    def fails(self) -> bool:
+        """Whether the property does not hold, and the class does not name it in `breaks`."""
+        return bool(self.fault) and self.name not in self.component.breaks
+
+    def __str__(self) -> str:
+        at = ", ".join(f"{name}={value:.12g}" for name, value in self.numbers.items())
+        line = f"{component_label(self.component)}: {self.name}: {self.fault}"
+        return f"{line}; at {at}" if at else line
+
+
+def component_label(component: type[Any]) -> str:
+    """Return the name of a component in a line: `FILE.py:Class`, or `heating own_energy`."""
+    module, name = component.__module__.rpartition(".")[2], next(iter(component.names()), "")
+    if not name:
+        return f"{module}.{component.__qualname__}"
+    return name if component.own is not None else f"{module} {name}"

@@ -5,9 +5,8 @@ from functools import partial
 from typing import Any, Final, NamedTuple
 
 from agglom_mpi.contracts import formulas, grains, impacts, starts
-from agglom_mpi.contracts.cases import Violation
+from agglom_mpi.contracts.cases import PropertyFinding, Violation
 from agglom_mpi.contracts.formulas import LawFormula
-from agglom_mpi.contracts.promises import PropertyFinding
 from agglom_mpi.contracts.subject import RANDOM_CASES, Case, Subject
 from agglom_mpi.declaration.laws import Law
 from agglom_mpi.declaration.own_modules import line_in
