@@ -1,4 +1,4 @@
-"""Intervals of the numbers at which laws are tested, over decades; faults, findings; other units."""
+"""Intervals of numbers at which laws are tested, over decades; faults, findings; other units."""
 
 import math
 from collections.abc import Iterable, Mapping
