@@ -73,10 +73,10 @@ class FreshSamples(Study):
 
     def __init__(self, study: AnswerStudy, strings: Iterable[Floats]) -> None:
         super().__init__(study.question, fresh_setups(study, strings), math.inf)
-        self.rule = None
+        self.membership: ClearMembership | None = None
         if study.answer == "set":
             fewest = min(MIN_SAMPLES, study.samples)
-            self.rule = ClearMembership(
+            self.membership = ClearMembership(
                 tolerance=study.tolerance, max_samples=study.samples, min_samples=fewest
             )
 
@@ -85,9 +85,12 @@ class FreshSamples(Study):
         each = [setup.sha256() for setup in self.setups.values()]
         entries = self.campaign.identity() | {"strings": len(each)}
         entries["setups"] = digest({"all": each}, STUDY_SEPARATORS)
-        if self.rule is not None:
-            entries["rule.tolerance"], entries["rule.errors"] = self.rule.tolerance, CLEAR_ERRORS
-            entries["rule.min_samples"] = self.rule.min_samples
+        if self.membership is not None:
+            entries["rule.tolerance"], entries["rule.errors"] = (
+                self.membership.tolerance,
+                CLEAR_ERRORS,
+            )
+            entries["rule.min_samples"] = self.membership.min_samples
         return entries
 
     def kernel_cases(self) -> Iterator[tuple[SampleSetup, Floats]]:
@@ -96,9 +99,9 @@ class FreshSamples(Study):
 
     def ensemble(self, setup: Setup) -> Ensemble:
         """Return what takes the samples of a string."""
-        if self.rule is None:
+        if self.membership is None:
             return super().ensemble(setup)
-        return Ensemble(self.rule, setup.campaign.objective, setup.campaign.scene.particles)
+        return Ensemble(self.membership, setup.campaign.objective, setup.campaign.scene.particles)
 
 
 def estimation(study: AnswerStudy, folder: Path) -> FreshSamples:
