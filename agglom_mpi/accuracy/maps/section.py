@@ -1,5 +1,6 @@
 """The section of a report on a map: its figure, and the shares of the plane by method."""
 
+import math
 from collections.abc import Collection, Iterator, Mapping
 from typing import Any, Final
 
@@ -16,6 +17,12 @@ from agglom_mpi.display.table import Column, Table
 from agglom_mpi.formatting import format_percent
 from agglom_mpi.report.drawing import Drawing
 
+
+def format_largest(error: float) -> str:
+    """Return the largest resolved error in percent; a dash where none is resolved."""
+    return "–" if math.isnan(error) else format_percent(error)
+
+
 METHOD_COLUMNS: Final = (
     Column("method", text=True),
     Column("cells"),
@@ -23,7 +30,7 @@ METHOD_COLUMNS: Final = (
     Column("troubles", "fails by", text=True),
     Column("sound cells with a resolved error"),
     Column("sound cells", "of sound cells"),
-    Column("largest resolved error", "largest", format=lambda error: f"{100.0 * error:.2g} %"),
+    Column("largest resolved error", "largest", format=format_largest),
 )
 
 
