@@ -131,7 +131,7 @@ def _rate_phrases(progress: RunProgress) -> list[Phrase]:
     if progress.strings_open:
         found.append((f"{pluralise(progress.strings_open, 'string')} open", ""))
     if progress.in_flight is not None:
-        found.append((f"{progress.in_flight} in flight", ""))
+        found.append((f"up to {progress.in_flight} in flight", ""))
     if progress.note:
         found.append((progress.note, "yellow"))
     return found

@@ -25,6 +25,7 @@ from agglom_mpi.declaration.declared import LATER, FieldPath
 from agglom_mpi.declaration.field_types import NONE, Flag
 from agglom_mpi.declaration.needed import needed
 from agglom_mpi.formatting import pluralise
+from agglom_mpi.judge import HALF_WIDTH, MEAN_RADIUS, OBJECTIVE
 from agglom_mpi.search.racing import Racing
 from agglom_mpi.statistics import t_95
 
@@ -121,6 +122,11 @@ class StoppingRule(Component):
     @property
     def relative_to(self) -> Literal["mean_radius", "objective"] | None:
         """Quantity that the tolerance is relative to; None: it is in units of the objective."""
+        return None
+
+    @property
+    def compares(self) -> int | None:
+        """What a compiled judge of the rule compares, from `judge`; None: there is none."""
         return None
 
     @needed
@@ -243,6 +249,11 @@ class SuccessiveDifference(AdaptiveRule):
         """The quantity that is compared."""
         return self.quantity
 
+    @property
+    def compares(self) -> int:
+        """The running mean of the quantity."""
+        return MEAN_RADIUS if self.quantity == "mean_radius" else OBJECTIVE
+
     def holds(self, before: EnsembleState[Any], after: EnsembleState[Any]) -> Any:
         """Compare the running means."""
         if self.quantity == "mean_radius":
@@ -324,6 +335,11 @@ class StandardError(AdaptiveRule):
     def label(self) -> str:
         """The rule with its tolerance."""
         return f"half-width ≤ {_share(self.tolerance)}"
+
+    @property
+    def compares(self) -> int:
+        """Half the interval of the objective."""
+        return HALF_WIDTH
 
     def holds(self, before: EnsembleState[Any], after: EnsembleState[Any]) -> Any:
         """Compare the half-width with the tolerance."""
