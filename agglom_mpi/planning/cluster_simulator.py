@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from agglom_mpi.judge import Judge, samples_needed
 from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.planning.forecast import FREE, MAX_SIMULATED, Forecast, MessageCosts
+from agglom_mpi.scheduling.estimators import RANGE_SECONDS
 from agglom_mpi.scheduling.interface import ReturnedPart
 from agglom_mpi.scheduling.scheduler import Scheduler
 from agglom_mpi.search.decisions import Decision, StringEvaluated, StringsProposed
@@ -41,6 +42,8 @@ class SampleInFlight(NamedTuple):
         Whether it is the last one of its task.
     leaves_out
         Whether those after it in the task were left out.
+    begin
+        Time in s that the rank takes before it: it is the first one of its task.
     """
 
     string: int
@@ -49,6 +52,7 @@ class SampleInFlight(NamedTuple):
     needed: bool = True
     ends: bool = False
     leaves_out: bool = False
+    begin: float = 0.0
 
 
 def returned_parts(samples: Iterable[SampleInFlight]) -> Iterator[ReturnedPart]:
@@ -86,7 +90,8 @@ class SimulatedRank:
     def end(self) -> float:
         """Time at which the first batch is finished, s."""
         received, samples = self.batches[0]
-        return max(self.free_at, received) + sum(sample.seconds for sample in samples)
+        spent = sum(sample.begin + sample.seconds for sample in samples)
+        return max(self.free_at, received) + spent
 
     def take(self) -> list[SampleInFlight]:
         """Remove and return the first batch, which is finished."""
@@ -107,7 +112,7 @@ class SimulatedRank:
         for received, samples in self.batches:
             end = max(end, received)
             for place, sample in enumerate(samples):
-                end += sample.seconds
+                end += sample.begin + sample.seconds
                 yield samples, place, end
 
 
@@ -378,6 +383,7 @@ class ClusterSimulator:
             raise TooManySamples
         seconds = drawn.seconds[first : first + count]
         samples = [SampleInFlight(string, first + i, each) for i, each in enumerate(seconds)]
+        samples[0] = samples[0]._replace(begin=RANGE_SECONDS)
         samples[-1] = samples[-1]._replace(ends=True, leaves_out=count < most)
         return samples
 

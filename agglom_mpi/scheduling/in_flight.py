@@ -70,6 +70,11 @@ class InFlightTable:
         """Return the rank with exactly `batches` batches that should finish first, or None."""
         return next(iter(self._with[batches]), None)
 
+    @property
+    def working(self) -> int:
+        """Number of ranks that have work and are not silent."""
+        return sum(len(ranks) for ranks in self._with[1:])
+
     def assign(self, rank: int, batch: list[SampleRange], now: float) -> None:
         """Add a batch to those of a rank, at the time `now` in s."""
         if not self._batches[rank]:

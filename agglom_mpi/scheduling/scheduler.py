@@ -96,7 +96,7 @@ class Scheduler:
         self.batch_sizer = BatchSizer()
         self._demand = demand
         self._propose_ahead = propose_ahead
-        self._ranks = ranks
+        self._ranks = self._employed = ranks
         self._urgency = min(URGENCY, 1.0 + URGENCY_PER_RANK * ranks)
         self._in_flight = InFlightTable(ranks)
         self.duplicates = DuplicateSamples()
@@ -109,7 +109,7 @@ class Scheduler:
         self._urgent, self._speculative = PriorityQueue(), PriorityQueue()
         self._complete: list[int] = []  # strings of which ranks may have unnecessary samples
         self._most_used = 0
-        self._range_loss, self._least = RANGE_LOSS, 1.0
+        self._range_loss, self._least, self._judged = RANGE_LOSS, 1.0, 1.0
         for string, sample in known:
             self._known.setdefault(string, set()).add(sample)
         for samples in used:
@@ -128,18 +128,27 @@ class Scheduler:
         """Yield ranks and their new tasks, arrays of `task_type`, at the time `now` in s."""
         self._follow_generation()
         size = self._batch_size()
-        weight = self.batch_sizer.range_weight(self._ranks, size)
+        self._employed = int(min(self._ranks, self.batch_sizer.most_ranks(size)))
+        weight = self.batch_sizer.range_weight(self._employed, size)
         self._range_loss = min(MAX_RANGE_LOSS, RANGE_LOSS * math.sqrt(weight))
-        self._least = self.batch_sizer.least(self._ranks, self._waiting)
+        self._least = self.batch_sizer.least(self._employed, self._waiting)
+        waiting = len(self._open) * max(self.sample_counts.mean, self._most_used)
+        self._judged = self.batch_sizer.judged_range(waiting, self._employed)
         for batches in range(self.batch_sizer.batches_per_rank(size)):
             # Of samples for a rank with so many batches in flight.
             least = self.batch_sizer.queue_probability(size) if batches else MIN_PROBABILITY
-            while (rank := self.next_rank(batches)) is not None:
+            while (rank := self._rank_to_employ(batches)) is not None:
                 batch = self._next_batch(size, least)
                 if not batch:
                     return
                 self._in_flight.assign(rank, batch, now)
                 yield rank, self._tasks(batch)
+
+    def _rank_to_employ(self, batches: int) -> int | None:
+        """Return the next rank with exactly `batches` batches; None if rank 0 is full by others."""
+        if not batches and self._in_flight.working >= self._employed:
+            return None
+        return self.next_rank(batches)
 
     def cancellations(self) -> list[tuple[int, NDArray[np.int64]]]:
         """Return ranks and the strings, (n,), whose samples in flight there are unnecessary.
@@ -304,7 +313,9 @@ class Scheduler:
         """Return samples of a string that nobody has: at most `limit`, unless they are judged."""
         first, used = self._next[string], progress.next_sample
         means = self._demand.judged_from(string) if first == used else None
-        count = min(limit if means is None else MOST_JUDGED, progress.max_samples - first)
+        if means is not None:
+            limit = int(min(MOST_JUDGED, max(limit, self._judged)))
+        count = min(limit, progress.max_samples - first)
         if string in self._open:
             count = min(count, self._range_limit(used))
         known = self._known.get(string)
@@ -323,7 +334,7 @@ class Scheduler:
 
         Where rank 0 would be saturated, fewer ranks help, with more samples each.
         """
-        strings_per_rank = len(self._open) / (2 * self._ranks)
+        strings_per_rank = len(self._open) / (2 * self._employed)
         if strings_per_rank >= 1.0:
             return MOST_SAMPLES
         need = max(self.sample_counts.mean, used + 1.0)
@@ -332,7 +343,8 @@ class Scheduler:
     def _batch_size(self) -> int:
         """Return the samples of a message: worth one, and no more than are surely needed."""
         waiting = self._waiting
-        return self.batch_sizer.batch_size(TAIL_SHARE * waiting / self._ranks, self._ranks, waiting)
+        ranks = self._employed
+        return self.batch_sizer.batch_size(TAIL_SHARE * waiting / ranks, ranks, waiting)
 
     @property
     def _waiting(self) -> float:

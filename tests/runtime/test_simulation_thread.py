@@ -459,10 +459,11 @@ def test_the_thread_that_simulates_reads_its_own_processor_time(campaign, monkey
 
     clocks = SimpleNamespace(perf_counter=time.perf_counter, thread_time=thread_time)
     monkeypatch.setattr(stopwatch, "time", clocks)
+    monkeypatch.setattr(module, "MAX_AT_ONCE", 1)  # else compiled code reads the clock
     simulator = SampleRunner(InversionExperiment(campaign), 0)
     simulator.warm_up()
     thread = SimulationThread(simulator, Wakeup())
-    thread.put(tasks(campaign, 2))
+    thread.put(tasks(campaign, 1))
     results = taken(thread).results
     thread.stop()
     assert set(readers) == {thread._thread}

@@ -65,7 +65,7 @@ def test_one_rank_simulates_what_is_used_and_begins_each_string_once():
 
 def test_few_ranks_simulate_less_in_vain_than_where_rank_0_alone_judges():
     judged, others = (
-        Ranks(3, random.Random(0), population=30, generations=20, judged=judged)
+        Ranks(3, random.Random(0), population=30, max_samples=100, judged=judged)
         for judged in (True, False)
     )
     assert judged.simulated - used(judged) < 0.5 * (others.simulated - used(others))
