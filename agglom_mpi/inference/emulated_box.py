@@ -4,7 +4,6 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agglom_mpi.config.coordinates import Coordinates, coordinates_of
 from agglom_mpi.emulation.emulator import Emulator, merge_samples
@@ -81,9 +80,12 @@ class EmulatedBox:
         self.points = self.coordinates.of_strings(strings)
         groups, random = len(self.coordinates.groups), self.stream(EMULATOR_STREAM)
         self.emulator = JointEmulator(quantities, self.points, numbers, random, groups)
-        tried = self.coordinates.of_strings(stored.tried)
-        self._failing = failure_emulator(tried, stored.failed, self.stream(FAILURE_STREAM), groups)
         self.failing_strings = int(stored.failed.sum())
+        self._failing: Emulator | None = None
+        if self.failing_strings:  # a regression of the failures
+            tried = self.coordinates.of_strings(stored.tried)
+            failures = merge_samples(tried, stored.failed.astype(np.float64))
+            self._failing = Emulator(failures, self.stream(FAILURE_STREAM), groups, rounds=0)
 
     def stream(self, number: int) -> np.random.Generator:
         """Return a random stream of the campaign, such as `EMULATOR_STREAM`."""
@@ -99,24 +101,3 @@ class EmulatedBox:
         if self._failing is None:
             return np.zeros(len(points))
         return np.clip(self._failing.mean(points), 0.0, 1.0)
-
-
-def failure_emulator(
-    points: Floats, failed: NDArray[np.bool_], random: np.random.Generator, groups: int = 0
-) -> Emulator | None:
-    """Return a regression of the failures of strings; None where none failed.
-
-    Parameters
-    ----------
-    points
-        Coordinates of all strings, shape (n, c).
-    failed
-        Which of them failed, shape (n,).
-    random
-        Stream of the subsets that covariances are fitted to.
-    groups
-        Number of coordinates, the last ones, that are groups of variables.
-    """
-    if not failed.any():
-        return None
-    return Emulator(merge_samples(points, failed.astype(np.float64)), random, groups, rounds=0)

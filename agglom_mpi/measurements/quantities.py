@@ -121,7 +121,7 @@ class MeasuredQuantity(Component):
         return np.clip(values, 0.0, self.most)
 
     @property
-    def kind(self) -> str:
+    def errors_like(self) -> str:
         """Name of all quantities whose measurements have similar errors."""
         return "length" if self.unit == "m" else self.name
 
