@@ -133,7 +133,7 @@ def _bounds(emulated: EmulatedSet, points: SetPoints) -> tuple[float, float]:
         return emulated.criterion.bounds()
     likely = points.probability >= LIKELY_SHARE * points.probability.max()
     at = emulated.coordinates.of_strings(points.strings[likely])
-    values = emulated.emulator.first_mean(at)
+    values = emulated.emulator.processes[0].mean(at)
     return float(values.min()), float(values.max())
 
 

@@ -142,7 +142,8 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
 
         For moments, (n, k), that of the k numbers of a sample that are emulated.
         """
-        return self._at(parameters, lambda strings: _flat(self.emulated.noise(strings)))
+        noise, at = self.emulated.emulator.noise, self.emulated.coordinates.of_strings
+        return self._at(parameters, lambda strings: _flat(noise(at(strings))))
 
     # The set
 

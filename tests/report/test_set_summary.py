@@ -28,7 +28,7 @@ def printed(content, width=160):
 def without_members(found):
     """Return a set whose points are surely no members, which rests on nothing computed before."""
     changed = copy.copy(found)
-    for name in ("_variables", "_directions", "_volume_error"):
+    for name in ("variables", "directions", "volume_error"):
         vars(changed).pop(name, None)
     none = np.zeros_like(found.points.probability)
     changed.points = found.points._replace(probability=none)

@@ -1,7 +1,7 @@
 """The genetic algorithm of both papers [A 22] [B 7]."""
 
 from collections.abc import Iterator
-from typing import Annotated, Final, Literal
+from typing import Annotated, ClassVar, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,6 +72,7 @@ class Genetic(PopulationMethod):
         space. None never restricts.
     """
 
+    has_parents: ClassVar[bool] = True
     method: Literal["genetic"] = "genetic"
     population: Annotated[int, Whole(at_least=4, at_most=10**5)] = 20
     parents: Annotated[int, Whole(at_least=2, multiple_of=2)] = 6
@@ -87,11 +88,6 @@ class Genetic(PopulationMethod):
     def kept(self) -> int:
         """Number of parents."""
         return self.parents
-
-    @property
-    def has_parents(self) -> bool:
-        """Whether strings can race for the parents' places: they can."""
-        return True
 
     @property
     def ranks_itself(self) -> bool:
