@@ -16,9 +16,8 @@ import numpy as np
 from agglom_mpi.config.coordinates import coordinates_of
 from agglom_mpi.emulation.emulator import merge_samples
 from agglom_mpi.emulation.gaussian_process import Floats
-from agglom_mpi.inference.emulated_box import EmulatedBox, EmulatedStrings
 from agglom_mpi.inference.posterior_sampling import MAX_LOGARITHM_AWAY, Observed
-from agglom_mpi.inference.searched_box import SearchedBox
+from agglom_mpi.inference.searched_box import EmulatedBox, EmulatedStrings, SearchedBox
 from agglom_mpi.inference.stored_samples import StoredSamples, StringValues
 from agglom_mpi.measurements.datum import Datum
 from agglom_mpi.measurements.misfit import ResidualFrame, residual_frame

@@ -7,9 +7,8 @@ import numpy as np
 
 from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.formatting import ROUNDING
-from agglom_mpi.inference.emulated_box import EmulatedBox, EmulatedStrings
 from agglom_mpi.inference.posterior_sampling import PRIOR_POINTS
-from agglom_mpi.inference.searched_box import SearchedBox
+from agglom_mpi.inference.searched_box import EmulatedBox, EmulatedStrings, SearchedBox
 from agglom_mpi.inference.stored_samples import StoredSamples
 from agglom_mpi.random_streams import FEASIBLE_SET
 from agglom_mpi.search.criteria import Criterion

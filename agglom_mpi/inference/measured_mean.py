@@ -9,10 +9,10 @@ import numpy as np
 from agglom_mpi.config.arguments import read_error, read_number, shown
 from agglom_mpi.config.yaml_source import ArgumentError
 from agglom_mpi.emulation.gaussian_process import Floats
-from agglom_mpi.inference.emulated_box import EmulatedStrings
 from agglom_mpi.inference.emulated_set import EmulatedSet
 from agglom_mpi.inference.posterior import Posterior, PosteriorError
 from agglom_mpi.inference.posterior_sampling import Observed, sample_posterior
+from agglom_mpi.inference.searched_box import EmulatedStrings
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
