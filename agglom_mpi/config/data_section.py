@@ -21,8 +21,8 @@ from agglom_mpi.declaration.units import has_offset, quoted, to_si, unit_in
 from agglom_mpi.formatting import in_unit, value_with_prefix
 from agglom_mpi.measurements.datum import Datum, datum_name
 from agglom_mpi.measurements.files.campaign_files import CURVE_NUMBERS
+from agglom_mpi.measurements.files.size_columns import CurveKeys
 from agglom_mpi.measurements.files.size_curve import ShareWeight, SizeCurve
-from agglom_mpi.measurements.files.size_table import CurveKeys
 from agglom_mpi.measurements.quantities import QUANTITIES, MeasuredQuantity
 
 if TYPE_CHECKING:

@@ -9,11 +9,11 @@ from agglom_mpi.analysis.shown_units import shown_unit, unit_of_datum
 from agglom_mpi.display.table import Column, Facts, Table
 from agglom_mpi.formatting import axis_label, format_digits, format_percent, in_unit, label_of
 from agglom_mpi.inference.measured_mean import MeasuredMean
-from agglom_mpi.inference.nearest import quantity_name
 from agglom_mpi.inference.posterior import Posterior
 from agglom_mpi.inference.posterior_sampling import CENTRAL, REPORTED_QUANTILES
 from agglom_mpi.inference.predictive import PredictedDatum
 from agglom_mpi.inference.searched_box import SearchedBox
+from agglom_mpi.inference.set_points import quantity_name
 
 SHOWN_PAIRS: Final = 6
 """Number of pairs of variables whose correlations are shown."""

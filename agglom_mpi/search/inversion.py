@@ -20,13 +20,7 @@ from agglom_mpi.search.ensemble import Ensemble, EnsembleResult, judge_of
 from agglom_mpi.search.methods.method import RunningSearch
 from agglom_mpi.search.proposals import AGAIN, Evaluations, Proposals
 from agglom_mpi.search.racing import RaceEntry, Racing
-from agglom_mpi.search.sample_paths import (
-    NewSamples,
-    SampleBatch,
-    SamplePart,
-    WaitingSamples,
-    extend,
-)
+from agglom_mpi.search.sample_paths import SampleBatch, SamplePart, WaitingSamples, extend
 
 
 class Inversion:
@@ -299,7 +293,7 @@ class Inversion:
             if ensemble is not None and not ensemble.finished:
                 parts = self._waiting.take(string, ensemble.samples_used, self._limit(string))
                 if parts:
-                    batches.append(NewSamples(ensemble, parts))
+                    batches.append((ensemble, parts))
         if batches:
             extend(batches)
 

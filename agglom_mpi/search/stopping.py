@@ -275,6 +275,7 @@ class Moments(AdaptiveRule):
 
     is_published: ClassVar[bool] = True
     rule: Literal["moments"] = "moments"
+    relative_to: ClassVar[Literal["mean_radius"]] = "mean_radius"  # the others to themselves
     example: ClassVar[str] = "{rule: moments, tolerance: 1e-2, max_samples: 100}"
     order: Annotated[int, Whole(at_least=1, at_most=4)] = 4
 
@@ -293,11 +294,6 @@ class Moments(AdaptiveRule):
     def label(self) -> str:
         """The rule with its tolerance."""
         return f"{self.order} moments within {_share(self.tolerance)}"
-
-    @property
-    def relative_to(self) -> Literal["mean_radius"]:
-        """The first moment; each of the others is compared with itself."""
-        return "mean_radius"
 
     def holds(self, before: EnsembleState[Any], after: EnsembleState[Any]) -> Any:
         """Compare the moments up to the order."""
@@ -367,12 +363,11 @@ class FixedNumber(StoppingRule):
     is_adaptive: ClassVar[bool] = False
     rule: Literal["fixed"] = "fixed"
     example: ClassVar[str] = "{rule: fixed, samples: 3}"
+    min_samples: ClassVar[int] = 1  # the others may fail
+    tolerance: ClassVar[float] = math.nan
+    racing: ClassVar[None] = None
+    label: ClassVar[str] = "a fixed number of samples"
     samples: Annotated[int, Whole(at_least=1, at_most=10**6, meaning="a number of samples")]
-
-    @property
-    def min_samples(self) -> int:
-        """Minimum number of completed samples, 1: the others may fail."""
-        return 1
 
     @property
     def max_samples(self) -> int:
@@ -380,23 +375,9 @@ class FixedNumber(StoppingRule):
         return self.samples
 
     @property
-    def tolerance(self) -> float:
-        """None, so nan."""
-        return math.nan
-
-    @property
-    def racing(self) -> None:
-        """None: all strings get the same number."""
-
-    @property
     def summary(self) -> str:
         """One line on the rule."""
         return f"{pluralise(self.samples, 'sample')} of every string"
-
-    @property
-    def label(self) -> str:
-        """Description of the rule."""
-        return "a fixed number of samples"
 
     def holds(self, before: EnsembleState[Any], after: EnsembleState[Any]) -> Any:
         """Return False: the number of samples ends the ensemble."""
