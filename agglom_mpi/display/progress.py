@@ -62,7 +62,7 @@ class RunProgress(NamedTuple):
     strings_open
         Strings that need more samples.
     in_flight
-        Samples that ranks simulate or have queued; the campaign file does not have this number.
+        Most samples that ranks simulate or have queued; the campaign file does not have this number.
     failed
         Samples that failed, of all legs.
     remaining, may_end_sooner
@@ -131,7 +131,7 @@ def _rate_phrases(progress: RunProgress) -> list[Phrase]:
     if progress.strings_open:
         found.append((f"{pluralise(progress.strings_open, 'string')} open", ""))
     if progress.in_flight is not None:
-        found.append((f"up to {progress.in_flight} in flight", ""))
+        found.append((f"{progress.in_flight} in flight", ""))
     if progress.note:
         found.append((progress.note, "yellow"))
     return found
