@@ -38,7 +38,7 @@ def identity(campaign: "Campaign") -> dict[str, object]:
     if campaign.plan is not None:
         plan = campaign.plan
         sections |= {"search": plan.search.entries(), "ensemble": plan.ensemble.entries()}
-        sections["stopping"] = plan.stopping.recorded()
+        sections["stopping"] = plan.stopping.recorded_criteria()
     given = {f"scene.{name}" for name in _given_as_variables(variables)}
     return {name: value for name, value in _flat(sections) if name not in given}
 

@@ -1,18 +1,15 @@
 """How the text of a campaign is read: as it is today or was recorded, and with which own classes.
 
-A `Reading` is the context of pydantic's validation. Whoever maps the name of a component to its
-class, such as `components.class_named`, asks it for the classes of one's own.
+Whoever maps the name of a component to its class, such as `components.class_named`, asks a
+`Reading` for the classes of one's own.
 """
 
 import re
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeGuard
+from typing import Any, Final, NamedTuple, TypeGuard
 
 from agglom_mpi.declaration.units import quoted
 from agglom_mpi.variables import TEN, VariableTable
-
-if TYPE_CHECKING:
-    from pydantic import ValidationInfo
 
 OWN_NAME: Final = re.compile(r"([^\W\d]\w*)\.py:([^\W\d]\w*)")
 """Regular expression of the name of a component of one's own, `FILE.py:Class`."""
@@ -126,18 +123,16 @@ class Reading(NamedTuple):
         Variables of its strings.
     files
         Reads the files of sizes.
+    earlier
+        Fields of the mapping that is read which stand before the field, where they are right.
     """
 
     recorded: bool = False
     own: OwnComponents = NO_OWN
     variables: VariableTable = TEN
     files: NamedFiles = NO_FILES
+    earlier: Mapping[str, Any] = {}
 
 
 PLAIN: Final = Reading()
 """Reading of a text alone."""
-
-
-def reading_of(info: "ValidationInfo") -> Reading:
-    """Return how the text that is validated is read."""
-    return info.context if isinstance(info.context, Reading) else PLAIN

@@ -1,4 +1,4 @@
-"""Classes with declared fields: what their instances are, and that pydantic is loaded late."""
+"""Classes with declared fields: what their instances are, and how values are read."""
 
 import copy
 import pickle
@@ -113,10 +113,10 @@ assert SearchMethod.of_entries({"method": "surrogate"}).ranks_itself
 genetic = {"method": "genetic", "blend": {"0": 0.0}}
 assert not SearchMethod.of_entries(genetic).ranks_itself
 assert SearchMethod.of_entries({**genetic, "more_samples": 5}).ranks_itself
-assert not {"pydantic", "pint", "scipy"} & set(sys.modules)
+assert not {"pint", "ruamel", "scipy"} & set(sys.modules)
 """
 
 
-def test_recorded_components_load_neither_pydantic_nor_scipy():
+def test_recorded_components_load_neither_units_nor_scipy():
     done = subprocess.run([sys.executable, "-c", RECORDED], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
