@@ -4,10 +4,9 @@ from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any, Final
 
-from agglom_mpi.config.alternatives import FRACTIONS, one_of
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.declaration.declared import FieldPath, problems_at, raise_field_errors
-from agglom_mpi.declaration.given_values import JAMMING_FRACTION, read_value
+from agglom_mpi.declaration.given_values import FRACTIONS, JAMMING_FRACTION, one_of, read_value
 from agglom_mpi.declaration.reading import Reading
 from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.declaration.units import quoted, to_si, unit_in

@@ -5,6 +5,8 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any, Final
 
+from agglom_mpi.declaration.given_values import SIZES
+
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
     from agglom_mpi.variables import VariableTable
@@ -47,9 +49,6 @@ def _given_as_variables(variables: "VariableTable") -> Iterator[str]:
     """Yield the entries of a scene that stand under `variables`, and so in its entries."""
     if not variables.of_scene:
         return
-    # Imported here: a file is read without what reads campaigns.
-    from agglom_mpi.config.alternatives import SIZES
-
     for name in variables.of_scene:
         yield name
         if name in SIZES:  # the identity has the diameter or the half-width instead

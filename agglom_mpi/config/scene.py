@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, Name
 
 from numpy.typing import ArrayLike
 
-from agglom_mpi.config.alternatives import SIZES, one_of
 from agglom_mpi.declaration.choices import Choice, choice_of
 from agglom_mpi.declaration.components import (
     In,
@@ -18,6 +17,7 @@ from agglom_mpi.declaration.components import (
     names_of,
 )
 from agglom_mpi.declaration.declared import LATER, Declared, FieldPath, Meaning, Problems, Reads
+from agglom_mpi.declaration.given_values import SIZES, one_of
 from agglom_mpi.declaration.laws import Law, Values
 from agglom_mpi.declaration.reading import Reading
 from agglom_mpi.declaration.units import quoted, to_si
