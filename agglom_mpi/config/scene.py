@@ -95,12 +95,6 @@ EndTime = Annotated[
 ]
 
 
-def _at_least_two(value: Any) -> Any:
-    if value in (0, 1) and not isinstance(value, bool):
-        raise ValueError(f"is {value}; at least 2 are needed for a collision")
-    return value
-
-
 ENGINE_KEY: Final = "engine"
 """Field of the engine, which is a law of how a sample is computed, not of what happens in it."""
 
@@ -185,7 +179,6 @@ class SceneSection(Declared):
     particles: Annotated[
         int,
         Whole(at_least=2, at_most=MAX_PARTICLES, meaning="the number of grains"),
-        Reads(_at_least_two),
     ]
     half_width: Annotated[float | None, In("m", above=0)] = None
     grain_diameter: Annotated[float | None, In("m", above=0), LATER] = None
