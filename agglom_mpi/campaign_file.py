@@ -9,7 +9,7 @@ from types import MethodType
 from typing import TYPE_CHECKING, Any
 
 from agglom_mpi.analysis import finite_size_tables, tables
-from agglom_mpi.config.arguments import read_count
+from agglom_mpi.config.arguments import count_argument
 from agglom_mpi.errors import UserError
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.outcome import FinalParticles
@@ -254,7 +254,7 @@ class CampaignFile(metaclass=_PlotsFigures):
         >>> best.attrs["units"]["relative_speed"]
         'm/s'
         """
-        k = self._count("k", k, least=1)
+        k = count_argument(self.path, "k", k, least=1)
         return tables.best(self._snapshot(), k)
 
     def feasible_set(self, tolerance: float | str = 0.05) -> "FeasibleSet":
@@ -344,18 +344,8 @@ class CampaignFile(metaclass=_PlotsFigures):
         numbers = {"string": string, "sample": sample}
         for field, number in numbers.items():
             if not isinstance(number, Integral) or isinstance(number, bool):
-                self._count(field, number)
+                count_argument(self.path, field, number)
         return int(string), int(sample)
-
-    def _count(self, field: str, value: int, least: int = 0) -> int:
-        """Return a whole number that is an argument; raise an ArgumentError for anything else."""
-        # Imported here: reading a file does not need what reads a campaign's text.
-        from agglom_mpi.config.yaml_source import ArgumentError
-
-        try:
-            return read_count(value, least)
-        except ValueError as error:
-            raise ArgumentError.of(self.path, field, error) from None
 
 
 @cache

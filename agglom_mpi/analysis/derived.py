@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.config.derived import DerivedColumn, columns_of
+from agglom_mpi.config.quantities import DerivedColumn, columns_of
 from agglom_mpi.storage.recorded_campaign import code_note, recorded_campaign
 from agglom_mpi.storage.schema import INVERSION, parameters_of
 

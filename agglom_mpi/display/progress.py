@@ -62,7 +62,7 @@ class RunProgress(NamedTuple):
     strings_open
         Strings that need more samples.
     in_flight
-        Most samples that ranks simulate or have queued; the campaign file does not have this number.
+        Maximum number of samples that ranks simulate or have queued; not in the campaign file.
     failed
         Samples that failed, of all legs.
     remaining, may_end_sooner

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.config.arguments import read_count
+from agglom_mpi.config.arguments import count_argument
 from agglom_mpi.config.coordinates import Coordinates, coordinates_of
 from agglom_mpi.config.given_strings import Parameters, read_searched
 from agglom_mpi.config.yaml_source import ArgumentError
@@ -118,10 +118,7 @@ class SearchedBox:
 
     def count(self, field: str, value: Any, least: int = 0) -> int:
         """Return a whole number that is an argument; raise an ArgumentError for anything else."""
-        try:
-            return read_count(value, least)
-        except ValueError as error:
-            raise self.mistaken(field, error) from None
+        return count_argument(self.campaign.name, field, value, least)
 
 
 class EmulatedStrings(NamedTuple):
