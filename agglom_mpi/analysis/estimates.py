@@ -1,7 +1,9 @@
 """Estimates of the best strings on fresh samples, which no decision has seen."""
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Callable
+from functools import wraps
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +15,19 @@ from agglom_mpi.statistics import without_rounding
 if TYPE_CHECKING:
     from agglom_mpi.search.objectives.objective import Objective
     from agglom_mpi.storage.reader import CampaignData
+
+
+Kept = TypeVar("Kept")
+
+
+def kept(compute: "Callable[[CampaignData], Kept]") -> "Callable[[CampaignData], Kept]":
+    """Return a function of a campaign file that computes once for the rows as they are."""
+
+    @wraps(compute)
+    def found(data: "CampaignData") -> Kept:
+        return data.derived(compute)
+
+    return found
 
 
 class Estimate(NamedTuple):
@@ -155,15 +170,12 @@ def completed_rows(data: "CampaignData", string: int, fresh: bool) -> NDArray[np
     return np.concatenate([used, completed_rows(data, int(row["parents"][0]), fresh)])
 
 
+@kept
 def rounding_of(data: "CampaignData") -> float:
     """Return the largest difference of a campaign's objectives that is rounding and no result.
 
     It is 0 for the file of a study, which has no objective.
     """
-    return data.derived(_rounding)
-
-
-def _rounding(data: "CampaignData") -> float:
     if "objective.law" not in data.identity:
         return 0.0
     return objective_of(data).rounding(data.result_rows()["objective"])
@@ -179,9 +191,17 @@ def unconverged(data: "CampaignData") -> int:
     return int(((results["hit_maximum"] == 1) & differ).sum())
 
 
+@kept
 def objective_of(data: "CampaignData") -> "Objective":
     """Return the objective that a campaign searched by."""
-    return data.derived(_objective)
+    from agglom_mpi.inference.tolerances import recorded_objective
+
+    grains: float = int(data.identity["scene.particles"])
+    if "scene.sizes.law" in data.identity:
+        from agglom_mpi.storage.recorded_campaign import recorded_campaign
+
+        grains = recorded_campaign(data).scene.equivalent_grains
+    return recorded_objective(data).of_grains(grains)
 
 
 def objective_at(data: "CampaignData", string: int) -> "Objective":
@@ -193,14 +213,3 @@ def objective_at(data: "CampaignData", string: int) -> "Objective":
     from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
     return recorded_campaign(data).objective_at(data.parameters[string])
-
-
-def _objective(data: "CampaignData") -> "Objective":
-    from agglom_mpi.inference.tolerances import recorded_objective
-
-    grains: float = int(data.identity["scene.particles"])
-    if "scene.sizes.law" in data.identity:
-        from agglom_mpi.storage.recorded_campaign import recorded_campaign
-
-        grains = recorded_campaign(data).scene.equivalent_grains
-    return recorded_objective(data).of_grains(grains)

@@ -13,14 +13,17 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.analysis.estimates import objective_at, objective_of
+from agglom_mpi.analysis.estimates import kept, objective_at, objective_of
 from agglom_mpi.analysis.extrapolation import Extrapolation, Value, extrapolated
-from agglom_mpi.analysis.tables import time_on_free_core
+from agglom_mpi.analysis.ranking import rank_strings
+from agglom_mpi.analysis.tables import table_of_entries, time_on_free_core
 from agglom_mpi.formatting import value_with_error
 from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.statistics import MeanEstimate, mean_of
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from agglom_mpi.storage.reader import CampaignData
 
 MAX_FAILED: Final = 0.1
@@ -66,11 +69,6 @@ class VolumeMeans(NamedTuple):
     objective: MeanEstimate | None
     spread: float
     seconds: float
-
-    @property
-    def cost(self) -> float:
-        """Processor time for a standard error of 1 of b/b⁰: time × variance of a sample, in s."""
-        return self.seconds * self.spread**2
 
 
 class FiniteSize(NamedTuple):
@@ -162,12 +160,9 @@ def enough_grains(own: int, fit: Extrapolation, error: float) -> int:
     return max(own, step * math.ceil(wanted / step))
 
 
+@kept
 def finite_sizes(data: "CampaignData") -> dict[int, FiniteSize]:
     """Return the finite size of each string with samples in at least two volumes, by string."""
-    return data.derived(_finite_sizes) if data.volumes else {}
-
-
-def _finite_sizes(data: "CampaignData") -> dict[int, FiniteSize]:
     strings = sorted(
         {int(i) for volume in data.volumes for i in np.unique(data.volume_rows(volume)["string"])}
     )
@@ -271,6 +266,29 @@ def _volume_entry(means: VolumeMeans) -> dict[str, Any]:
         "objective_standard_error": None if objective is None else objective.error,
         "cpu_seconds": means.seconds,
     }
+
+
+def volumes_table(data: "CampaignData") -> "pd.DataFrame":
+    """Tabulate the means of the best strings in each control volume, one row each."""
+    rows = [
+        {"string": string, **entry} for string, each in _sizes(data) for entry in each["volumes"]
+    ]
+    return table_of_entries(rows, ["string", "volume", "grains"])
+
+
+def limits_table(data: "CampaignData") -> "pd.DataFrame":
+    """Tabulate the limits of the best strings for many grains, one row each, in order of rank."""
+    rows = []
+    for string, each in _sizes(data):
+        rows.append({"string": string, "grains": each.pop("volumes")[0]["grains"], **each})
+    return table_of_entries(rows, ["string", "grains", "limit", "limit_standard_error"])
+
+
+def _sizes(data: "CampaignData") -> Iterator[tuple[int, dict[str, Any]]]:
+    """Yield the best strings with their finite size."""
+    sizes = finite_sizes(data)
+    order = rank_strings(data).order if sizes else []
+    yield from ((string, sizes[string].as_dict()) for string in order if string in sizes)
 
 
 def describe_finite_size(data: "CampaignData", shown: Sequence[int]) -> Iterator[str]:

@@ -15,11 +15,10 @@ from agglom_mpi.inference.data_posterior import data_posterior
 from agglom_mpi.inference.feasible_set import FeasibleSet
 from agglom_mpi.report.export import require_directory
 from agglom_mpi.report.figures.figure import FigureOptions
-from agglom_mpi.report.next_summary import PosteriorRequest
 from agglom_mpi.report.sample_particles import RESIMULATION_SECONDS, all_stored
 from agglom_mpi.report.sections.published import Published
 from agglom_mpi.report.sections.section import Page
-from agglom_mpi.report.set_files import SetRequest, write_files
+from agglom_mpi.report.set_files import PosteriorRequest, SetRequest, write_files
 from agglom_mpi.storage.files import replace_file
 from agglom_mpi.storage.lock import live_status
 from agglom_mpi.storage.reader import CampaignData

@@ -19,6 +19,7 @@ from agglom_mpi.storage.recorded_campaign import recorded_campaign
 if TYPE_CHECKING:
     import pandas as pd
 
+    from agglom_mpi.inference.next_measurement import NextMeasurements
     from agglom_mpi.inference.posterior import Posterior
     from agglom_mpi.storage.reader import CampaignData
 
@@ -72,6 +73,45 @@ class SetRequest(NamedTuple):
         if self.measured is None or self.error is None or not found.calibration.passed:
             return None
         return found.posterior(self.measured, self.error)
+
+
+class PosteriorRequest(NamedTuple):
+    """Options of a report on the posterior of all data.
+
+    Attributes
+    ----------
+    what_next
+        Whether to show what to measure next.
+    table
+        CSV file to write with all measurements that could be made; None: do not.
+    """
+
+    what_next: bool = False
+    table: Path | None = None
+
+    def check(self, made: Path | None = None) -> None:
+        """Refuse a file that cannot be written, before anything is computed.
+
+        Parameters
+        ----------
+        made
+            A folder that will be made for files to be written into.
+
+        Raises
+        ------
+        OSError
+            If the file exists already, or its folder cannot be written.
+        """
+        check_new(self.table, made)
+
+    def found(self, posterior: "Posterior") -> "NextMeasurements | None":
+        """Return what to measure next, if that is asked for, and write the table."""
+        if not self.what_next:
+            return None
+        found = posterior.next_measurements()
+        if self.table is not None:
+            write_table(self.table, found.table)
+        return found
 
 
 @single_threaded

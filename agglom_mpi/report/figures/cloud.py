@@ -5,13 +5,14 @@ The box is seen obliquely from far away: then every sphere is a circle of its ow
 
 from collections.abc import Sequence
 from itertools import product
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.analysis.ranking import judged_string
 from agglom_mpi.formatting import pluralise, value_with_prefix
+from agglom_mpi.report.drawing import panels
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
 from agglom_mpi.report.sample_particles import (
     FramesUnavailableError,
@@ -78,18 +79,15 @@ def draw_cloud(
         The F axes, shape (F,).
     """
     from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
 
-    columns = min(len(times), COLUMNS)
-    rows = -(-len(times) // columns)
-    axes = figure.subplots(rows, columns, squeeze=False).ravel()
-    for unused in axes[len(times) :]:
-        unused.remove()
-    axes = axes[: len(times)]
-    colouring = _colouring(radii, temperature)
-    norm = _normalisation(colouring.values)
+    axes, rows = panels(figure, len(times), COLUMNS), -(-len(times) // COLUMNS)
+    label, values = _colouring(radii, temperature)
+    low, high = _range(values)
+    norm = Normalize(low, high if high > low else low + max(1e-3 * abs(low), 1e-3))
     extent = _extent(half_width, positions, radii)
     for ax, time, position, radius, value in zip(
-        axes, times, positions, radii, colouring.values, strict=True
+        axes, times, positions, radii, values, strict=True
     ):
         _draw_box(ax, half_width, extent)
         _draw_spheres(ax, position, radius, value, norm)
@@ -99,26 +97,24 @@ def draw_cloud(
         )
     _label_side(axes[0], half_width)
     scale = ScalarMappable(norm, COLOUR_MAP)
-    figure.colorbar(scale, ax=list(axes), label=colouring.label, shrink=0.85 / rows, pad=0.02)
+    figure.colorbar(scale, ax=list(axes), label=label, shrink=0.85 / rows, pad=0.02)
     return axes
 
 
-class _Colouring(NamedTuple):
-    """The values that colour the particles of each frame, and their name with unit."""
+def _colouring(
+    radii: Sequence[Floats], temperature: Sequence[Floats] | None
+) -> tuple[str, list[Floats]]:
+    """Return what colours the particles of each frame, and its name with the unit.
 
-    label: str
-    values: list[Floats]
-
-
-def _colouring(radii: Sequence[Floats], temperature: Sequence[Floats] | None) -> _Colouring:
-    """Return the temperatures, or the radii where temperatures are unknown or all the same."""
+    It is the temperatures, or the radii where temperatures are unknown or all the same.
+    """
     if temperature is not None:
         values = [np.asarray(each, float) for each in temperature]
         low, high = _range(values)
         if high - low > 1e-9 * abs(high):
-            return _Colouring("temperature (K)", values)
+            return "temperature (K)", values
     grain = _range([np.asarray(radii[0], float)])[0]
-    return _Colouring("radius / smallest at first", [np.asarray(r, float) / grain for r in radii])
+    return "radius / smallest at first", [np.asarray(r, float) / grain for r in radii]
 
 
 def _range(values: Sequence[Floats]) -> tuple[float, float]:
@@ -127,13 +123,6 @@ def _range(values: Sequence[Floats]) -> tuple[float, float]:
     if not known:
         return 1.0, 1.0
     return min(float(part.min()) for part in known), max(float(part.max()) for part in known)
-
-
-def _normalisation(values: Sequence[Floats]) -> Any:
-    from matplotlib.colors import Normalize
-
-    low, high = _range(values)
-    return Normalize(low, high if high > low else low + max(1e-3 * abs(low), 1e-3))
 
 
 def _view() -> Floats:

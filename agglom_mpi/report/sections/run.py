@@ -11,7 +11,16 @@ from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.display.table import Column, Table
 from agglom_mpi.formatting import format_duration, pluralise
 from agglom_mpi.outcome import COLUMNS, COMPLETED, FAILED, LEDGER, REASONS
-from agglom_mpi.report.sections.section import Block, Page, bullets, folded, note, section, warning
+from agglom_mpi.report.sections.section import (
+    Block,
+    Page,
+    bullets,
+    folded,
+    note,
+    section,
+    shown,
+    warning,
+)
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.schema import FAILURE_CAPACITY
 
@@ -30,11 +39,10 @@ def search(page: Page) -> Iterator[Block | Table]:
     yield figures
     if not figures.content:
         yield note("No generation is done yet.")
-    if page.options.sensitivity and "sensitivity" not in [each.name for each in figures.content]:
-        yield note(
-            "Sensitivity: too few strings, all worth the same, or a regression that predicts "
-            "nothing."
-        )
+    if page.options.sensitivity:
+        from agglom_mpi.analysis.sensitivity import sensitivity_of, sensitivity_table
+
+        yield shown(sensitivity_table(*sensitivity_of(page.data)))
 
 
 @section(5, "Particles")
