@@ -23,10 +23,24 @@ from agglom_mpi.outcome import COMPLETED, summaries
 from agglom_mpi.storage.reader import CampaignData
 
 REESTIMATED: Final = (
-    *("objective", "standard_error", "lower", "upper", "samples", "failed", "mean_radius_ratio"),
+    "objective",
+    "standard_error",
+    "lower",
+    "upper",
+    "samples",
+    "failed",
+    "mean_radius_ratio",
 )
 """Attributes of an `Estimate` that are shown of a string."""
 
+SEARCHED: Final = (
+    "objective",
+    "standard_error",
+    "mean_radius_ratio",
+    "growth_number",
+    "mean_grains",
+)
+"""Columns of `/results` that are shown of a string."""
 FRESH_COLUMNS: Final = (
     Column("fresh objective", "objective, re-estimate"),
     Column("fresh lower", "95 % from", format=".4f"),
@@ -151,9 +165,7 @@ def _entry(
     number, law = int(result["string"]), objective_of(file)
     entry: dict[str, Any] = {"string": number}
     entry |= {n: float(string[n]) for n in file.variables.names if not np.isnan(string[n])}
-    for name in (
-        *("objective", "standard_error", "mean_radius_ratio", "growth_number", "mean_grains"),
-    ):
+    for name in SEARCHED:
         entry[name] = float(result[name])
     entry["samples"] = int(result["samples_used"])
     entry["reestimate"] = again and {name: getattr(again, name) for name in REESTIMATED}

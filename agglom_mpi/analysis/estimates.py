@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.search.proposals import AGAIN
-from agglom_mpi.statistics import without_rounding
+from agglom_mpi.statistics import t_95, without_rounding
 
 if TYPE_CHECKING:
     from agglom_mpi.search.objectives.objective import Objective
@@ -74,8 +74,6 @@ def interval(value: float, error: float, count: int, least: float = 0.0) -> tupl
     has 0 in it, the lower end is 0. So it covers at least as often, and near 0 up to 97.5 % of the
     time.
     """
-    from agglom_mpi.statistics import t_95
-
     if count < 2 or not math.isfinite(value):
         return math.nan, math.nan
     half = t_95(count - 1) * error
@@ -92,8 +90,6 @@ def half_width(errors: np.ndarray, samples: np.ndarray) -> np.ndarray:
     samples : (n,) int
         Number of samples that each rests on.
     """
-    from agglom_mpi.statistics import t_95
-
     known = [t_95(int(n) - 1) if n > 1 else np.nan for n in np.asarray(samples).tolist()]
     return np.asarray(errors, float) * np.array(known, float)
 

@@ -79,7 +79,7 @@ def commonest_reason(data: "CampaignData") -> tuple[str, int]:
     rows = rows[rows["state"] == FAILED]
     rows = rows[data.are_used(rows)]
     raised = rows["reason"] == FailureReason.EXCEPTION
-    counts = _reasons(np.sort(rows["reason"][~raised]))
+    counts = reason_counts(np.sort(rows["reason"][~raised]))
     judged = {*rows[["string", "sample"]][raised].tolist(), *data.judged_timed_out}
     messages: dict[str, str] = {}
     for row in data.failures():
@@ -94,7 +94,8 @@ def commonest_reason(data: "CampaignData") -> tuple[str, int]:
     return reason, count
 
 
-def _reasons(codes: np.ndarray) -> Counter[str]:
+def reason_counts(codes: np.ndarray) -> Counter[str]:
+    """Return the numbers of failed samples by reason, in the order of the codes, (n,)."""
     return Counter(
         REASONS[code] if code < len(REASONS) else f"unknown ({code})" for code in codes.tolist()
     )
@@ -106,7 +107,7 @@ def failure_lines(data: "CampaignData") -> list[str]:
     rows = rows[rows["state"] == FAILED]
     if not len(rows):
         return []
-    reasons = _reasons(rows["reason"]).most_common()
+    reasons = reason_counts(rows["reason"]).most_common()
     counts = ", ".join(f"{count} by {reason}" for reason, count in reasons)
     string, sample = rows[0]["string"], rows[0]["sample"]
     return [

@@ -126,25 +126,25 @@ class FiniteSize(NamedTuple):
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
-        fit, objective = self.growth, self.objective
-        found = {
-            "limit": fit.limit.value,
-            "limit_standard_error": fit.limit.error,
+        fit, objective = self.growth, self.objective or Value(math.nan, math.nan, 0)
+        return {
+            **_with_error("limit", fit.limit),
             "limit_half_width": fit.limit.half_width,
-            "shift": fit.shift.value,
-            "shift_standard_error": fit.shift.error,
+            **_with_error("shift", fit.shift),
             "exceeds": self.exceeds,
             "chi_square": fit.chi_square,
             "p_value": fit.p_value,
             "parabola_p_value": fit.parabola_p_value,
             "why_no_limit": why_no_limit(self.volumes, fit),
-            "curvature": fit.curvature.value,
-            "curvature_standard_error": fit.curvature.error,
-            "limit_objective": math.nan if objective is None else objective.value,
-            "limit_objective_standard_error": math.nan if objective is None else objective.error,
+            **_with_error("curvature", fit.curvature),
+            **_with_error("limit_objective", objective),
             "enough_grains": self.enough_grains,
+            "volumes": [_volume_entry(means) for means in self.volumes],
         }
-        return found | {"volumes": [_volume_entry(means) for means in self.volumes]}
+
+
+def _with_error(name: str, number: MeanEstimate) -> dict[str, float]:
+    return {name: number.value, f"{name}_standard_error": number.error}
 
 
 def enough_grains(own: int, fit: Extrapolation, error: float) -> int:
@@ -301,10 +301,9 @@ def describe_finite_size(data: "CampaignData", shown: Sequence[int]) -> Iterator
     shown
         Strings of the columns of the table, #1 first.
     """
-    sizes = finite_sizes(data)
-    named = [(f"#{place}", sizes[i]) for place, i in enumerate(shown, 1) if i in sizes]
-    for name, size in named:
-        yield f"finite size of {name}: {describe(size)}"
+    named = _named(data, shown)
+    for place, size in named:
+        yield f"finite size of #{place}: {describe(size)}"
     if not named:
         return
     yield (
@@ -317,6 +316,12 @@ def describe_finite_size(data: "CampaignData", shown: Sequence[int]) -> Iterator
             f"the objective contains the number of grains: in all volumes it is evaluated with "
             f"{grains:,}, as by its definition it tends to 1 with the number of each volume"
         )
+
+
+def _named(data: "CampaignData", shown: Sequence[int]) -> list[tuple[int, FiniteSize]]:
+    """Return the strings of a table that have a finite size, by their places."""
+    sizes = finite_sizes(data)
+    return [(place, sizes[i]) for place, i in enumerate(shown, 1) if i in sizes]
 
 
 def describe(size: FiniteSize) -> str:
@@ -350,8 +355,7 @@ def finite_size_warnings(data: "CampaignData", shown: Sequence[int]) -> Iterator
 
     Arguments as for `describe_finite_size`.
     """
-    sizes = finite_sizes(data)
-    named = [(place, sizes[i]) for place, i in enumerate(shown, 1) if i in sizes]
+    named = _named(data, shown)
     over = [(place, size) for place, size in named if size.exceeds]
     if over:
         place, worst = max(over, key=lambda pair: abs(pair[1].growth.shift.value))

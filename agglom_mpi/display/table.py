@@ -186,7 +186,7 @@ class Table:
 
     def _aligned(self, cell: str, column: int) -> str:
         blanks = " " * (self._widths[column] - cell_len(cell))
-        left = column == 0 or (self.shown[column].text and not self.upright)
+        left = column == 0 or (not self.upright and self.shown[column].text)
         return cell + blanks if left else blanks + cell
 
     def _paragraphs(self, console: Console, room: int) -> Iterator[Text]:

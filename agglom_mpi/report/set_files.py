@@ -133,12 +133,7 @@ def set_report(data: "CampaignData", request: SetRequest, as_json: bool, **furth
     posterior = request.posterior_of(found)
     write_files(request, found, posterior)
     if as_json:
-        return json.dumps(
-            without_nan(set_as_dict(found, posterior) | further),
-            indent=2,
-            ensure_ascii=False,
-            allow_nan=False,
-        )
+        return _json(set_as_dict(found, posterior) | further)
     return set_text(found, posterior)
 
 
@@ -151,12 +146,15 @@ def write_json(path: Path, data: "CampaignData", request: SetRequest | None) -> 
         If there is none, with the reason.
     """
     if is_of_data(data, request):
-        found = {"posterior": data.derived(data_posterior).as_dict()}
-        text = json.dumps(without_nan(found), indent=2, ensure_ascii=False, allow_nan=False)
+        text = _json({"posterior": data.derived(data_posterior).as_dict()})
     else:
         text = set_report(data, request or SetRequest(), as_json=True)
     with atomic_file(path) as temporary:
         temporary.write_text(f"{text}\n", encoding="utf-8")
+
+
+def _json(values: dict[str, Any]) -> str:
+    return json.dumps(without_nan(values), indent=2, ensure_ascii=False, allow_nan=False)
 
 
 def is_of_data(data: "CampaignData", request: SetRequest | None) -> bool:

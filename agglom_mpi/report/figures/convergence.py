@@ -16,13 +16,12 @@ from agglom_mpi.report.drawing import (
     log_scale_from_zero,
     style_axes,
 )
+from agglom_mpi.report.figures.data_fit import TWO_SIDED
 from agglom_mpi.report.figures.figure import Figure, FigureOptions, objective_label
 from agglom_mpi.storage.reader import CampaignData
 
 Floats = NDArray[np.float64]
 
-NORMAL_QUANTILE: Final = 1.96
-"""Half of a 95 % interval in standard errors, where many samples are behind it."""
 LOGARITHMIC_RATIO: Final = 15.0
 """Ratio of the largest to the smallest value above which the axis is logarithmic."""
 BELOW_LOWEST: Final = 0.3
@@ -84,7 +83,7 @@ def convergence_history(data: CampaignData) -> ConvergenceHistory:
         best=_nan_if_infinite(rows["best_objective"]),
         best_half_width=half_width(rows["best_standard_error"], counts),
         top_mean=_nan_if_infinite(rows["mean_of_top"]),
-        top_half_width=NORMAL_QUANTILE * np.array(errors, float),
+        top_half_width=TWO_SIDED * np.array(errors, float),
         top_count=int(rows["top"][-1]) if len(rows) else 0,
         objective_label=objective_label(data),
         fresh=ranked.again.get(ranked.order[0]) if ranked.order else None,

@@ -88,7 +88,7 @@ def running_estimate(data: CampaignData, string: int) -> RunningEstimate:
 def stopping_points(data: CampaignData, string: int) -> list[StoppingPoint]:
     """Return where the campaign's own rule and `compared_rules` end the samples of a string."""
     samples = objective_of(data).summaries(data.counted(data.sample_rows(string)))
-    own = own_rule(data)
+    own = recorded_component(data, "ensemble", StoppingRule.of_entries)
     particles = int(data.identity["scene.particles"])
     compared = [(name, rule) for name, rule in compared_rules().items() if not rule.tests_like(own)]
     if own.is_adaptive:
@@ -97,11 +97,6 @@ def stopping_points(data: CampaignData, string: int) -> list[StoppingPoint]:
         (name, samples_until(samples, rule, objective_at(data, string), particles))
         for name, rule in compared
     ]
-
-
-def own_rule(data: CampaignData) -> StoppingRule:
-    """Return the stopping rule of a campaign's ensembles."""
-    return recorded_component(data, "ensemble", StoppingRule.of_entries)
 
 
 def samples_until(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.analysis.shown_units import unit_of_datum
+from agglom_mpi.analysis.shown_units import unit_of_datum, unit_of_variable
 from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.declaration.units import to_si
 from agglom_mpi.formatting import in_unit
@@ -22,7 +22,6 @@ from agglom_mpi.report.figures.box_panels import (
     draw_corner,
     draw_marginal,
     pair_edges,
-    shown_units_of,
 )
 from agglom_mpi.report.figures.data_fit import (
     ComparedDatum,
@@ -59,17 +58,16 @@ WARNING_COLOUR: Final = COLOURS[1]
 TRUTH_COLOUR: Final = COLOURS[4]
 
 
-def posterior_points(data: CampaignData, posterior: "Posterior") -> BoxPoints:
+def posterior_points(posterior: "Posterior") -> BoxPoints:
     """Return the strings of a posterior as weighted points, the narrowest variables first."""
     box, weights = posterior.of.box, posterior.weights
     names = sorted(box.names, key=lambda name: posterior.contraction[name])
-    shown = shown_units_of(data, box, names)
     units = box.space.to_unit(posterior.strings)
     ends = [weighted_quantiles(column, weights, (TAIL, 1.0 - TAIL)) for column in units.T]
     low, high = np.array(ends).T
     margin = RANGE_MARGIN * (high - low)
     lower, upper = np.maximum(low - margin, 0.0), np.minimum(high + margin, 1.0)
-    return BoxPoints(box, names, shown, units, weights, lower, upper)
+    return BoxPoints(box, names, units, weights, lower, upper)
 
 
 ShownPosterior = tuple["Posterior", BoxPoints, Mapping[str, float]]
@@ -77,7 +75,7 @@ ShownPosterior = tuple["Posterior", BoxPoints, Mapping[str, float]]
 
 
 def shown_posterior(
-    data: CampaignData, posterior: "Posterior | None", truth: Mapping[str, float | str] | None
+    posterior: "Posterior | None", truth: Mapping[str, float | str] | None
 ) -> ShownPosterior | None:
     """Return a posterior to be drawn, whatever was measured.
 
@@ -88,7 +86,7 @@ def shown_posterior(
     """
     if posterior is None:
         return None
-    points = posterior_points(data, posterior)
+    points = posterior_points(posterior)
     known = {name: _true_value(points.box, name, value) for name, value in (truth or {}).items()}
     return posterior, points, known
 
@@ -152,7 +150,7 @@ def draw_posterior(figure: "matplotlib.figure.Figure", shown: ShownPosterior) ->
 
 def _range_text(points: BoxPoints, posterior: "Posterior", name: str) -> str:
     """Return the median of a variable and the ends of its central 90 %, in its unit."""
-    factor, unit = points.shown_units[points.names.index(name)]
+    factor, unit = unit_of_variable(points.box.campaign.text, points.variable(name))
     low, median, high = (value / factor for value in posterior.quantiles(name, CENTRAL))
     return in_unit(f"{median:.3g} ({low:.3g} to {high:.3g})", unit)
 
@@ -239,7 +237,7 @@ Figure(
     "set_posterior",
     "set",
     9,
-    lambda data, options: shown_posterior(data, options.mean_posterior, None),
+    lambda _, options: shown_posterior(options.mean_posterior, None),
     draw_posterior,
     _caption,
     lambda shown: corner_size(len(shown[1].names)),
@@ -249,7 +247,7 @@ Figure(
     "posterior_pairs",
     "posterior",
     0,
-    lambda data, options: shown_posterior(data, options.posterior, options.truth),
+    lambda _, options: shown_posterior(options.posterior, options.truth),
     draw_posterior,
     _caption,
     lambda shown: corner_size(len(shown[1].names)),

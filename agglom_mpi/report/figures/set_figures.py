@@ -27,7 +27,6 @@ from agglom_mpi.report.figures.box_panels import (
     draw_corner,
     draw_marginal,
     pair_edges,
-    shown_units_of,
     smoothed,
 )
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
@@ -61,12 +60,12 @@ class PlottedSet(NamedTuple):
     points: BoxPoints
 
 
-def plotted(data: CampaignData, options: FigureOptions) -> PlottedSet | None:
+def plotted(_: CampaignData, options: FigureOptions) -> PlottedSet | None:
     """Return the set of a campaign with points to draw it by; None where it is empty."""
     of = _calibrated(options)
     if of is None or of.empty or of.volume <= 0.0:
         return None
-    return _plotted(data, of)
+    return _plotted(of)
 
 
 def _calibrated(options: FigureOptions) -> "FeasibleSet | None":
@@ -75,14 +74,13 @@ def _calibrated(options: FigureOptions) -> "FeasibleSet | None":
 
 
 @lru_cache(maxsize=1)  # several figures show it
-def _plotted(data: CampaignData, of: "FeasibleSet") -> PlottedSet:
+def _plotted(of: "FeasibleSet") -> PlottedSet:
     box, lower, upper = of.emulated.box, of.points.lower, of.points.upper
     strings = box.even_strings(PLOTTED_POINTS, lower, upper)
     ordered = sorted(of.variables, key=lambda each: (each.free, each.kept))
     names = [each.name for each in ordered]
     units, probability = box.space.to_unit(strings), of.emulated.probability(strings)
-    shown = shown_units_of(data, box, names)
-    points = BoxPoints(box, names, shown, units, probability, lower, upper)
+    points = BoxPoints(box, names, units, probability, lower, upper)
     return PlottedSet(of, dict(zip(names, ordered, strict=True)), points)
 
 

@@ -6,11 +6,12 @@ from typing import Any, Final
 
 import numpy as np
 
+from agglom_mpi.analysis.failed_samples import reason_counts
 from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.display.table import Column, Table
 from agglom_mpi.formatting import format_duration, pluralise
-from agglom_mpi.outcome import COLUMNS, COMPLETED, FAILED, LEDGER, REASONS
+from agglom_mpi.outcome import COLUMNS, COMPLETED, FAILED, LEDGER
 from agglom_mpi.report.sections.section import (
     Block,
     Page,
@@ -212,13 +213,8 @@ def failures(page: Page) -> Iterator[Block | Table]:
     if not len(failed) and not late:
         yield note(f"None of {simulated} failed.")
         return
-    counts = np.bincount(failed["reason"], minlength=len(REASONS)).tolist()
-    known = {code: REASONS[code] for code in range(1, len(REASONS))}
-    lines = [
-        f"{count} of {simulated}: {known.get(code, f'unknown reason ({code})')}"
-        for code, count in enumerate(counts)
-        if count
-    ]
+    reasons = reason_counts(np.sort(failed["reason"]))
+    lines = [f"{count} of {simulated}: {reason}" for reason, count in reasons.items()]
     if late:
         lines.append(f"{pluralise(late, 'sample')} without a row: took longer than max_seconds")
     yield bullets(lines)

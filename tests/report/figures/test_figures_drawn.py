@@ -16,7 +16,7 @@ from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.report.drawing import Drawing, legend_below, write_drawing
 from agglom_mpi.report.figures import convergence, ensembles
-from agglom_mpi.report.figures.cloud import cloud_size, draw_cloud
+from agglom_mpi.report.figures.cloud import cloud_size, draw_frames
 from agglom_mpi.report.figures.figure import FigureOptions, figures
 from agglom_mpi.report.figures.finalists import draw_finalists
 from agglom_mpi.report.figures.finite_size import draw_finite_size
@@ -57,10 +57,17 @@ def test_without_matplotlib_a_plot_says_what_to_install(finished, monkeypatch):
         open_campaign(finished).plot_busy(ax=object())
 
 
-def drawn(place, radius, **more):
+def drawn(place, radius, temperature=None):
     figure = Figure(figsize=cloud_size(1), layout="constrained")
     canvas = FigureCanvasAgg(figure)
-    [ax] = draw_cloud(figure, [0.0], [np.array(place)], [np.array(radius)], 0.01, **more)
+    frames = SimpleNamespace(
+        times=np.zeros(1),
+        particles=[len(radius)],
+        positions=np.array([place]),
+        radii=np.array([radius]),
+        temperatures=np.array([temperature or [300.0] * len(radius)]),
+    )
+    [ax] = draw_frames(figure, frames, [0], 0.01)
     canvas.draw()
     [spheres] = [c for c in ax.collections if isinstance(c, EllipseCollection)]
     return ax, spheres
@@ -88,9 +95,9 @@ def test_spheres_in_front_are_drawn_last():
 
 
 def test_particles_are_coloured_by_temperature_where_it_differs():
-    _, spheres = drawn([[0.0] * 3, [0.005] * 3], [1e-3] * 2, temperature=[np.array([300.0, 400.0])])
+    _, spheres = drawn([[0.0] * 3, [0.005] * 3], [1e-3] * 2, temperature=[300.0, 400.0])
     assert sorted(spheres.get_array().tolist()) == [300.0, 400.0]
-    _, same = drawn([[0.0] * 3, [0.005] * 3], [1e-3] * 2, temperature=[np.array([300.0, 300.0])])
+    _, same = drawn([[0.0] * 3, [0.005] * 3], [1e-3] * 2, temperature=[300.0, 300.0])
     assert same.get_array().tolist() == [1.0, 1.0]
 
 
