@@ -74,6 +74,23 @@ class SetRequest(NamedTuple):
             return None
         return found.posterior(self.measured, self.error)
 
+    def found(
+        self, data: "CampaignData", made: Path | None = None
+    ) -> "tuple[FeasibleSet, Posterior | None]":
+        """Return the set and the posterior that is asked for; write the files, if it is known.
+
+        The folder `made` is made for them.
+        """
+        found = FeasibleSet(data, self.tolerance)
+        posterior = self.posterior_of(found)
+        if made is not None:
+            made.mkdir(parents=True, exist_ok=True)
+        if self.grid is not None and found.calibration.passed:
+            write_table(self.grid, grid_table(found))
+        if self.draws is not None and posterior is not None:
+            write_table(self.draws, posterior.draws)
+        return found, posterior
+
 
 class PosteriorRequest(NamedTuple):
     """Options of a report on the posterior of all data.
@@ -129,9 +146,7 @@ def set_report(data: "CampaignData", request: SetRequest, as_json: bool, **furth
     """
     require_library("pandas", "report", "feasible sets")
     request.check(data)
-    found = FeasibleSet(data, request.tolerance)
-    posterior = request.posterior_of(found)
-    write_files(request, found, posterior)
+    found, posterior = request.found(data)
     if as_json:
         return _json(set_as_dict(found, posterior) | further)
     return set_text(found, posterior)
@@ -160,16 +175,6 @@ def _json(values: dict[str, Any]) -> str:
 def is_of_data(data: "CampaignData", request: SetRequest | None) -> bool:
     """Return whether the posterior of a campaign's data is meant: no measured mean is given."""
     return data.sizes.census is not None and (request is None or request.measured is None)
-
-
-def write_files(request: SetRequest, found: FeasibleSet, posterior: "Posterior | None") -> None:
-    """Write the CSV files that are asked for, where the set is known."""
-    if not found.calibration.passed:
-        return
-    if request.grid is not None:
-        write_table(request.grid, grid_table(found))
-    if request.draws is not None and posterior is not None:
-        write_table(request.draws, posterior.draws)
 
 
 def check_new(path: Path | None, made: Path | None) -> None:

@@ -114,10 +114,9 @@ def test_options_that_make_no_sense_are_told(path, options, said):
 def test_what_cannot_be_computed_or_written_is_refused_before_anything_is(
     path, options, said, tmp_path, monkeypatch
 ):
-    from agglom_mpi.report import page, set_files
+    from agglom_mpi.report import set_files
 
-    for module in (set_files, page):
-        monkeypatch.setattr(module, "FeasibleSet", None)
+    monkeypatch.setattr(set_files, "FeasibleSet", None)
     monkeypatch.chdir(tmp_path)
     test_options_that_make_no_sense_are_told(path, options, said)
     assert list(tmp_path.iterdir()) == []
