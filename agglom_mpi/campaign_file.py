@@ -8,7 +8,7 @@ from pathlib import Path
 from types import MethodType
 from typing import TYPE_CHECKING, Any
 
-from agglom_mpi.analysis import finite_size_tables, tables
+from agglom_mpi.analysis import finite_size, tables
 from agglom_mpi.config.arguments import count_argument
 from agglom_mpi.errors import UserError
 from agglom_mpi.formatting import pluralise
@@ -198,7 +198,7 @@ class CampaignFile(metaclass=_PlotsFigures):
         errors beside them, and `spread` is that of one sample. There are rows only if the campaign
         asks for `final: {volumes: …}`.
         """
-        return finite_size_tables.volumes_table(self._snapshot())
+        return finite_size.volumes_table(self._snapshot())
 
     @property
     def limits(self) -> "pd.DataFrame":
@@ -209,7 +209,7 @@ class CampaignFile(metaclass=_PlotsFigures):
         above the standard error, `curvature` what a term 1/N² would change, and `enough_grains` how
         many would make the shift as small as the standard error.
         """
-        return finite_size_tables.limits_table(self._snapshot())
+        return finite_size.limits_table(self._snapshot())
 
     @property
     def generations(self) -> "pd.DataFrame":

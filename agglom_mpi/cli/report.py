@@ -16,11 +16,10 @@ from agglom_mpi.cli.common import (
 )
 from agglom_mpi.cli.set_options import read_set_request, set_options
 from agglom_mpi.errors import FAILURE, FINISHED, INTERRUPTED
-from agglom_mpi.formatting import pluralise
+from agglom_mpi.formatting import pluralise, without_nan
 
 if TYPE_CHECKING:
-    from agglom_mpi.report.next_summary import PosteriorRequest
-    from agglom_mpi.report.set_files import SetRequest
+    from agglom_mpi.report.set_files import PosteriorRequest, SetRequest
     from agglom_mpi.storage.reader import CampaignData
 
 
@@ -171,7 +170,7 @@ def report(
         elif request is not None:
             _show(_set(opened[0], request, sensitivity, as_json), as_json)
         elif code_note(opened[0]) and len(files) == 1 and asked is None and not sensitivity:
-            from agglom_mpi.analysis.stored_summary import stored_text
+            from agglom_mpi.analysis.summary import stored_text
 
             say(stored_text(opened[0], as_json))
         else:
@@ -244,7 +243,7 @@ def _posterior_request(
         raise click.UsageError("--what-next-table is for --what-next")
     if not wanted:
         return None
-    from agglom_mpi.report.next_summary import PosteriorRequest
+    from agglom_mpi.report.set_files import PosteriorRequest
 
     return PosteriorRequest(what_next, table)
 
@@ -297,21 +296,21 @@ def _summary(
     extra, more = _sensitivity(opened, sensitivity)
     if posterior is not None:
         from agglom_mpi.inference.data_posterior import data_posterior
-        from agglom_mpi.report.next_summary import next_as_list, next_text
+        from agglom_mpi.report.posterior_summary import next_text
 
         posterior.check()
         found = opened.derived(data_posterior)
         further = posterior.found(found)
     if as_json:
-        more_of = {} if further is None else {"next_measurements": next_as_list(further)}
+        more_of = {} if further is None else {"next_measurements": without_nan(further.records())}
         extra |= {} if found is None else {"posterior": found.as_dict() | more_of}
         return to_json(collect_summary(opened), extra)
     from rich.console import Group
 
     if found is not None:
-        from agglom_mpi.report.posterior_summary import data_posterior_text
+        from agglom_mpi.report.posterior_summary import posterior_text
 
-        more += ["", data_posterior_text(found)]
+        more += ["", posterior_text(found)]
     if further is not None:
         more += ["", next_text(further, opened.campaign_text)]
     return Group(summary_table(opened), *more)

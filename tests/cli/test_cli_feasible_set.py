@@ -114,10 +114,9 @@ def test_options_that_make_no_sense_are_told(path, options, said):
 def test_what_cannot_be_computed_or_written_is_refused_before_anything_is(
     path, options, said, tmp_path, monkeypatch
 ):
-    from agglom_mpi.report import page, set_files
+    from agglom_mpi.report import set_files
 
-    for module in (set_files, page):
-        monkeypatch.setattr(module, "FeasibleSet", None)
+    monkeypatch.setattr(set_files, "FeasibleSet", None)
     monkeypatch.chdir(tmp_path)
     test_options_that_make_no_sense_are_told(path, options, said)
     assert list(tmp_path.iterdir()) == []
@@ -150,7 +149,7 @@ def test_the_page_of_an_empty_set_shows_what_can_be_reached(path, tmp_path, monk
     assert "share of the box" not in outside_figures
     for name in ("set_reach", "set_reliability"):
         assert (tmp_path / "page" / f"{name}.png").stat().st_size > 5000
-    assert not (tmp_path / "page" / "set_marginals.png").exists()
+    assert not (tmp_path / "page" / "set_pairs.png").exists()
 
 
 def test_the_page_has_the_figures_of_the_set_and_the_table_beside_it(path, tmp_path):
@@ -162,7 +161,7 @@ def test_the_page_has_the_figures_of_the_set_and_the_table_beside_it(path, tmp_p
     assert grid.read_text().startswith("relative_speed (m/s),")
     page = (tmp_path / "page" / "report.html").read_text()
     assert "share of the box" in page
-    figures = ("set_pairs", "set_marginals", "set_group", "set_reliability", "set_posterior")
+    figures = ("set_pairs", "set_group", "set_reliability", "set_posterior")
     for name in figures:
         assert (tmp_path / "page" / f"{name}.png").stat().st_size > 5000
         assert f"{name}.svg" in page
