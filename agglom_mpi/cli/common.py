@@ -5,7 +5,7 @@ import io
 import logging
 import resource
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 from typing import Any, Final
@@ -166,6 +166,35 @@ def exit_with(command: Callable[..., int]) -> Callable[..., None]:
 
 
 PATH: Final = click.Path(path_type=Path)
+
+
+class DependentOption(click.Option):
+    """Option that is refused unless one of the options is given that it `needs`, such as `--out`.
+
+    Its help begins with these.
+    """
+
+    def __init__(self, *names: Any, needs: str, **settings: Any) -> None:
+        super().__init__(*names, **settings | {"help": f"With {needs}: {settings['help']}"})
+        self._needs = needs
+
+    def handle_parse_result(
+        self, ctx: click.Context, opts: Mapping[str, Any], args: list[str]
+    ) -> tuple[Any, list[str]]:
+        """Return value and remaining arguments; raise a UsageError for an option out of place."""
+        needed = {each.name for each in ctx.command.params if {*each.opts} & {*self._needs.split()}}
+        if opts.get(self.name or "") is not None and needed.isdisjoint(opts):
+            raise click.UsageError(f"{self.opts[0]} is for {self._needs}")
+        return super().handle_parse_result(ctx, opts, args)
+
+
+def require_two_names(paths: Mapping[str, Path | None]) -> None:
+    """Raise a UsageError if two of the files to write, by option, have one name."""
+    named: dict[Path, str] = {}
+    for option, path in paths.items():
+        other = option if path is None else named.setdefault(path.resolve(), option)
+        if other != option:
+            raise click.UsageError(f"{other} and {option} name the same file; give two names")
 
 
 def examples(*commands: str) -> str:

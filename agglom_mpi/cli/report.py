@@ -10,8 +10,10 @@ from agglom_mpi.cli.common import (
     JSON,
     PATH,
     UNUSED,
+    DependentOption,
     examples,
     exit_with,
+    require_two_names,
     say,
 )
 from agglom_mpi.cli.set_options import read_set_request, set_options
@@ -42,14 +44,18 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--stored-only",
+    cls=DependentOption,
+    needs="--out",
     is_flag=True,
-    help="With --out: do not simulate samples again whose particles are not stored.",
+    help="do not simulate samples again whose particles are not stored.",
 )
 @click.option(
     "--published",
+    cls=DependentOption,
+    needs="--out",
     type=PATH,
     metavar="TABLES.json",
-    help="With --out: set the best strings beside a paper's tables, such as jobs/published/*.json.",
+    help="set the best strings beside a paper's tables, such as jobs/published/*.json.",
 )
 @click.option(
     "--sensitivity",
@@ -63,15 +69,19 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--what-next",
+    cls=DependentOption,
+    needs="--posterior",
     is_flag=True,
-    help="With --posterior: add what each further measurement would leave of the box, the most "
+    help="add what each further measurement would leave of the box, the most "
     "informative one first; takes a minute.",
 )
 @click.option(
     "--what-next-table",
+    cls=DependentOption,
+    needs="--what-next",
     type=PATH,
     metavar="OUT.csv",
-    help="With --what-next: write all measurements that could be made.",
+    help="write all measurements that could be made.",
 )
 @click.option(
     "--feasible-set",
@@ -81,15 +91,19 @@ if TYPE_CHECKING:
 @set_options("--feasible-set")
 @click.option(
     "--draws",
+    cls=DependentOption,
+    needs="--measured",
     type=PATH,
     metavar="OUT.csv",
-    help="With --measured: write strings drawn from the posterior, with weights.",
+    help="write strings drawn from the posterior, with weights.",
 )
 @click.option(
     "--grid",
+    cls=DependentOption,
+    needs="--feasible-set",
     type=PATH,
     metavar="OUT.csv",
-    help="With --feasible-set: write the probability on a grid of points.",
+    help="write the probability on a grid of points.",
 )
 @UNUSED
 @ALLOW_CODE
@@ -135,18 +149,17 @@ def report(
     for option, given in options.items():
         if len(files) > 1 and given:
             raise click.UsageError(f"{option} takes one file")
-    of_page = {"--stored-only": stored_only, "--published": published is not None}
-    for option, given in of_page.items():
-        if out is None and given:
-            raise click.UsageError(f"{option} is for --out DIR")
     if posterior and feasible_set and out is None:
         raise click.UsageError("give --posterior or --feasible-set, or both with --out DIR")
-    asked = _posterior_request(posterior, what_next, what_next_table)
     if out is not None and as_json:
         raise click.UsageError("give --out or --json, not both")
-    numbers = tolerance, measured, error
-    request = read_set_request("--feasible-set", feasible_set, *numbers, draws=draws, grid=grid)
-    _check_names(out, {"--draws": draws, "--grid": grid, "--what-next-table": what_next_table})
+    request = read_set_request(feasible_set, tolerance, measured, error, draws=draws, grid=grid)
+    require_two_names({"--draws": draws, "--grid": grid, "--what-next-table": what_next_table})
+    asked = None
+    if posterior:
+        from agglom_mpi.report.next_summary import PosteriorRequest
+
+        asked = PosteriorRequest(what_next, what_next_table)
     from agglom_mpi.storage.reader import read_inversion
     from agglom_mpi.storage.recorded_campaign import code_note
 
@@ -175,14 +188,14 @@ def report(
 
             say(stored_text(opened[0], as_json))
         else:
-            several = len(files) > 1
-            if several:
-                text = _comparison(opened, as_json)
+            if len(files) > 1:
+                _show(_comparison(opened, as_json), as_json)
             else:
-                text = _summary(opened[0], sensitivity, asked, as_json)
-            _show(text, as_json)
-            if not several:
-                _warn(opened[0])
+                _show(_summary(opened[0], sensitivity, asked, as_json), as_json)
+                from agglom_mpi.analysis.run_warnings import run_warnings
+
+                for line in run_warnings(opened[0]):  # as at the end of the run
+                    say(f"warning: {line}", error=True)
     for file in opened:
         for line in file.unused_notes:
             say(line, error=True)
@@ -196,14 +209,6 @@ def _show(text: Any, as_json: bool) -> None:
     from agglom_mpi.display.run_display import print_wide
 
     print_wide(text)
-
-
-def _warn(file: "CampaignData") -> None:
-    """Show what a finished run is warned of, as at its end, on standard error."""
-    from agglom_mpi.analysis.run_warnings import run_warnings
-
-    for line in run_warnings(file):
-        say(f"warning: {line}", error=True)
 
 
 def _mention_damage(file: "CampaignData") -> int:
@@ -232,35 +237,6 @@ def _follow(name: str, allow_code: bool) -> int:
     if path.parent.is_dir() and not wait_for_file(path):
         return INTERRUPTED
     return follow(read_inversion(name, allow_code))
-
-
-def _posterior_request(
-    wanted: bool, what_next: bool, table: Path | None
-) -> "PosteriorRequest | None":
-    """Return what is asked of the posterior; raise a UsageError for an option without its own."""
-    if what_next and not wanted:
-        raise click.UsageError("--what-next is for --posterior")
-    if table is not None and not what_next:
-        raise click.UsageError("--what-next-table is for --what-next")
-    if not wanted:
-        return None
-    from agglom_mpi.report.next_summary import PosteriorRequest
-
-    return PosteriorRequest(what_next, table)
-
-
-def _check_names(out: Path | None, tables: dict[str, Path | None]) -> None:
-    """Raise a UsageError if two of the files to write, by option, have the same name."""
-    named: dict[Path, str] = {}
-    for option, path in tables.items():
-        if path is None:
-            continue
-        other = named.setdefault(path.resolve(), option)
-        if other != option:
-            raise click.UsageError(f"{other} and {option} name the same file; give two names")
-        of_page = out is not None and path.resolve().parent == out.resolve()
-        if of_page and path.suffix in (".html", ".png", ".svg"):
-            raise click.UsageError(f"{option} names a file of the web page; give one like x.csv")
 
 
 def _sensitivity(file: "CampaignData", wanted: bool) -> tuple[dict[str, Any], list[Any]]:
