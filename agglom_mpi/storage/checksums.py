@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 CHECKSUMS: Final = "checksums"
 """Attribute with the checksums of the others, and of `/variables`, by name."""
+_ROWS_AT_ONCE: Final = 1 << 14
+"""Number of rows that are copied at once to compute their checksums."""
 _BOX: Final = f"/{VARIABLE_TABLE.name}"
 """Name of the checksum of the rows of `/variables`."""
 
@@ -27,13 +29,15 @@ def checksum_ok(rows: np.ndarray) -> np.ndarray:
 
 def checksums(rows: np.ndarray) -> np.ndarray:
     """Return the CRC-32 of the bytes of each row with its `crc` zero, (n,) uint32."""
-    blank = rows.copy()
-    blank["crc"] = 0
-    raw = memoryview(blank.tobytes())
-    size = rows.dtype.itemsize
-    return np.array(
-        [zlib.crc32(raw[at : at + size]) for at in range(0, len(raw), size)], dtype=np.uint32
-    )
+    found, size = np.empty(len(rows), np.uint32), rows.dtype.itemsize
+    for first in range(0, len(rows), _ROWS_AT_ONCE):
+        blank = rows[first : first + _ROWS_AT_ONCE].copy()
+        blank["crc"] = 0
+        raw = blank.view(np.uint8).data
+        found[first : first + len(blank)] = [
+            zlib.crc32(raw[at : at + size]) for at in range(0, len(raw), size)
+        ]
+    return found
 
 
 def write_checksums(file: "h5py.File", changed: Iterable[str] | None = None) -> None:

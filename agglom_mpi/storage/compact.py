@@ -15,7 +15,7 @@ from agglom_mpi.storage.files import CheckedFile, atomic_file, new_file
 from agglom_mpi.storage.room import TableSizes
 from agglom_mpi.storage.rows import Rows
 from agglom_mpi.storage.schema import TableSchema, volume_table
-from agglom_mpi.storage.status import REWRITE_SECONDS
+from agglom_mpi.storage.table import REWRITE_SECONDS
 
 CHUNK_BYTES: Final = 1 << 18
 """Bytes of a chunk before compression; several fit into HDF5's cache of 1 MiB."""

@@ -100,7 +100,7 @@ class TableSnapshot:
     def _read_whole(self, file: h5py.File, name: str) -> None:
         """Read all rows of a table."""
         found = Table(file, name, self._path).read()
-        self._kept[name], self._damaged[name] = read_only(found.rows), found.damaged
+        self._kept[name], self._damaged[name] = read_only(found.rows), len(found.damaged)
 
     def _read_samples(self, file: h5py.File) -> None:
         """Read the samples that are not kept yet, of strings that are."""
@@ -110,7 +110,7 @@ class TableSnapshot:
         rows = self._with_columns(found.rows)
         if self.has_samples:
             rows = np.insert(self._kept["samples"], np.searchsorted(before, found.places), rows)
-        self._kept["samples"], self._damaged["samples"] = read_only(rows), found.damaged
+        self._kept["samples"], self._damaged["samples"] = read_only(rows), len(found.damaged)
         self._seen = np.union1d(before, found.places)
 
     def _with_columns(self, rows: np.ndarray) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 import time
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import h5py
 import numpy as np
@@ -10,9 +10,7 @@ import numpy as np
 from agglom_mpi.formatting import printable
 from agglom_mpi.storage.checksums import checksum_ok
 from agglom_mpi.storage.rows import Rows
-
-REWRITE_SECONDS: Final = 0.1
-"""Longer than a row that is rewritten in place takes to be whole again."""
+from agglom_mpi.storage.table import REWRITE_SECONDS
 
 
 class Status(NamedTuple):
