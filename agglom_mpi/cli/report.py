@@ -181,34 +181,27 @@ def report(
             file, resimulate = opened[0], not stored_only
             for line in write_report(file, out, resimulate, sensitivity, request, asked, tables):
                 say(line)
-        elif request is not None:
-            _show(_set(opened[0], request, sensitivity, as_json), as_json)
-        elif code_note(opened[0]) and len(files) == 1 and asked is None and not sensitivity:
+        elif code_note(opened[0]) and len(files) == 1 and not (request or asked or sensitivity):
             from agglom_mpi.analysis.stored_summary import stored_text
 
             say(stored_text(opened[0], as_json))
         else:
-            if len(files) > 1:
-                _show(_comparison(opened, as_json), as_json)
-            else:
-                _show(_summary(opened[0], sensitivity, asked, as_json), as_json)
-                from agglom_mpi.analysis.run_warnings import run_warnings
+            from agglom_mpi.analysis.run_warnings import run_warnings
 
-                for line in run_warnings(opened[0]):  # as at the end of the run
+            text = _text(opened, request, asked, sensitivity, as_json)
+            if as_json:
+                say(text)
+            else:
+                from agglom_mpi.display.run_display import print_wide
+
+                print_wide(text)
+            if len(files) == 1 and request is None:  # as at the end of the run
+                for line in run_warnings(opened[0]):
                     say(f"warning: {line}", error=True)
     for file in opened:
         for line in file.unused_notes:
             say(line, error=True)
     return max(code, *map(_mention_damage, opened))
-
-
-def _show(text: Any, as_json: bool) -> None:
-    if as_json:
-        say(text)
-        return
-    from agglom_mpi.display.run_display import print_wide
-
-    print_wide(text)
 
 
 def _mention_damage(file: "CampaignData") -> int:
@@ -239,63 +232,48 @@ def _follow(name: str, allow_code: bool) -> int:
     return follow(read_inversion(name, allow_code))
 
 
-def _sensitivity(file: "CampaignData", wanted: bool) -> tuple[dict[str, Any], list[Any]]:
-    """Return the sensitivity as an entry of JSON and as a renderable; nothing if not `wanted`."""
-    if not wanted:
-        return {}, []
-    from agglom_mpi.analysis import sensitivity
-
-    found = sensitivity.sensitivity_of(file)
-    return {"sensitivity": sensitivity.as_dict(*found)}, [sensitivity.sensitivity_table(*found)]
-
-
-def _set(file: "CampaignData", request: "SetRequest", sensitivity: bool, as_json: bool) -> Any:
-    """Return the feasible set of a file as a renderable, or as JSON, and write its files."""
-    from rich.console import Group
-
-    from agglom_mpi.report.set_files import set_report
-
-    entries, more = _sensitivity(file, sensitivity)
-    found = set_report(file, request, as_json, **entries)
-    return found if as_json else Group(found, *more)
-
-
-def _summary(
-    opened: "CampaignData",
-    sensitivity: bool,
+def _text(
+    opened: list["CampaignData"],
+    request: "SetRequest | None",
     posterior: "PosteriorRequest | None",
+    sensitivity: bool,
     as_json: bool,
 ) -> Any:
-    """Return the summary of one file as a renderable, or as JSON."""
-    from agglom_mpi.analysis.summary import collect_summary, summary_table, to_json
+    """Return what is asked of files as a renderable, or as JSON; write the files of a request."""
+    if len(opened) > 1:
+        from agglom_mpi.analysis import file_comparison as comparison
 
-    found = further = None
-    extra, more = _sensitivity(opened, sensitivity)
+        compared = comparison.compare(opened)
+        return comparison.to_json(compared) if as_json else comparison.comparison_table(compared)
+    from rich.console import Group
+
+    [file] = opened
+    entries: dict[str, Any] = {}
+    more: list[Any] = []
+    if sensitivity:
+        from agglom_mpi.analysis import sensitivity as sobol
+
+        indices = sobol.sensitivity_of(file)
+        entries["sensitivity"] = sobol.as_dict(*indices)
+        more.append(sobol.sensitivity_table(*indices))
+    if request is not None:
+        from agglom_mpi.report.set_files import set_report
+
+        found = set_report(file, request, as_json, **entries)
+        return found if as_json else Group(found, *more)
     if posterior is not None:
         from agglom_mpi.inference.data_posterior import data_posterior
         from agglom_mpi.report.next_summary import next_as_list, next_text
-
-        posterior.check()
-        found = opened.derived(data_posterior)
-        further = posterior.found(found)
-    if as_json:
-        more_of = {} if further is None else {"next_measurements": next_as_list(further)}
-        extra |= {} if found is None else {"posterior": found.as_dict() | more_of}
-        return to_json(collect_summary(opened), extra)
-    from rich.console import Group
-
-    if found is not None:
         from agglom_mpi.report.posterior_summary import data_posterior_text
 
-        more += ["", data_posterior_text(found)]
-    if further is not None:
-        more += ["", next_text(further, opened.campaign_text)]
-    return Group(summary_table(opened), *more)
+        posterior.check()
+        given = file.derived(data_posterior)
+        further = posterior.found(given)
+        entries["posterior"] = given.as_dict()
+        more += ["", data_posterior_text(given)]
+        if further is not None:
+            entries["posterior"] |= {"next_measurements": next_as_list(further)}
+            more += ["", next_text(further, file.campaign_text)]
+    from agglom_mpi.analysis.summary import collect_summary, summary_table, to_json
 
-
-def _comparison(files: list["CampaignData"], as_json: bool) -> Any:
-    """Return the comparison of several files as a renderable, or as JSON."""
-    from agglom_mpi.analysis import file_comparison as comparison
-
-    compared = comparison.compare(files)
-    return comparison.to_json(compared) if as_json else comparison.comparison_table(compared)
+    return to_json(collect_summary(file), entries) if as_json else Group(summary_table(file), *more)

@@ -111,7 +111,8 @@ def _find_absent_samples(report: VerificationReport) -> None:
     used = np.clip(results["samples_used"], 0, most)
     places = np.repeat(results["string"] * most - np.cumsum(used) + used, used)
     places += np.arange(len(places))
-    gaps = np.setdiff1d(places, samples["string"] * most + samples["sample"])
+    stored = samples["string"] * most + samples["sample"]
+    gaps = np.setdiff1d(places, stored, assume_unique=True)
     timed_out = report.data.timed_out
     missing = {divmod(place, most) for place in gaps.tolist()} - timed_out
     report.add_absent("samples", missing, "though the results of their strings rest on them")
@@ -144,7 +145,7 @@ def _find_absent_of_generations(report: VerificationReport) -> None:
     last = max([*report.generations, *begun], default=-1)
     if report.settled:
         fresh = report.data.all_sample_rows()["sample"] >= report.data.fresh_from
-        again = set(np.unique(report.data.all_sample_rows()["string"][fresh]).tolist())
+        again = set(report.data.all_sample_rows()["string"][fresh].tolist())
         without = again - report.numbers("results")
         report.add_absent("results", without, "though their strings were estimated again")
         judged = np.isin(strings["string"], list(report.numbers("results")))

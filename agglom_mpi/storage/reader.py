@@ -19,8 +19,7 @@ from agglom_mpi.storage.checksums import altered_parts
 from agglom_mpi.storage.particle_tables import StoredParticles
 from agglom_mpi.storage.room import TableSizes
 from agglom_mpi.storage.schema import INVERSION, TOOK_TOO_LONG, parameters_of, volume_table
-from agglom_mpi.storage.snapshot import TableSnapshot, read_only
-from agglom_mpi.storage.status import Status, status_of
+from agglom_mpi.storage.snapshot import Status, TableSnapshot, read_only, status_of
 from agglom_mpi.storage.table import REWRITE_SECONDS, Table, are_used, rows_at
 from agglom_mpi.variables import VariableTable
 

@@ -28,7 +28,7 @@ from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.recorded_campaign import recorded_search
 from agglom_mpi.storage.rows import Rows
 from agglom_mpi.storage.schema import CAMPAIGN_STATES, volume_table
-from agglom_mpi.storage.status import read_status, status_of
+from agglom_mpi.storage.snapshot import read_status, status_of
 from agglom_mpi.storage.table import Table, ValidRows, rows_at
 
 Key = int | tuple[int, int]
@@ -85,7 +85,8 @@ class VerificationReport:
     def numbers(self, table: str) -> set[int]:
         """Return the strings or generations that a table has rows of."""
         column = "generation" if table == "generations" else "string"
-        return set(np.unique(self.data.rows(table)[column]).tolist())
+        numbers = self.data.rows(table)[column]
+        return set(numbers[np.diff(numbers, prepend=-1) > 0].tolist())  # they are in order
 
     def add_absent(self, table: str, keys: Iterable[Key], why: str) -> None:
         """Record that rows are absent which others need, unless they are known to be lost."""
