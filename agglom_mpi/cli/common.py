@@ -235,23 +235,6 @@ def read_duration(
     return seconds
 
 
-def checked_by(read: Callable[[str], object]) -> Callable[..., str | None]:
-    """Return a function that passes the text of an option on if `read` raises no ValueError.
-
-    The limits of a campaign's own numbers are checked where its file is read.
-    """
-
-    def check(context: click.Context, parameter: click.Parameter, text: str | None) -> str | None:
-        if text is not None:
-            try:
-                read(text)
-            except ValueError as error:
-                raise click.BadParameter(str(error)) from None
-        return text
-
-    return check
-
-
 def read_assignments(
     context: click.Context, parameter: click.Parameter, settings: tuple[str, ...]
 ) -> dict[str, float | str]:

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from agglom_mpi.cli.common import DependentOption, checked_by
-from agglom_mpi.config.arguments import read_amount, read_number
+from agglom_mpi.cli.common import DependentOption
 
 if TYPE_CHECKING:
     from agglom_mpi.report.set_files import SetRequest
@@ -21,7 +20,6 @@ def set_options(owner: str) -> Callable[[Command], Command]:
         "--tolerance",
         cls=DependentOption,
         needs=owner,
-        callback=checked_by(read_amount),
         metavar="SHARE",
         help="tolerance relative to the target or the maximum (5% or 0.05); for a Python function, "
         "its largest allowed value.  [default: 5%]",
@@ -30,7 +28,6 @@ def set_options(owner: str) -> Callable[[Command], Command]:
         "--measured",
         cls=DependentOption,
         needs=owner,
-        callback=checked_by(read_number),
         metavar="NUMBER",
         help="measured mean b/b0, for the posterior of the variables.",
     )
@@ -38,7 +35,6 @@ def set_options(owner: str) -> Callable[[Command], Command]:
         "--error",
         cls=DependentOption,
         needs="--measured",
-        callback=checked_by(read_amount),
         metavar="NUMBER",
         help="standard error of the measured mean (0.04), or a percentage (2%).",
     )

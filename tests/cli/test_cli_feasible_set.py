@@ -71,7 +71,7 @@ def test_existing_files_are_kept(path, tmp_path):
     ("options", "said"),
     [
         (["--tolerance", "5%"], "--tolerance is for --feasible-set"),
-        (["--feasible-set", "--tolerance", "wide"], "is 'wide'; must be a number like 0.05"),
+        (["--feasible-set", "--tolerance", "wide"], "tolerance: is 'wide'; must be greater than 0"),
         (["--feasible-set", "--tolerance", "-5%"], "tolerance: is -5%; must be greater than 0"),
         (["--feasible-set", "--tolerance", "5"], "did you mean '5%'?"),
         (["--feasible-set", "--measured", "nan", "--error", "0.1"], "must be a finite number"),
