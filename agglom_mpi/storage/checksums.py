@@ -29,15 +29,16 @@ def checksum_ok(rows: np.ndarray) -> np.ndarray:
 
 def checksums(rows: np.ndarray) -> np.ndarray:
     """Return the CRC-32 of the bytes of each row with its `crc` zero, (n,) uint32."""
-    found, size = np.empty(len(rows), np.uint32), rows.dtype.itemsize
-    for first in range(0, len(rows), _ROWS_AT_ONCE):
-        blank = rows[first : first + _ROWS_AT_ONCE].copy()
-        blank["crc"] = 0
-        raw = blank.view(np.uint8).data
-        found[first : first + len(blank)] = [
-            zlib.crc32(raw[at : at + size]) for at in range(0, len(raw), size)
-        ]
-    return found
+    if len(rows) > _ROWS_AT_ONCE:
+        parts = range(0, len(rows), _ROWS_AT_ONCE)
+        return np.concatenate([checksums(rows[at : at + _ROWS_AT_ONCE]) for at in parts])
+    blank = rows.copy()
+    blank["crc"] = 0
+    raw = memoryview(blank.tobytes())
+    size = rows.dtype.itemsize
+    return np.array(
+        [zlib.crc32(raw[at : at + size]) for at in range(0, len(raw), size)], dtype=np.uint32
+    )
 
 
 def write_checksums(file: "h5py.File", changed: Iterable[str] | None = None) -> None:
