@@ -17,7 +17,7 @@ from agglom_mpi.public_face import PublicFace
 from agglom_mpi.storage.access import NotACampaign
 from agglom_mpi.storage.lock import live_status
 from agglom_mpi.storage.reader import CampaignData, read_campaign
-from agglom_mpi.storage.status import Status
+from agglom_mpi.storage.snapshot import Status
 
 if TYPE_CHECKING:
     import pandas as pd

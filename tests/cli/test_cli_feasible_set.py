@@ -71,7 +71,7 @@ def test_existing_files_are_kept(path, tmp_path):
     ("options", "said"),
     [
         (["--tolerance", "5%"], "--tolerance is for --feasible-set"),
-        (["--feasible-set", "--tolerance", "wide"], "is 'wide'; must be a number like 0.05"),
+        (["--feasible-set", "--tolerance", "wide"], "tolerance: is 'wide'; must be greater than 0"),
         (["--feasible-set", "--tolerance", "-5%"], "tolerance: is -5%; must be greater than 0"),
         (["--feasible-set", "--tolerance", "5"], "did you mean '5%'?"),
         (["--feasible-set", "--measured", "nan", "--error", "0.1"], "must be a finite number"),
@@ -79,6 +79,7 @@ def test_existing_files_are_kept(path, tmp_path):
         (["--feasible-set", "--measured", "2", "--error", "0"], "error: is 0; must be greater"),
         (["--feasible-set", "--measured", "2"], "--measured and --error go together"),
         (["--feasible-set", "--draws", "x.csv"], "--draws is for --measured"),
+        (["--feasible-set", "--error", "2%"], "--error is for --measured"),
     ],
 )
 def test_options_that_make_no_sense_are_told(path, options, said):
