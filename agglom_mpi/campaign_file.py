@@ -8,8 +8,8 @@ from pathlib import Path
 from types import MethodType
 from typing import TYPE_CHECKING, Any
 
-from agglom_mpi.analysis import finite_size_tables, tables
-from agglom_mpi.config.arguments import read_count
+from agglom_mpi.analysis import finite_size, tables
+from agglom_mpi.config.arguments import count_argument
 from agglom_mpi.errors import UserError
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.outcome import FinalParticles
@@ -17,7 +17,7 @@ from agglom_mpi.public_face import PublicFace
 from agglom_mpi.storage.access import NotACampaign
 from agglom_mpi.storage.lock import live_status
 from agglom_mpi.storage.reader import CampaignData, read_campaign
-from agglom_mpi.storage.status import Status
+from agglom_mpi.storage.snapshot import Status
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -198,7 +198,7 @@ class CampaignFile(metaclass=_PlotsFigures):
         errors beside them, and `spread` is that of one sample. There are rows only if the campaign
         asks for `final: {volumes: …}`.
         """
-        return finite_size_tables.volumes_table(self._snapshot())
+        return finite_size.volumes_table(self._snapshot())
 
     @property
     def limits(self) -> "pd.DataFrame":
@@ -209,7 +209,7 @@ class CampaignFile(metaclass=_PlotsFigures):
         above the standard error, `curvature` what a term 1/N² would change, and `enough_grains` how
         many would make the shift as small as the standard error.
         """
-        return finite_size_tables.limits_table(self._snapshot())
+        return finite_size.limits_table(self._snapshot())
 
     @property
     def generations(self) -> "pd.DataFrame":
@@ -254,7 +254,7 @@ class CampaignFile(metaclass=_PlotsFigures):
         >>> best.attrs["units"]["relative_speed"]
         'm/s'
         """
-        k = self._count("k", k, least=1)
+        k = count_argument(self.path, "k", k, least=1)
         return tables.best(self._snapshot(), k)
 
     def feasible_set(self, tolerance: float | str = 0.05) -> "FeasibleSet":
@@ -344,18 +344,8 @@ class CampaignFile(metaclass=_PlotsFigures):
         numbers = {"string": string, "sample": sample}
         for field, number in numbers.items():
             if not isinstance(number, Integral) or isinstance(number, bool):
-                self._count(field, number)
+                count_argument(self.path, field, number)
         return int(string), int(sample)
-
-    def _count(self, field: str, value: int, least: int = 0) -> int:
-        """Return a whole number that is an argument; raise an ArgumentError for anything else."""
-        # Imported here: reading a file does not need what reads a campaign's text.
-        from agglom_mpi.config.yaml_source import ArgumentError
-
-        try:
-            return read_count(value, least)
-        except ValueError as error:
-            raise ArgumentError.of(self.path, field, error) from None
 
 
 @cache

@@ -8,7 +8,7 @@ these numbers between samples (the delta method), which is updated in constant t
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cache
 from typing import NamedTuple
 
@@ -129,20 +129,14 @@ class PooledMomentErrors:
     """
 
     def __init__(self) -> None:
-        self.count = 0
         self._origin = 0.0
-        self._means = np.zeros(6)
-        self._products = np.zeros((6, 6))
+        self._of = RunningMeans(6)
 
     def add(self, particles: int, mean: float, central: Central) -> None:
         """Add one sample: its number of particles, their mean b/b⁰ and central moments 2, 3, 4."""
-        if self.count == 0:
+        if self._of.count == 0:
             self._origin = mean
-        self.count += 1
-        numbers = self._numbers(particles, mean, central)
-        step = numbers - self._means
-        self._means += step / self.count
-        self._products += np.outer(step, numbers - self._means)
+        self._of.add(self._numbers(particles, mean, central))
 
     def standard_error(self, slopes: Mapping[str, float], central: Central) -> float:
         """Return the standard error of a function of the moments; needs two samples.
@@ -155,9 +149,7 @@ class PooledMomentErrors:
         central
             These three moments.
         """
-        along = self._gradient(slopes, central)
-        squares = max(0.0, float(along @ self._products @ along))
-        return math.sqrt(squares / (self.count - 1) / self.count)
+        return self._of.standard_error(self._gradient(slopes, central))
 
     def influence(
         self,
@@ -176,7 +168,7 @@ class PooledMomentErrors:
         slopes, central
             As for `standard_error`.
         """
-        away = self._numbers(*sample) - self._means
+        away = self._numbers(*sample) - self._of.means
         return float(self._gradient(slopes, central) @ away)
 
     def _numbers(self, particles: int, mean: float, central: Central) -> NDArray[np.float64]:
@@ -197,7 +189,7 @@ class PooledMomentErrors:
         S_r; that mean itself moves with S1 − D n, which changes moment r by −r M_{r−1}.
         """
         m2, m3, m4 = central
-        n, distance = self._means[1], self._means[2] / self._means[1]
+        n, distance = self._of.means[1], self._of.means[2] / self._of.means[1]
         a, b, c = (slopes.get(name, 0.0) / n for name in ("second", "third", "fourth"))
         d, d2, d3 = distance, distance**2, distance**3
         return np.array(
@@ -233,7 +225,7 @@ class RunningMeans:
         self.means = np.full(numbers, math.nan)
         self._products = np.zeros((numbers, numbers))
 
-    def add(self, numbers: Sequence[float]) -> None:
+    def add(self, numbers: ArrayLike) -> None:
         """Add the numbers of one sample, (k,)."""
         values = np.array(numbers, np.float64)
         self.count += 1

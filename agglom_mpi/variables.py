@@ -22,17 +22,21 @@ class Limits(NamedTuple):
 
     def broken_by(self, number: float) -> str:
         """Return which limit a number breaks: `greater than 0`; empty if it breaks none."""
-        if not isfinite(number):
+        if isinstance(number, float) and not isfinite(number):
             return "a finite number"
         if self.above is not None and not number > self.above:
-            return f"greater than {self.above:g}"
+            return f"greater than {_plain(self.above)}"
         if self.at_least is not None and not number >= self.at_least:
-            return f"at least {self.at_least:g}"
+            return f"at least {_plain(self.at_least)}"
         if self.at_most is not None and not number <= self.at_most:
-            return f"at most {self.at_most:g}"
+            return f"at most {_plain(self.at_most)}"
         if self.below is not None and not number < self.below:
-            return f"less than {self.below:g}"
+            return f"less than {_plain(self.below)}"
         return ""
+
+
+def _plain(limit: float) -> str:
+    return f"{limit:g}" if isinstance(limit, float) else str(limit)
 
 
 class Variable(NamedTuple):

@@ -111,7 +111,7 @@ def test_a_campaign_and_an_outcome_list_their_public_names(campaign):
 
 def test_a_set_lists_its_public_names():
     found = object.__new__(FeasibleSet)
-    attributes = {*SET - METHODS_OF_SET, *SET_INTERNALS, "_nearest"}
+    attributes = {*SET - METHODS_OF_SET, *SET_INTERNALS, "_members"}
     vars(found).update(dict.fromkeys(attributes))
     assert set(dir(found)) == SET
 

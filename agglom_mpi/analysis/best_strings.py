@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from agglom_mpi.analysis.derived import derived_columns, values_of
+from agglom_mpi.analysis.derived import derived_columns, recorded_box, values_of
 from agglom_mpi.analysis.drawn_sizes import drawn_fraction
 from agglom_mpi.analysis.estimates import Estimate, objective_of
 from agglom_mpi.analysis.finite_size import finite_sizes
@@ -33,6 +33,14 @@ REESTIMATED: Final = (
 )
 """Attributes of an `Estimate` that are shown of a string."""
 
+SEARCHED: Final = (
+    "objective",
+    "standard_error",
+    "mean_radius_ratio",
+    "growth_number",
+    "mean_grains",
+)
+"""Columns of `/results` that are shown of a string."""
 FRESH_COLUMNS: Final = (
     Column("fresh objective", "objective, re-estimate"),
     Column("fresh lower", "95 % from", format=".4f"),
@@ -83,12 +91,10 @@ def best_table(file: CampaignData, best: Sequence[dict[str, Any]]) -> Table:
 
 def _variable_columns(file: CampaignData, best: Sequence[dict[str, Any]]) -> Iterator[Column]:
     text = file.campaign_text
-    for variable, row in zip(file.variables.variables, file.variable_rows(), strict=True):
-        if not np.isnan(row["lower"]):  # the campaign uses it
-            note = "" if row["searched"] else "fixed"
-            yield column_of(
-                file.campaign_text, variable.name, variable.unit, float(row["upper"]), note
-            )
+    for variable in recorded_box(file).variables:
+        if variable.is_used:
+            note = "" if variable.is_searched else "fixed"
+            yield column_of(text, variable.name, variable.unit, variable.upper, note)
     for column in derived_columns(file):
         largest = np.nanmax([abs(entry[column.name]) for entry in best], initial=0.0)
         yield column_of(text, column.name, column.unit, float(largest))
@@ -126,72 +132,49 @@ def _shown(file: CampaignData, place: int, entry: dict[str, Any]) -> dict[str, A
 def collect_best(file: CampaignData, count: int) -> list[dict[str, Any]]:
     """Return the numbers of the best strings, an entry each, the best first.
 
-    Each has a `reestimate` on its fresh samples, None if it has none.
+    Each has a `reestimate` on its fresh samples, None if it has none. It has `moments` if the
+    objective has targets of them, `drawn_volume_fraction` if grains differ in size, `quantities` if
+    the objective's function returns some, and a `finite_size` if there are larger volumes.
     """
     rows, estimates, order = rank_strings(file)
     again = {estimate.string: estimate for estimate in estimates}
     parameters = {int(row["string"]): row for row in file.string_rows()}
     samples, room = file.all_sample_rows(), max(parameters, default=-1) + 1
     wall, cpu = (time_of_strings(samples, room, name) for name in ("seconds", "cpu_seconds"))
-    return [
-        _entry(file, rows[string], parameters[string], again.get(string))
-        | {"seconds": float(wall[string]), "processor_seconds": float(cpu[string])}
-        | _filled(file, string)
-        | ({"quantities": as_entries(file, string)} if file.sizes.quantities else {})
-        | _finite_size(file, string)
-        | {
-            column.name: float(values_of(file, [string], column.name)[0])
-            for column in derived_columns(file)
-        }
-        for string in order[:count]
-    ]
+    best = []
+    for string in order[:count]:
+        entry = _entry(file, rows[string], parameters[string], again.get(string))
+        entry |= {"seconds": float(wall[string]), "processor_seconds": float(cpu[string])}
+        if (drawn := drawn_fraction(file, string)) is not None:
+            entry["drawn_volume_fraction"] = drawn.as_dict()
+        if file.sizes.quantities:
+            entry["quantities"] = as_entries(file, string)
+        if file.volumes:
+            size = finite_sizes(file).get(string)
+            entry["finite_size"] = None if size is None else size.as_dict()
+        for column in derived_columns(file):
+            entry[column.name] = float(values_of(file, [string], column.name)[0])
+        best.append(entry)
+    return best
 
 
 def _entry(
     file: CampaignData, result: np.void, string: np.void, again: Estimate | None
 ) -> dict[str, Any]:
     """Return the numbers of a string: as searched, and under `reestimate` on fresh samples."""
-    number = int(result["string"])
+    number, law = int(result["string"]), objective_of(file)
     entry: dict[str, Any] = {"string": number}
-    for name in file.variables.names:
-        if not np.isnan(string[name]):
-            entry[name] = float(string[name])
-    for name in ("objective", "standard_error", "mean_radius_ratio", "growth_number"):
+    entry |= {n: float(string[n]) for n in file.variables.names if not np.isnan(string[n])}
+    for name in SEARCHED:
         entry[name] = float(result[name])
-    entry["mean_grains"] = float(result["mean_grains"])
     entry["samples"] = int(result["samples_used"])
     entry["reestimate"] = again and {name: getattr(again, name) for name in REESTIMATED}
-    rows = file.all_sample_rows()
-    rows = rows[(rows["string"] == number) & (rows["state"] == COMPLETED)]
-    entry |= reached_moments(file, rows[rows["sample"] < file.samples_used.get(number, 0)])
-    if again is not None:
-        entry["reestimate"] |= reached_moments(file, rows[rows["sample"] >= file.fresh_from])
+    if law.has_moments:
+        rows = file.all_sample_rows()
+        rows = rows[(rows["string"] == number) & (rows["state"] == COMPLETED)]
+        used = rows["sample"] < file.samples_used.get(number, 0)
+        places = [(entry, used), (entry["reestimate"], rows["sample"] >= file.fresh_from)]
+        for place, some in places[: 1 + (again is not None)]:
+            reached = law.reached(summaries(rows[some]))
+            place["moments"] = {moment.name: moment.as_dict() for moment in reached}
     return entry
-
-
-def reached_moments(file: CampaignData, rows: np.ndarray) -> dict[str, Any]:
-    """Return the `moments` that have a target of their own, of completed samples.
-
-    Empty where the objective has none, so that other entries are as ever.
-    """
-    law = objective_of(file)
-    if not law.has_moments:
-        return {}
-    return {"moments": {moment.name: moment.as_dict() for moment in law.reached(summaries(rows))}}
-
-
-def _finite_size(file: CampaignData, string: int) -> dict[str, Any]:
-    """Return the `finite_size` of a string, None without samples in several volumes.
-
-    Empty where the file has a single volume.
-    """
-    if not file.volumes:
-        return {}
-    size = finite_sizes(file).get(string)
-    return {"finite_size": None if size is None else size.as_dict()}
-
-
-def _filled(file: CampaignData, string: int) -> dict[str, Any]:
-    """Return the volume fraction of the grains of a string's completed samples; empty if equal."""
-    drawn = drawn_fraction(file, string)
-    return {} if drawn is None else {"drawn_volume_fraction": drawn.as_dict()}

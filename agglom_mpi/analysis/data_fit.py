@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,22 +38,9 @@ def data_fit(file: CampaignData, string: int) -> tuple[Misfit, int] | None:
     return law.misfit(law.summaries(completed)), len(completed)
 
 
-class StringPredictions(NamedTuple):
-    """Predictions of a string for the values of all data, one datum after the other.
-
-    Attributes
-    ----------
-    data
-        The data.
-    values
-        By its samples, shape (Q,).
-    covariance
-        Of their errors by the jackknife over samples, shape (Q, Q); nan of a single sample.
-    """
-
-    data: tuple[Datum, ...]
-    values: NDArray[np.float64]
-    covariance: NDArray[np.float64]
+StringPredictions = tuple[tuple[Datum, ...], NDArray[np.float64], NDArray[np.float64]]
+"""Data, what a string predicts for the values of all of them, (Q,), one datum after the other, and
+the covariance of the errors of that by the jackknife over samples, (Q, Q); nan of a single one."""
 
 
 def string_predictions(
@@ -77,7 +64,7 @@ def string_predictions(
     found = law.predictions(law.summaries(completed), data)
     noise = sampling_noise(found.left_out)
     covariance = noise.raw if noise.freedom else np.full(noise.raw.shape, math.nan)
-    return StringPredictions(tuple(data or law.data), found.pooled, covariance)
+    return tuple(data or law.data), found.pooled, covariance
 
 
 def describe_fit(file: CampaignData, string: int) -> list[str]:

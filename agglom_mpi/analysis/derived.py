@@ -1,4 +1,4 @@
-"""Derived columns of the strings of a campaign file."""
+"""Variables of a campaign file with their ranges, and derived columns of its strings."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
@@ -6,9 +6,11 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.config.derived import DerivedColumn, columns_of
+from agglom_mpi.analysis.estimates import kept
+from agglom_mpi.config.quantities import DerivedColumn, columns_of
 from agglom_mpi.storage.recorded_campaign import code_note, recorded_campaign
 from agglom_mpi.storage.schema import INVERSION, parameters_of
+from agglom_mpi.variables import LOGARITHMIC, VOLUME_FRACTION, Variable, VariableTable
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
@@ -43,15 +45,34 @@ def recorded_inversion(data: "CampaignData") -> "Campaign | None":
         return None
 
 
+@kept
+def recorded_box(data: "CampaignData") -> VariableTable:
+    """Return the variables of a campaign file with their ranges, as its rows have them."""
+    rows, identity = data.variable_rows(), data.identity
+    ranges = {}
+    for variable, row in zip(data.variables.variables, rows, strict=True):
+        scale = LOGARITHMIC if identity.get(f"variables.{variable.name}.2") == LOGARITHMIC else ""
+        lower, upper = float(row["lower"]), float(row["upper"])
+        ranges[variable.name] = variable._replace(lower=lower, upper=upper, scale=scale)
+    return data.variables.with_ranges(ranges)
+
+
+def searched_variables(data: "CampaignData") -> tuple[Variable, ...]:
+    """Return the variables that are searched, with their ranges in SI units.
+
+    The volume fraction is in place of the size ratio where the campaign gives it.
+    """
+    if any(column.name == VOLUME_FRACTION.name for column in derived_columns(data)):
+        return recorded_campaign(data).variables.own
+    return recorded_box(data).own
+
+
+@kept
 def derived_columns(data: "CampaignData") -> list[DerivedColumn]:
     """Return the derived columns of all strings of a campaign file, in the order of its rows.
 
     There are none where its text is damaged, or has code of one's own that may not run.
     """
-    return data.derived(_columns)
-
-
-def _columns(data: "CampaignData") -> list[DerivedColumn]:
     if code_note(data) or not any(may_have_key(data, key) for key in DERIVING_KEYS):
         return []
     campaign = recorded_inversion(data)

@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from agglom_mpi.outcome import COMPLETED, FailureReason
-from agglom_mpi.physics.size_distributions import SizeLaw, draw_radii
+from agglom_mpi.physics.size_distributions import draw_radii
 from agglom_mpi.statistics import MeanEstimate, mean_of
 from agglom_mpi.variables import volume_fraction
 
 if TYPE_CHECKING:
-    from agglom_mpi.config.campaign import Campaign
     from agglom_mpi.storage.reader import CampaignData
 
 MAX_GRAINS: Final = 2_000_000
@@ -31,28 +30,19 @@ class DrawnFraction(NamedTuple):
         Of the completed samples, at most as many as have `MAX_GRAINS`.
     wanted : float
         That of the string.
-    jammed, samples : int
-        Samples that found no place for their grains, and all of the string.
+    jammed : int
+        Number of samples that found no place for their grains.
     """
 
     completed: MeanEstimate
     wanted: float
     jammed: int
-    samples: int
 
     def as_dict(self) -> dict[str, float | int | None]:
         """Return plain values for JSON."""
-        return {
-            "mean": self.completed.value,
-            "standard_error": self.completed.error,
-            "wanted": self.wanted,
-            "jammed": self.jammed,
-        }
-
-
-def has_sizes(file: "CampaignData") -> bool:
-    """Return whether the grains of a file's scene differ in size."""
-    return any(key.startswith("scene.sizes.") for key in file.identity)
+        mean, error, _ = self.completed
+        numbers = {"standard_error": error, "wanted": self.wanted, "jammed": self.jammed}
+        return {"mean": mean, **numbers}
 
 
 def drawn_fraction(file: "CampaignData", string: int) -> DrawnFraction | None:
@@ -60,33 +50,24 @@ def drawn_fraction(file: "CampaignData", string: int) -> DrawnFraction | None:
 
     Used samples count, and fresh ones, too.
     """
-    if not has_sizes(file):
+    if not any(key.startswith("scene.sizes.") for key in file.identity):
         return None
     # Imported here: a file of equal grains is read without what reads campaigns.
     from agglom_mpi.storage.recorded_campaign import recorded_campaign
+    from agglom_mpi.verbs.simulate import random_numbers
 
     campaign, rows = recorded_campaign(file), file.counted_samples
     rows = rows[rows["string"] == string]
-    done = rows["sample"][rows["state"] == COMPLETED]
-    if campaign.scene.size_law is None or not len(done):
+    done = rows["sample"][rows["state"] == COMPLETED].tolist()
+    if campaign.scene.size_law is None or not done:
         return None
-    wanted, completed = _drawn(campaign, file.parameters[string], string, done.tolist())
-    jammed = int((rows["reason"] == FailureReason.PLACEMENT_JAMMED).sum())
-    return DrawnFraction(completed, wanted, jammed, len(rows))
-
-
-def _drawn(
-    campaign: "Campaign", parameters: np.ndarray, string: int, samples: list[int]
-) -> tuple[float, MeanEstimate]:
-    """Return the volume fraction of a string, and the mean one of its first samples."""
-    from agglom_mpi.verbs.simulate import random_numbers
-
+    parameters = file.parameters[string]
     section, values = campaign.at(parameters)
-    law: SizeLaw = section.size_law
     wanted, share = volume_fraction(values["size_ratio"], section.third_moment), []
     count, first = campaign.scene.particles, campaign.first_sample(string)
-    for sample in samples[: max(2, MAX_GRAINS // count)]:
+    for sample in done[: max(2, MAX_GRAINS // count)]:
         random = random_numbers(campaign, parameters, first + sample)
-        cubes = float(np.mean(draw_radii(law, random, count) ** 3))  # ⟨b³⟩/⟨b⟩³
+        cubes = float(np.mean(draw_radii(section.size_law, random, count) ** 3))  # ⟨b³⟩/⟨b⟩³
         share.append(wanted / section.third_moment * cubes)
-    return wanted, mean_of(share)
+    jammed = int((rows["reason"] == FailureReason.PLACEMENT_JAMMED).sum())
+    return DrawnFraction(mean_of(share), wanted, jammed)

@@ -1,18 +1,33 @@
 """Estimates of the best strings on fresh samples, which no decision has seen."""
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Callable
+from functools import wraps
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.search.proposals import AGAIN
-from agglom_mpi.statistics import without_rounding
+from agglom_mpi.statistics import t_95, without_rounding
 
 if TYPE_CHECKING:
     from agglom_mpi.search.objectives.objective import Objective
     from agglom_mpi.storage.reader import CampaignData
+
+
+Kept = TypeVar("Kept")
+
+
+def kept(compute: "Callable[[CampaignData], Kept]") -> "Callable[[CampaignData], Kept]":
+    """Return a function of a campaign file that computes once for the rows as they are."""
+
+    @wraps(compute)
+    def found(data: "CampaignData") -> Kept:
+        return data.derived(compute)
+
+    return found
 
 
 class Estimate(NamedTuple):
@@ -59,8 +74,6 @@ def interval(value: float, error: float, count: int, least: float = 0.0) -> tupl
     has 0 in it, the lower end is 0. So it covers at least as often, and near 0 up to 97.5 % of the
     time.
     """
-    from agglom_mpi.statistics import t_95
-
     if count < 2 or not math.isfinite(value):
         return math.nan, math.nan
     half = t_95(count - 1) * error
@@ -77,8 +90,6 @@ def half_width(errors: np.ndarray, samples: np.ndarray) -> np.ndarray:
     samples : (n,) int
         Number of samples that each rests on.
     """
-    from agglom_mpi.statistics import t_95
-
     known = [t_95(int(n) - 1) if n > 1 else np.nan for n in np.asarray(samples).tolist()]
     return np.asarray(errors, float) * np.array(known, float)
 
@@ -155,15 +166,12 @@ def completed_rows(data: "CampaignData", string: int, fresh: bool) -> NDArray[np
     return np.concatenate([used, completed_rows(data, int(row["parents"][0]), fresh)])
 
 
+@kept
 def rounding_of(data: "CampaignData") -> float:
     """Return the largest difference of a campaign's objectives that is rounding and no result.
 
     It is 0 for the file of a study, which has no objective.
     """
-    return data.derived(_rounding)
-
-
-def _rounding(data: "CampaignData") -> float:
     if "objective.law" not in data.identity:
         return 0.0
     return objective_of(data).rounding(data.result_rows()["objective"])
@@ -179,9 +187,17 @@ def unconverged(data: "CampaignData") -> int:
     return int(((results["hit_maximum"] == 1) & differ).sum())
 
 
+@kept
 def objective_of(data: "CampaignData") -> "Objective":
     """Return the objective that a campaign searched by."""
-    return data.derived(_objective)
+    from agglom_mpi.inference.tolerances import recorded_objective
+
+    grains: float = int(data.identity["scene.particles"])
+    if "scene.sizes.law" in data.identity:
+        from agglom_mpi.storage.recorded_campaign import recorded_campaign
+
+        grains = recorded_campaign(data).scene.equivalent_grains
+    return recorded_objective(data).of_grains(grains)
 
 
 def objective_at(data: "CampaignData", string: int) -> "Objective":
@@ -193,14 +209,3 @@ def objective_at(data: "CampaignData", string: int) -> "Objective":
     from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
     return recorded_campaign(data).objective_at(data.parameters[string])
-
-
-def _objective(data: "CampaignData") -> "Objective":
-    from agglom_mpi.inference.tolerances import recorded_objective
-
-    grains: float = int(data.identity["scene.particles"])
-    if "scene.sizes.law" in data.identity:
-        from agglom_mpi.storage.recorded_campaign import recorded_campaign
-
-        grains = recorded_campaign(data).scene.equivalent_grains
-    return recorded_objective(data).of_grains(grains)

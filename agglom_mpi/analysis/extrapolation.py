@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.formatting import value_with_error
-from agglom_mpi.statistics import MeanEstimate, t_95
+from agglom_mpi.statistics import MeanEstimate
 
 Floats = NDArray[np.float64]
 
@@ -35,17 +35,8 @@ FEW_SAMPLES: Final = 30
 """Number of samples of a mean below which all means share one spread of a sample."""
 
 
-class Value(NamedTuple):
-    """Number with its standard error, and the degrees of freedom of that error, at least 1."""
-
-    value: float
-    error: float
-    freedom: int
-
-    @property
-    def half_width(self) -> float:
-        """Half the 95 % t interval."""
-        return t_95(self.freedom) * self.error
+class Value(MeanEstimate):
+    """Number with its standard error; `samples` are the degrees of freedom of that error plus 1."""
 
     @property
     def is_resolved(self) -> bool:
@@ -145,7 +136,7 @@ def extrapolated(
         return chi_square, _misfit_tail(chi_square, freedom, of_errors)
 
     def combined(row: Floats) -> Value:
-        return Value(float(row @ values), float(np.linalg.norm(row * errors)), of_errors)
+        return Value(float(row @ values), float(np.linalg.norm(row * errors)), of_errors + 1)
 
     chi_square, p_value = misfit(line, freedom)
     _, parabola_p_value = misfit(parabola, freedom - 1)

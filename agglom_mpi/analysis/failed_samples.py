@@ -79,10 +79,7 @@ def commonest_reason(data: "CampaignData") -> tuple[str, int]:
     rows = rows[rows["state"] == FAILED]
     rows = rows[data.are_used(rows)]
     raised = rows["reason"] == FailureReason.EXCEPTION
-    counts = Counter[str]()
-    for code, count in enumerate(np.bincount(rows["reason"][~raised]).tolist()):
-        if count:
-            counts[REASONS[code] if code < len(REASONS) else f"unknown ({code})"] = count
+    counts = reason_counts(np.sort(rows["reason"][~raised]))
     judged = {*rows[["string", "sample"]][raised].tolist(), *data.judged_timed_out}
     messages: dict[str, str] = {}
     for row in data.failures():
@@ -97,17 +94,21 @@ def commonest_reason(data: "CampaignData") -> tuple[str, int]:
     return reason, count
 
 
+def reason_counts(codes: np.ndarray) -> Counter[str]:
+    """Return the numbers of failed samples by reason, in the order of the codes, (n,)."""
+    return Counter(
+        REASONS[code] if code < len(REASONS) else f"unknown ({code})" for code in codes.tolist()
+    )
+
+
 def failure_lines(data: "CampaignData") -> list[str]:
     """Return lines on the failed samples of a campaign: why, what follows, how to repeat one."""
     rows = data.counted_samples
     rows = rows[rows["state"] == FAILED]
     if not len(rows):
         return []
-    reasons = Counter[str](
-        REASONS[code] if code < len(REASONS) else f"unknown ({code})"
-        for code in rows["reason"].tolist()
-    )
-    counts = ", ".join(f"{count} by {reason}" for reason, count in reasons.most_common())
+    reasons = reason_counts(rows["reason"]).most_common()
+    counts = ", ".join(f"{count} by {reason}" for reason, count in reasons)
     string, sample = rows[0]["string"], rows[0]["sample"]
     return [
         f"{pluralise(len(rows), 'sample')} failed ({counts}); "

@@ -7,12 +7,12 @@ from typing import Any, Final, NamedTuple
 
 from rich.console import Group, RenderableType
 
-from agglom_mpi.analysis.summary import Summary, as_dict, collect_summary
+from agglom_mpi.analysis.summary import collect_summary
 from agglom_mpi.config.expressions import names_in
 from agglom_mpi.config.relations import Relations
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.display.table import Column, Table
-from agglom_mpi.formatting import format_duration
+from agglom_mpi.formatting import format_duration, without_nan
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
@@ -26,8 +26,8 @@ class FileComparison(NamedTuple):
 
     Attributes
     ----------
-    summaries : list of Summary
-        In the order of the files.
+    summaries : list of dict
+        Of `collect_summary`, in the order of the files.
     differences : dict
         Settings that are not the same everywhere: name -> value in each file, None if it has none.
         Under `constraints` are lists of those that not all files have, as they are written.
@@ -37,7 +37,7 @@ class FileComparison(NamedTuple):
         SI units of the variables that are no pure numbers: `variables.density` -> `kg/m^3`.
     """
 
-    summaries: list[Summary]
+    summaries: list[dict[str, Any]]
     differences: dict[str, list[Any]]
     comparable: bool
     units: dict[str, str]
@@ -51,15 +51,13 @@ def compare(files: Sequence[CampaignData]) -> FileComparison:
         for identity in identities
         for name in identity
     )
-    differences = {}
+    differences: dict[str, list[Any]] = {}
     for name in names:
+        values = [identity.get(name) for identity in identities]
         if name == CONSTRAINTS:
             values = _different_constraints(files)
-        else:
-            values = [identity.get(name) for identity in identities]
         if any(value != values[0] for value in values):
-            differences[name] = values
-    differences = _by_volume_fraction(differences, files)
+            differences |= dict([_by_volume_fraction(name, values, files)])
     known = {each for file in files for each in file.variables.variables}
     units = {f"variables.{each.name}": each.unit for each in known if each.unit != "1"}
     summaries = [collect_summary(file, best=1) for file in files]
@@ -112,31 +110,21 @@ def _written(relations: Relations, place: int) -> str:
 
 
 def _by_volume_fraction(
-    differences: dict[str, list[Any]], files: Sequence[CampaignData]
-) -> dict[str, list[Any]]:
-    """Return differences with the volume fraction in place of the size ratio, where all give it."""
-    ends = [name for name in differences if name.startswith("variables.size_ratio.")]
-    if not ends:
-        return differences
+    name: str, values: list[Any], files: Sequence[CampaignData]
+) -> tuple[str, list[Any]]:
+    """Return a setting with the volume fraction for the size ratio, where all files give it."""
+    if not name.startswith("variables.size_ratio."):
+        return name, values
     try:
         boxes = [recorded_campaign(file).variables for file in files]
     except CampaignError:
-        return differences
+        return name, values
     if not all(box.by_volume_fraction for box in boxes):
-        return differences
-    found: dict[str, list[Any]] = {}
-    for name, values in differences.items():
-        if name not in ends:
-            found[name] = values
-        elif all(isinstance(value, float) for value in values):
-            fractions = (
-                float(f"{box.fraction(value):.12g}")  # as it is written
-                for value, box in zip(values, boxes, strict=True)
-            )
-            found[name.replace("size_ratio", "volume_fraction")] = list(fractions)
-        else:
-            found[name.replace("size_ratio", "volume_fraction")] = values
-    return found
+        return name, values
+    if all(isinstance(value, float) for value in values):
+        pairs = zip(values, boxes, strict=True)  # rounded as the campaign writes it
+        values = [float(f"{box.fraction(value):.12g}") for value, box in pairs]
+    return name.replace("size_ratio", "volume_fraction"), values
 
 
 def best_objectives(comparison: FileComparison) -> dict[str, list[float]]:
@@ -145,7 +133,7 @@ def best_objectives(comparison: FileComparison) -> dict[str, list[float]]:
     Those `as searched` are of all files that have a best string, those `re-estimated` of the files
     that estimated it again.
     """
-    best = [entry for summary in comparison.summaries for entry in summary.best]
+    best = [entry for summary in comparison.summaries for entry in summary["best"]]
     again = [entry["reestimate"] for entry in best if entry["reestimate"]]
     return {
         "as searched": [entry["objective"] for entry in best],
@@ -171,10 +159,10 @@ def comparison_table(comparison: FileComparison) -> RenderableType:
     return Group(table, "", *_footer(comparison))
 
 
-def _row(summary: Summary) -> dict[str, Any]:
-    row = summary._asdict() | {"searched": "no result" if summary.no_result else None}
-    row["samples"] = summary.samples_simulated + summary.samples_fresh
-    for entry in () if summary.no_result else summary.best:
+def _row(summary: Mapping[str, Any]) -> dict[str, Any]:
+    row = {**summary, "searched": "no result" if summary["no_result"] else None}
+    row["samples"] = summary["samples_simulated"] + summary["samples_fresh"]
+    for entry in () if summary["no_result"] else summary["best"]:
         row["searched"] = entry["objective"], entry["standard_error"]
         if again := entry["reestimate"]:
             row["again"] = again["objective"], again["standard_error"]
@@ -223,6 +211,5 @@ def _text(value: Any) -> str:
 
 def to_json(comparison: FileComparison) -> str:
     """Return a comparison as JSON."""
-    files = [as_dict(summary) for summary in comparison.summaries]
     more = {"differences": comparison.differences, "comparable": comparison.comparable}
-    return json.dumps({"files": files, **more}, indent=2)
+    return json.dumps({"files": without_nan(comparison.summaries), **more}, indent=2)

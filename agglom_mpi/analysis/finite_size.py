@@ -13,14 +13,17 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.analysis.estimates import objective_at, objective_of
+from agglom_mpi.analysis.estimates import kept, objective_at, objective_of
 from agglom_mpi.analysis.extrapolation import Extrapolation, Value, extrapolated
-from agglom_mpi.analysis.tables import time_on_free_core
+from agglom_mpi.analysis.ranking import rank_strings
+from agglom_mpi.analysis.tables import table_of_entries, time_on_free_core
 from agglom_mpi.formatting import value_with_error
 from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.statistics import MeanEstimate, mean_of
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from agglom_mpi.storage.reader import CampaignData
 
 MAX_FAILED: Final = 0.1
@@ -66,11 +69,6 @@ class VolumeMeans(NamedTuple):
     objective: MeanEstimate | None
     spread: float
     seconds: float
-
-    @property
-    def cost(self) -> float:
-        """Processor time for a standard error of 1 of b/b⁰: time × variance of a sample, in s."""
-        return self.seconds * self.spread**2
 
 
 class FiniteSize(NamedTuple):
@@ -128,25 +126,25 @@ class FiniteSize(NamedTuple):
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
-        fit, objective = self.growth, self.objective
-        found = {
-            "limit": fit.limit.value,
-            "limit_standard_error": fit.limit.error,
+        fit, objective = self.growth, self.objective or Value(math.nan, math.nan, 0)
+        return {
+            **_with_error("limit", fit.limit),
             "limit_half_width": fit.limit.half_width,
-            "shift": fit.shift.value,
-            "shift_standard_error": fit.shift.error,
+            **_with_error("shift", fit.shift),
             "exceeds": self.exceeds,
             "chi_square": fit.chi_square,
             "p_value": fit.p_value,
             "parabola_p_value": fit.parabola_p_value,
             "why_no_limit": why_no_limit(self.volumes, fit),
-            "curvature": fit.curvature.value,
-            "curvature_standard_error": fit.curvature.error,
-            "limit_objective": math.nan if objective is None else objective.value,
-            "limit_objective_standard_error": math.nan if objective is None else objective.error,
+            **_with_error("curvature", fit.curvature),
+            **_with_error("limit_objective", objective),
             "enough_grains": self.enough_grains,
+            "volumes": [_volume_entry(means) for means in self.volumes],
         }
-        return found | {"volumes": [_volume_entry(means) for means in self.volumes]}
+
+
+def _with_error(name: str, number: MeanEstimate) -> dict[str, float]:
+    return {name: number.value, f"{name}_standard_error": number.error}
 
 
 def enough_grains(own: int, fit: Extrapolation, error: float) -> int:
@@ -162,12 +160,9 @@ def enough_grains(own: int, fit: Extrapolation, error: float) -> int:
     return max(own, step * math.ceil(wanted / step))
 
 
+@kept
 def finite_sizes(data: "CampaignData") -> dict[int, FiniteSize]:
     """Return the finite size of each string with samples in at least two volumes, by string."""
-    return data.derived(_finite_sizes) if data.volumes else {}
-
-
-def _finite_sizes(data: "CampaignData") -> dict[int, FiniteSize]:
     strings = sorted(
         {int(i) for volume in data.volumes for i in np.unique(data.volume_rows(volume)["string"])}
     )
@@ -273,6 +268,29 @@ def _volume_entry(means: VolumeMeans) -> dict[str, Any]:
     }
 
 
+def volumes_table(data: "CampaignData") -> "pd.DataFrame":
+    """Tabulate the means of the best strings in each control volume, one row each."""
+    rows = [
+        {"string": string, **entry} for string, each in _sizes(data) for entry in each["volumes"]
+    ]
+    return table_of_entries(rows, ["string", "volume", "grains"])
+
+
+def limits_table(data: "CampaignData") -> "pd.DataFrame":
+    """Tabulate the limits of the best strings for many grains, one row each, in order of rank."""
+    rows = []
+    for string, each in _sizes(data):
+        rows.append({"string": string, "grains": each.pop("volumes")[0]["grains"], **each})
+    return table_of_entries(rows, ["string", "grains", "limit", "limit_standard_error"])
+
+
+def _sizes(data: "CampaignData") -> Iterator[tuple[int, dict[str, Any]]]:
+    """Yield the best strings with their finite size."""
+    sizes = finite_sizes(data)
+    order = rank_strings(data).order if sizes else []
+    yield from ((string, sizes[string].as_dict()) for string in order if string in sizes)
+
+
 def describe_finite_size(data: "CampaignData", shown: Sequence[int]) -> Iterator[str]:
     """Yield notes on the finite size of the strings of a table, as lines of text.
 
@@ -283,10 +301,9 @@ def describe_finite_size(data: "CampaignData", shown: Sequence[int]) -> Iterator
     shown
         Strings of the columns of the table, #1 first.
     """
-    sizes = finite_sizes(data)
-    named = [(f"#{place}", sizes[i]) for place, i in enumerate(shown, 1) if i in sizes]
-    for name, size in named:
-        yield f"finite size of {name}: {describe(size)}"
+    named = _named(data, shown)
+    for place, size in named:
+        yield f"finite size of #{place}: {describe(size)}"
     if not named:
         return
     yield (
@@ -299,6 +316,12 @@ def describe_finite_size(data: "CampaignData", shown: Sequence[int]) -> Iterator
             f"the objective contains the number of grains: in all volumes it is evaluated with "
             f"{grains:,}, as by its definition it tends to 1 with the number of each volume"
         )
+
+
+def _named(data: "CampaignData", shown: Sequence[int]) -> list[tuple[int, FiniteSize]]:
+    """Return the strings of a table that have a finite size, by their places."""
+    sizes = finite_sizes(data)
+    return [(place, sizes[i]) for place, i in enumerate(shown, 1) if i in sizes]
 
 
 def describe(size: FiniteSize) -> str:
@@ -332,8 +355,7 @@ def finite_size_warnings(data: "CampaignData", shown: Sequence[int]) -> Iterator
 
     Arguments as for `describe_finite_size`.
     """
-    sizes = finite_sizes(data)
-    named = [(place, sizes[i]) for place, i in enumerate(shown, 1) if i in sizes]
+    named = _named(data, shown)
     over = [(place, size) for place, size in named if size.exceeds]
     if over:
         place, worst = max(over, key=lambda pair: abs(pair[1].growth.shift.value))

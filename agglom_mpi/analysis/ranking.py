@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from agglom_mpi.analysis.derived import may_have_key, recorded_inversion
-from agglom_mpi.analysis.estimates import Estimate, estimates_of, rounding_of
+from agglom_mpi.analysis.estimates import Estimate, estimates_of, kept, rounding_of
 from agglom_mpi.storage.recorded_campaign import recorded_search
 
 if TYPE_CHECKING:
@@ -34,13 +34,15 @@ class RankedStrings(NamedTuple):
     estimates: list[Estimate]
     order: list[int]
 
+    @property
+    def again(self) -> dict[int, Estimate]:
+        """Estimates with a finite objective and error, by string."""
+        return {each.string: each for each in self.estimates if each.known}
 
+
+@kept
 def rank_strings(data: "CampaignData") -> RankedStrings:
     """Rank the judged strings of a campaign; those with a damaged row are left out."""
-    return data.derived(_rank)
-
-
-def _rank(data: "CampaignData") -> RankedStrings:
     results = data.result_rows()
     known = np.isin(results["string"], data.string_rows()["string"])
     finite = results[known & np.isfinite(results["objective"])]

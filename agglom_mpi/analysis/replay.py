@@ -1,7 +1,7 @@
 """Replay of the decisions of a campaign from its stored samples."""
 
-from collections.abc import Iterable, Iterator
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,8 @@ from agglom_mpi.storage.recorded_campaign import allowed_function, recorded_read
 from agglom_mpi.storage.schema import parameters_of
 from agglom_mpi.storage.table import consecutive_samples
 from agglom_mpi.storage.verify import VerificationReport, row_list
-from agglom_mpi.variables import VariableTable
+
+T = TypeVar("T")
 
 
 class Replayed(NamedTuple):
@@ -120,17 +121,16 @@ def _check_campaign(campaign: Campaign, report: VerificationReport) -> None:
     if report.data.sizes.quantities != dict(campaign.objective.quantity_units):
         report.faults.append("attributes: other quantities than in the campaign's text")
     rows, box = data.variable_rows(), campaign.variables
-    if _described(data.variables) != _described(box):
+    described = [
+        [(each.name, each.unit, each.meaning) for each in variables.further]
+        for variables in (data.variables, box)
+    ]
+    if described[0] != described[1]:
         report.faults.append("attributes: other further variables than in the campaign's text")
     bounds = (rows["lower"], box.lower), (rows["upper"], box.upper)
     same = all(np.array_equal(*pair, equal_nan=True) for pair in bounds)
     if not same or not np.array_equal(rows["searched"], box.lower < box.upper):
         report.faults.append("variables: another box than in the campaign's text")
-
-
-def _described(variables: VariableTable) -> list[tuple[str, str, str]]:
-    """Return what a file records of the variables beside those of the papers."""
-    return [(each.name, each.unit, each.meaning) for each in variables.further]
 
 
 def _rerun_decisions(campaign: Campaign, report: VerificationReport) -> tuple[ReplayLog, Inversion]:
@@ -219,36 +219,41 @@ def _compare_strings(log: ReplayLog, report: VerificationReport) -> int:
 
 
 def _compare_results(log: ReplayLog, report: VerificationReport) -> int:
+    def agrees(row: np.void, result: EnsembleResult) -> bool:
+        return all(_close(row[name], value) for name, value in result._asdict().items())
+
     stored = {int(row["string"]): row for row in report.data.result_rows()}
-    pairs = [(i, result, stored[i]) for i, result in log.results.items() if i in stored]
-    other = [
-        i
-        for i, result, row in pairs
-        if not all(_close(row[name], value) for name, value in result._asdict().items())
-    ]
+    same, other = _compare(log.results, stored, agrees)
     if other:
         report.faults.append(f"replay: the samples give other results of strings {row_list(other)}")
     if report.settled:
         absent = log.results.keys() - stored.keys()
         report.add_absent("results", absent, "though the samples judge their strings")
-    return len(pairs) - len(other)
+    return same
 
 
 def _compare_generations(log: ReplayLog, report: VerificationReport) -> int:
+    def agrees(row: np.void, done: GenerationSummary) -> bool:
+        counts = (row["evaluations"], row["samples_used"]) == (done.evaluations, done.samples_used)
+        return counts and (report.ranked_by_model or _ranks_agree(row, done))
+
     stored = {int(row["generation"]): row for row in report.data.generation_rows()}
-    pairs = [(i, done, stored[i]) for i, done in log.summaries.items() if i in stored]
-    other = [
-        i
-        for i, done, row in pairs
-        if (row["evaluations"], row["samples_used"]) != (done.evaluations, done.samples_used)
-        or not (report.ranked_by_model or _ranks_agree(row, done))
-    ]
+    same, other = _compare(log.summaries, stored, agrees)
     if other:
         report.faults.append(f"replay: the search ends otherwise in generations {row_list(other)}")
     if report.settled:
         absent = log.summaries.keys() - report.generations
         report.add_absent("generations", absent, "though all their strings are judged")
-    return len(pairs) - len(other)
+    return same
+
+
+def _compare(
+    decided: Mapping[int, T], stored: Mapping[int, np.void], agrees: Callable[[np.void, T], bool]
+) -> tuple[int, list[int]]:
+    """Return how many stored rows agree with what was decided, and the numbers of the others."""
+    both = [i for i in decided if i in stored]
+    other = [i for i in both if not agrees(stored[i], decided[i])]
+    return len(both) - len(other), other
 
 
 def _ranks_agree(row: np.void, done: GenerationSummary) -> bool:

@@ -1,7 +1,7 @@
 """Recorded strings and samples, to be simulated again and compared."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -41,6 +41,25 @@ def recorded_sample(data: "CampaignData", string: int, sample: int) -> np.void:
     last = int(rows["sample"].max()) if len(rows) else -1
     message = f"is {sample}, which string {string} does not have; recorded: 0 to {last}"
     raise mistaken(data.path, "--sample", message)
+
+
+def simulated_again(
+    data: "CampaignData", string: int, sample: int, frames: Any = None
+) -> "Outcome":
+    """Return the outcome of a recorded sample that is simulated again; raises a RuntimeError.
+
+    Parameters
+    ----------
+    data
+    string, sample
+    frames
+        Number of frames to take, or their times in s; None: none.
+    """
+    from agglom_mpi.storage.recorded_campaign import recorded_campaign
+    from agglom_mpi.verbs.simulate import simulate
+
+    campaign, parameters = recorded_campaign(data), data.parameters[string]
+    return simulate(campaign, parameters, campaign.first_sample(string) + sample, frames=frames)
 
 
 def is_same(stored: np.void, computed: np.void, version: int) -> bool:

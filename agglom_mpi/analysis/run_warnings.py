@@ -6,12 +6,11 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from agglom_mpi.analysis.derived import values_of
+from agglom_mpi.analysis.derived import searched_variables, values_of
 from agglom_mpi.analysis.drawn_sizes import drawn_fraction
 from agglom_mpi.analysis.estimates import objective_of, rounding_of
 from agglom_mpi.analysis.finite_size import finite_size_warnings
 from agglom_mpi.analysis.ranking import RankedStrings, rank_strings
-from agglom_mpi.analysis.tables import searched_variables
 from agglom_mpi.formatting import in_unit, pluralise, value_with_error
 from agglom_mpi.outcome import COMPLETED, FailureReason
 from agglom_mpi.physics.restitution import Solver
@@ -102,7 +101,7 @@ def _target(file: "CampaignData", ranked: RankedStrings) -> Iterator[str]:
             )
         return
     best = ranked.order[0]
-    estimate = next((e for e in ranked.estimates if e.string == best), None)
+    estimate = next((each for each in ranked.estimates if each.string == best), None)
     row = ranked.results[best]
     least = estimate.lower if estimate else row["objective"] - 2.0 * row["standard_error"]
     if objective_of(file).has_target and least > MISS:
@@ -115,16 +114,19 @@ def _target(file: "CampaignData", ranked: RankedStrings) -> Iterator[str]:
 
 def _edges(file: "CampaignData", best: int) -> Iterator[str]:
     """Yield each variable of the best string that lies at an end of its range."""
-    for variable, lower, upper, logarithmic in searched_variables(file):
+    for variable in searched_variables(file):
         value = float(values_of(file, [best], variable.name)[0])
-        low, high, at = np.log([lower, upper, value]) if logarithmic else (lower, upper, value)
+        low, high, at = ends = variable.lower, variable.upper, value
+        if variable.logarithmic:
+            low, high, at = np.log(ends)
         share = (at - low) / (high - low)
         text = in_unit(f"{value:.4g}", variable.unit)
         for end, near in (("lower", share < EDGE), ("upper", share > 1.0 - EDGE)):
             if near:
                 yield (
                     f"variables.{variable.name}: is {text} in the best string, at the "
-                    f"{end} end of its range, {lower:g} to {upper:g}; better ones may lie beyond"
+                    f"{end} end of its range, {variable.lower:g} to {variable.upper:g}; "
+                    "better ones may lie beyond"
                 )
 
 

@@ -161,7 +161,11 @@ def sensitivity_table(names: tuple[str, ...], found: Sensitivity | None) -> Rend
     if found is None:
         return "sensitivity: too few strings, or all of them are worth the same"
     if not found.predicts:
-        return f"sensitivity: no indices are given; {prediction_text(found)}"
+        return (
+            f"sensitivity: no indices are given; a regression of {found.strings} strings predicts "
+            f"none of the variance of strings left out ({found.explained:.0%}; at least "
+            f"{LEAST_EXPLAINED:.0%} is needed)"
+        )
     rows = [
         {"name": label_of(names[i]), "first": found.first_order[i], "total": found.total[i]}
         for i in np.argsort(-found.total, kind="stable").tolist()
@@ -172,12 +176,4 @@ def sensitivity_table(names: tuple[str, ...], found: Sensitivity | None) -> Rend
         f"over the search box, by a regression of {found.strings} strings; it predicts "
         f"{found.explained:.0%} of the variance of strings left out, noise of samples is "
         f"{found.noise:.0%}",
-    )
-
-
-def prediction_text(found: Sensitivity) -> str:
-    """Return why there are no indices: the regression predicts nothing."""
-    return (
-        f"a regression of {found.strings} strings predicts none of the variance of strings left "
-        f"out ({found.explained:.0%}; at least {LEAST_EXPLAINED:.0%} is needed)"
     )

@@ -8,13 +8,17 @@ import re
 from collections.abc import Iterator
 from functools import lru_cache
 from itertools import chain
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from agglom_mpi.declaration.units import has_offset, to_si, unit_in
 from agglom_mpi.display.table import Column
 from agglom_mpi.formatting import scaled_unit, typeset_unit
 from agglom_mpi.measurements.datum import Datum
 from agglom_mpi.measurements.quantities import QUANTITIES
+from agglom_mpi.variables import Variable
+
+if TYPE_CHECKING:
+    from agglom_mpi.inference.set_directions import SetVariable
 
 PREFIXES: Final = {"k": 1e3, "M": 1e6, "G": 1e9, "c": 1e-2, "m": 1e-3, "u": 1e-6, "µ": 1e-6}
 """Factors of decimal prefixes."""
@@ -45,6 +49,11 @@ def shown_unit(text: str, name: str, unit: str, largest: float) -> tuple[float, 
     written = written_units(text).get(name, "")
     factor = _factor(written, unit)
     return scaled_unit(unit, largest) if factor is None else (factor, typeset_unit(written))
+
+
+def unit_of_variable(text: str, variable: "Variable | SetVariable") -> tuple[float, str]:
+    """Return factor and label of the unit in which a variable with its range is shown."""
+    return shown_unit(text, variable.name, variable.unit, variable.upper)
 
 
 def unit_of_datum(text: str, datum: Datum) -> tuple[float, str]:
@@ -83,15 +92,24 @@ def written_units(text: str) -> dict[str, str]:
         content = parse(text, "").data
     except CampaignError:
         return {}
-    scene, variables = (_mapping(content.get(key)) for key in ("scene", "variables"))
-    found = {name: _one(_units_of(value)) for name, value in {**scene, **variables}.items()}
+    scene, variables = (
+        section if isinstance(section := content.get(key), dict) else {}
+        for key in ("scene", "variables")
+    )
+    found = {}
+    for name, value in {**scene, **variables}.items():
+        units = set(_units_of(value))  # such as those of the two ends of a range
+        found[name] = units.pop() if len(units) == 1 else ""
     entries = content.get("data")
     some = entries if isinstance(entries, list) else []
     measured = [each for each in some if isinstance(each, dict)]
     for name in QUANTITIES:
         own = (each for each in measured if each.get("quantity") == name)
         alike = (each for each in measured if _si_unit(each.get("quantity")) == _si_unit(name))
-        found[name] = _first(_datum_unit(each) for each in chain(own, alike))
+        found[name] = _first(
+            unit if isinstance(unit := each.get("unit"), str) else unit_in(each.get("value"))
+            for each in chain(own, alike)
+        )
     times = [*(each.get(TIME) for each in measured), scene.get("end_time")]
     found[TIME] = _first(unit_in(time) for time in times)
     return found
@@ -103,15 +121,6 @@ def _si_unit(quantity: Any) -> str:
     return "" if kind is None else kind.axis_unit
 
 
-def _datum_unit(entry: dict[str, Any]) -> str:
-    unit = entry.get("unit")
-    return unit if isinstance(unit, str) else unit_in(entry.get("value"))
-
-
-def _mapping(content: Any) -> dict[str, Any]:
-    return content if isinstance(content, dict) else {}
-
-
 def _units_of(value: Any) -> Iterator[str]:
     """Yield the units of all texts of an entry, such as the two ends of a range."""
     if isinstance(value, list):
@@ -121,12 +130,6 @@ def _units_of(value: Any) -> Iterator[str]:
         yield from _units_of(list(value.values()))
     elif unit := unit_in(value):
         yield unit
-
-
-def _one(units: Iterator[str]) -> str:
-    """Return the unit that all texts agree in; else an empty text."""
-    different = set(units)
-    return different.pop() if len(different) == 1 else ""
 
 
 def _first(units: Iterator[str]) -> str:

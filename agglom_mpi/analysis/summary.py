@@ -2,58 +2,37 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from rich.console import Group, RenderableType
 
 from agglom_mpi.analysis.best_strings import best_table, collect_best
-from agglom_mpi.analysis.comparison import PairedSamples
 from agglom_mpi.analysis.data_fit import describe_fit
-from agglom_mpi.analysis.derived import derived_columns
-from agglom_mpi.analysis.estimates import objective_of, rounding_of, unconverged
+from agglom_mpi.analysis.derived import derived_columns, recorded_box
+from agglom_mpi.analysis.estimates import kept, objective_of, rounding_of, unconverged
 from agglom_mpi.analysis.failed_samples import failure_lines, no_result, state_lines
 from agglom_mpi.analysis.finite_size import describe_finite_size
 from agglom_mpi.analysis.ranking import listed_strings, rank_strings, ranks_itself
-from agglom_mpi.analysis.selection_bias import SelectionBias, describe_bias, selection_bias
-from agglom_mpi.formatting import format_duration, pluralise, without_nan
+from agglom_mpi.analysis.selection_bias import (
+    PairedSamples,
+    SelectionBias,
+    describe_bias,
+    selection_bias,
+)
+from agglom_mpi.formatting import format_duration, in_unit, pluralise, without_nan
 from agglom_mpi.outcome import FAILED
 from agglom_mpi.storage.lock import live_status
 from agglom_mpi.storage.reader import CampaignData
+from agglom_mpi.storage.recorded_campaign import code_note
 
 
-class Summary(NamedTuple):
-    """The numbers of `agglom report`, whose names are the keys of its JSON."""
+def collect_summary(file: CampaignData, best: int = 6) -> dict[str, Any]:
+    """Return the numbers of `agglom report` of a campaign file, finished or not, by JSON key.
 
-    file: str
-    title: str
-    state: str
-    reason: str
-    no_result: str
-    """Why no string has a result; empty where one has."""
-    generations: int
-    strings: int
-    samples_used: int
-    samples_simulated: int
-    samples_fresh: int
-    samples_in_larger_volumes: int
-    failed: int
-    hit_maximum: int
-    not_converged: int
-    """Strings of `hit_maximum` whose samples differ by more than rounding."""
-    damaged: int
-    seconds: float
-    samples_per_second: float
-    derived: dict[str, str]
-    """SI units of the derived columns in `best`, by name."""
-    best: list[dict[str, Any]]
-    verdict: SelectionBias | None
-    further: dict[str, str]
-    """SI units of the variables beside those of the papers, by name."""
-
-
-def collect_summary(file: CampaignData, best: int = 6) -> Summary:
-    """Return the summary of a campaign file, finished or not.
+    `no_result` says why no string has a result. `not_converged` counts the strings of `hit_maximum`
+    whose samples differ by more than rounding. `derived` and `further` are the SI units of derived
+    columns and of variables beside those of the papers.
 
     Parameters
     ----------
@@ -64,36 +43,37 @@ def collect_summary(file: CampaignData, best: int = 6) -> Summary:
         it has none.
     """
     results, legs, status = file.result_rows(), file.legs(), live_status(file)
-    samples = file.all_sample_rows()
+    samples, generations = file.all_sample_rows(), file.generation_rows()
     fresh = int((samples["sample"] >= file.fresh_from).sum())
-    generations = file.generation_rows()
     whole = legs[np.isfinite(legs["stopped"])]
     seconds = float((whole["stopped"] - whole["started"]).sum())
     if len(whole) < len(legs) and len(generations):
         seconds = max(seconds, float(generations["seconds"].max()))
-    return Summary(
-        file=str(file.path),
-        title=file.title,
-        state=status.state,
-        reason=status.reason,
-        no_result=no_result(file),
-        generations=len(generations),
-        strings=len(results),
-        samples_used=int(results["samples_used"].sum()),
-        samples_simulated=len(samples) - fresh,
-        samples_fresh=fresh,
-        samples_in_larger_volumes=file.volume_count,
-        failed=int((file.counted_samples["state"] == FAILED).sum()),
-        hit_maximum=int(results["hit_maximum"].sum()),
-        not_converged=unconverged(file),
-        damaged=file.damaged,
-        seconds=seconds,
-        samples_per_second=(len(samples) + file.volume_count) / seconds if seconds else 0.0,
-        derived={column.name: column.unit for column in derived_columns(file)},
-        best=collect_best(file, best),
-        verdict=file.derived(_verdict),
-        further={variable.name: variable.unit for variable in file.variables.further},
-    )
+    larger, verdict = file.volume_count, _verdict(file)
+    further = {variable.name: variable.unit for variable in file.variables.further}
+    return {
+        "file": str(file.path),
+        "title": file.title,
+        "state": status.state,
+        "reason": status.reason,
+        "no_result": no_result(file),
+        "generations": len(generations),
+        "strings": len(results),
+        "samples_used": int(results["samples_used"].sum()),
+        "samples_simulated": len(samples) - fresh,
+        "samples_fresh": fresh,
+        **({"samples_in_larger_volumes": larger} if larger else {}),
+        "failed": int((file.counted_samples["state"] == FAILED).sum()),
+        "hit_maximum": int(results["hit_maximum"].sum()),
+        "not_converged": unconverged(file),
+        "damaged": file.damaged,
+        "seconds": seconds,
+        "samples_per_second": (len(samples) + larger) / seconds if seconds else 0.0,
+        "derived": {column.name: column.unit for column in derived_columns(file)},
+        "best": collect_best(file, best),
+        "verdict": verdict and {**verdict._asdict(), "is_bias": verdict.is_bias},
+        **({"further": further} if further else {}),
+    }
 
 
 def summary_table(file: CampaignData, best: int | None = None) -> RenderableType:
@@ -102,30 +82,31 @@ def summary_table(file: CampaignData, best: int | None = None) -> RenderableType
     There are `best` strings at most, or `listed_strings`.
     """
     summary = collect_summary(file, listed_strings(file) if best is None else best)
-    parts: list[RenderableType] = [summary.title] if summary.title else []
-    if not summary.no_result:
-        parts.append(best_table(file, summary.best))
+    parts: list[RenderableType] = [summary["title"]] if summary["title"] else []
+    if not summary["no_result"]:
+        parts.append(best_table(file, summary["best"]))
     parts += [*state_lines(file), _cost(summary)]
-    if not summary.no_result:
-        parts += describe_best(file, [entry["string"] for entry in summary.best])
+    if not summary["no_result"]:
+        parts += describe_best(file, [entry["string"] for entry in summary["best"]])
         parts += failure_lines(file)
-    if ranks_itself(file) and summary.best:
+    if ranks_itself(file) and summary["best"]:
         parts.append(SEARCH_ESTIMATES)
-    if summary.not_converged:
-        strings = pluralise(summary.not_converged, "string")
+    if summary["not_converged"]:
+        strings = pluralise(summary["not_converged"], "string")
         parts.append(f"{strings} ended at max_samples, not converged")
-    return Group(*parts, summary.file)
+    return Group(*parts, summary["file"])
 
 
 def describe_best(file: CampaignData, shown: Sequence[int]) -> list[str]:
     """Return lines on the order of the best strings, their fit to data and their finite size."""
     known = rank_strings(file).estimates
     estimated = {estimate.string for estimate in known}.intersection(shown)
-    lines = describe_bias(file.derived(_verdict), shown, len(estimated))
+    lines = describe_bias(_verdict(file), shown, len(estimated))
     fit = describe_fit(file, shown[0]) if shown else []
     return [*lines, *objective_of(file).notes, *fit, *describe_finite_size(file, shown)]
 
 
+@kept
 def _verdict(file: CampaignData) -> SelectionBias | None:
     known = rank_strings(file).estimates
     return selection_bias(known, PairedSamples.behind(known, file), rounding_of(file))
@@ -138,33 +119,54 @@ SEARCH_ESTIMATES: Final = (
 """Note on a search that ranks strings by more than their own samples."""
 
 
-def _cost(summary: Summary) -> str:
+def _cost(summary: Mapping[str, Any]) -> str:
     """Return a line on the number of samples and the time of a campaign."""
     fresh = ""
-    if summary.samples_fresh:
-        fresh = f" and {pluralise(summary.samples_fresh, 'fresh one')}"
-    if summary.samples_in_larger_volumes:
-        fresh += f", {summary.samples_in_larger_volumes} in larger volumes"
+    if summary["samples_fresh"]:
+        fresh = f" and {pluralise(summary['samples_fresh'], 'fresh one')}"
+    if larger := summary.get("samples_in_larger_volumes"):
+        fresh += f", {larger} in larger volumes"
+    counts = (("generations", "generation"), ("strings", "string"), ("samples_used", "sample"))
+    made = ", ".join(pluralise(summary[key], noun) for key, noun in counts)
     return (
-        f"{pluralise(summary.generations, 'generation')}, {pluralise(summary.strings, 'string')}, "
-        f"{pluralise(summary.samples_used, 'sample')} used of {summary.samples_simulated} "
-        f"simulated{fresh}, "
-        f"{format_duration(summary.seconds)}, {summary.samples_per_second:.0f} samples/s"
+        f"{made} used of {summary['samples_simulated']} simulated{fresh}, "
+        f"{format_duration(summary['seconds'])}, {summary['samples_per_second']:.0f} samples/s"
     )
 
 
-def as_dict(summary: Summary, more: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Return a summary, and `more` entries, for JSON; nan and inf become None."""
-    verdict = summary.verdict
-    said = verdict and {**verdict._asdict(), "is_bias": verdict.is_bias}
-    entries = summary._asdict() | {"verdict": said} | dict(more or {})
-    if not summary.further:
-        del entries["further"]
-    if not summary.samples_in_larger_volumes:
-        del entries["samples_in_larger_volumes"]
-    return dict(without_nan(entries))
+def to_json(summary: Mapping[str, Any], more: Mapping[str, Any] | None = None) -> str:
+    """Return a summary, and `more` entries, as JSON; nan and inf become null."""
+    return json.dumps(without_nan({**summary, **(more or {})}), indent=2)
 
 
-def to_json(summary: Summary, more: Mapping[str, Any] | None = None) -> str:
-    """Return `as_dict` as JSON."""
-    return json.dumps(as_dict(summary, more), indent=2)
+def stored_text(file: CampaignData, as_json: bool) -> str:
+    """Return the stored numbers of a campaign whose code may not run, and why there are no others.
+
+    They are lines or JSON, in SI units. The best string is that of the last generation, as
+    searched.
+    """
+    status, generations, results = live_status(file), file.generation_rows(), file.result_rows()
+    found = {
+        "title": file.title,
+        "state": status.state,
+        "reason": status.reason,
+        "generations": len(generations),
+        "strings": len(results),
+        "samples_used": int(results["samples_used"].sum()),
+        "samples_stored": len(file.all_sample_rows()),
+        "damaged": file.damaged,
+    }
+    for last in generations[-1:]:
+        found["best_string"] = string = int(last["best_string"])
+        found["objective"] = float(last["best_objective"])
+        found["standard_error"] = float(last["best_standard_error"])
+        for variable in recorded_box(file).variables:
+            if variable.is_searched:
+                found[variable.name] = float(file.values([string], variable.name)[0])
+    found = without_nan(found)
+    if as_json:
+        note = {"needs_code": code_note(file)}
+        return json.dumps({"file": str(file.path), **found, **note}, indent=2)
+    units = {variable.name: variable.unit for variable in file.variables.variables}
+    lines = [f"{name}: {in_unit(value, units.get(name, '1'))}" for name, value in found.items()]
+    return "\n".join([*lines, code_note(file)])

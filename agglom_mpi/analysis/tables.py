@@ -1,11 +1,11 @@
 """The tables of a campaign file as pandas DataFrames."""
 
 from types import ModuleType
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from agglom_mpi.analysis.derived import derived_columns
+from agglom_mpi.analysis.derived import derived_columns, recorded_box
 from agglom_mpi.analysis.estimates import Estimate, estimates_of
 from agglom_mpi.analysis.quantity_means import quantity_table
 from agglom_mpi.analysis.ranking import order_by_estimates, search_order
@@ -23,7 +23,7 @@ from agglom_mpi.storage.schema import (
     samples_schema,
     strings_schema,
 )
-from agglom_mpi.variables import VOLUME_FRACTION, Variable
+from agglom_mpi.variables import Variable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,16 +32,8 @@ if TYPE_CHECKING:
 
 
 def table_of(data: "CampaignData", name: str) -> "pd.DataFrame":
-    """Tabulate the `strings`, `samples`, `estimates`, `generations` or `variables` of a file."""
-    if name == "variables":
-        return variables(data.variable_rows())
-    if name == "generations":
-        return generations(data.generation_rows())
-    if name == "samples":
-        return samples(data)
-    if name == "estimates":
-        return estimates(data)
-    return strings(data)
+    """Tabulate the `strings`, `samples`, … of a file; see `TABLES`."""
+    return TABLES[name](data)
 
 
 def strings(data: "CampaignData") -> "pd.DataFrame":
@@ -53,8 +45,8 @@ def strings(data: "CampaignData") -> "pd.DataFrame":
     pandas, every, results = _pandas(), data.string_rows(), data.result_rows()
     counted = data.with_unused | np.isin(every["string"], [*data.samples_used])
     rows = every[counted]
-    variables, samples = data.variable_rows(), data.all_sample_rows()
-    unused = set(data.variables.names) - set(_used_names(variables))
+    samples = data.all_sample_rows()
+    unused = set(data.variables.names) - {variable.name for variable in _used(data)}
     first = _columns(pandas, rows, without={"origin", "parents", *unused})
     first.insert(3, "origin", _texts(rows["origin"], ORIGINS))
     first.insert(4, "parent_1", rows["parents"][:, 0])
@@ -129,9 +121,9 @@ def estimates(data: "CampaignData") -> "pd.DataFrame":
         frame[name] = frame[name].astype(np.int64 if name in counts else np.float64)
     units = {name: "" if name == "string" else "1" for name in frame.columns}
     strings = [estimate.string for estimate in rows]
-    for place, name in enumerate(_used_names(data.variable_rows()), 1):
-        frame.insert(place, name, data.values(strings, name))
-        units[name] = data.variables[name].unit
+    for place, variable in enumerate(_used(data), 1):
+        frame.insert(place, variable.name, data.values(strings, variable.name))
+        units[variable.name] = variable.unit
     for name, (values, unit) in quantity_table(data, strings, fresh=True).items():
         frame[name], units[name] = values, unit
     frame.attrs["units"] = units
@@ -162,46 +154,33 @@ def best(data: "CampaignData", count: int) -> "pd.DataFrame":
     return frame
 
 
-def generations(rows: np.ndarray) -> "pd.DataFrame":
+def generations(data: "CampaignData") -> "pd.DataFrame":
     """Tabulate generations; `population` holds an array of string numbers, the best first."""
+    rows = data.generation_rows()
     frame = _columns(_pandas(), rows, without={"population"})
     frame["population"] = list(rows["population"])
     return _with_units(frame, generations_schema(1).fields)
 
 
-def variables(rows: np.ndarray) -> "pd.DataFrame":
+def variables(data: "CampaignData") -> "pd.DataFrame":
     """Tabulate the variables that the campaign uses."""
-    used = rows[~np.isnan(rows["lower"])]
-    columns = {
-        "name": [name.decode() for name in used["name"]],
-        "unit": [unit.decode() for unit in used["unit"]],
-        "lower": used["lower"],
-        "upper": used["upper"],
-        "searched": used["searched"] == 1,
-    }
-    return _pandas().DataFrame(columns)
+    names = ("name", "unit", "lower", "upper", "is_searched")
+    used = [[getattr(variable, name) for name in names] for variable in _used(data)]
+    return _pandas().DataFrame(used, columns=[name.removeprefix("is_") for name in names])
 
 
-def searched_variables(data: "CampaignData") -> list[tuple[Variable, float, float, bool]]:
-    """Return the variables that are searched, their bounds (SI units), and if on a log scale.
+def table_of_entries(rows: list[dict[str, Any]], columns: list[str]) -> "pd.DataFrame":
+    """Tabulate plain values of strings, pure numbers but for times; `columns` without any."""
+    frame = _pandas().DataFrame(rows, columns=None if rows else columns)
+    units = {"string": "", "cpu_seconds": "s"}
+    frame.attrs["units"] = {name: units.get(name, "1") for name in frame.columns}
+    return frame
 
-    The volume fraction is in place of the size ratio where the campaign gives it.
-    """
-    rows, identity = data.variable_rows(), data.identity
-    box = data.variables.with_ranges(
-        {
-            name: Variable(name, "", "", "", None, float(row["lower"]), float(row["upper"]), scale)
-            for name, row in zip(data.variables.names, rows, strict=True)
-            if row["searched"] == 1
-            for scale in ["log" if identity.get(f"variables.{name}.2") == "log" else ""]
-        }
-    )
-    if any(column.name == VOLUME_FRACTION.name for column in derived_columns(data)):
-        # Imported here: reading a file does not need what reads a campaign's text.
-        from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
-        box = recorded_campaign(data).variables
-    return [(each, each.lower, each.upper, each.logarithmic) for each in box.own]
+TABLES: Final = {
+    each.__name__: each for each in (generations, estimates, strings, samples, variables)
+}
+"""All tables by name; no row of a growing file is read before those that refer to it."""
 
 
 def with_units(table: "pd.DataFrame") -> "pd.DataFrame":
@@ -228,8 +207,8 @@ def csv_texts(table: "pd.DataFrame") -> "pd.DataFrame":
     return table
 
 
-def _used_names(rows: np.ndarray) -> list[str]:
-    return [row["name"].decode() for row in rows if not np.isnan(row["lower"])]
+def _used(data: "CampaignData") -> list[Variable]:
+    return [variable for variable in recorded_box(data).variables if variable.is_used]
 
 
 def _columns(

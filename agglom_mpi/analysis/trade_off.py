@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from rich.console import Group, RenderableType
 
-from agglom_mpi.analysis.derived import derived_columns, values_of
+from agglom_mpi.analysis.derived import derived_columns, recorded_box, values_of
 from agglom_mpi.analysis.estimates import completed_rows
 from agglom_mpi.analysis.quantity_means import quantity_means
 from agglom_mpi.analysis.ranking import rank_strings
@@ -47,24 +47,8 @@ class TradeOffAxis(NamedTuple):
     maximised: bool
 
 
-class BestPoint(NamedTuple):
-    """The best string of a file.
-
-    Attributes
-    ----------
-    file, string
-    values, errors
-        Its number on each axis in SI units, and their standard errors; an error is 0 where the
-        number follows from the variables alone.
-    fresh
-        Whether the numbers are of fresh samples; those that it was chosen by favour it.
-    """
-
-    file: str
-    string: int
-    values: tuple[float, float]
-    errors: tuple[float, float]
-    fresh: bool
+Number = tuple[float, float]
+"""A value in SI units, and its standard error: 0 where it follows from the variables alone."""
 
 
 def trade_off(
@@ -77,22 +61,26 @@ def trade_off(
     TradeOffError
         If a file has no such number, or no string with a result.
     """
-    points = [_point(file, axes) for file in files]
+    best = [_best(file) for file in files]
+    points = [
+        [_measured(file, *string, axis.name) for axis in axes]
+        for file, string in zip(files, best, strict=True)
+    ]
     columns = [Column("file"), Column("string", format="d")]
-    rows: list[dict[str, Any]] = []
-    for point, verdict in zip(points, verdicts(points, axes), strict=True):
-        name = point.file if point.fresh else f"{point.file} (as searched)"
-        rows.append({"file": name, "string": point.string, "verdict": verdict})
-    for k, axis in enumerate(axes):
-        largest = max(abs(point.values[k]) for point in points)
+    for axis, numbers in zip(axes, zip(*points, strict=True), strict=True):
+        largest = max(abs(value) for value, _ in numbers)
         sense = "maximised" if axis.maximised else "minimised"
         column = column_of(files[0].campaign_text, axis.name, axis.unit, largest, sense)
         columns.append(column._replace(format=".4g"))
-        for point, row in zip(points, rows, strict=True):
-            value, error = point.values[k], point.errors[k]
-            row[axis.name] = (value, error) if error > 0.0 else value
+    rows: list[dict[str, Any]] = []
+    found = zip(files, best, points, verdicts(points, axes), strict=True)
+    for file, (string, fresh), point, verdict in found:
+        name = str(file.path) if fresh else f"{file.path} (as searched)"
+        rows.append({"file": name, "string": string, "verdict": verdict})
+        for axis, (value, error) in zip(axes, point, strict=True):
+            rows[-1][axis.name] = (value, error) if error > 0.0 else value
     table = Table([*columns, Column("verdict", "", text=True)], rows)
-    return Group(table, *(NOTES if all(point.fresh for point in points) else [*NOTES, SEARCHED]))
+    return Group(table, *(NOTES if all(fresh for _, fresh in best) else [*NOTES, SEARCHED]))
 
 
 def axis_of(files: "Sequence[CampaignData]", name: str, maximised: bool) -> TradeOffAxis:
@@ -121,29 +109,27 @@ def axis_of(files: "Sequence[CampaignData]", name: str, maximised: bool) -> Trad
 
 def _known_units(file: "CampaignData") -> dict[str, str]:
     """Return the units of all numbers that a string of a file has, by name."""
-    used = {row["name"].decode() for row in file.variable_rows() if not math.isnan(row["lower"])}
-    units = {each.name: each.unit for each in file.variables.variables if each.name in used}
+    units = {each.name: each.unit for each in recorded_box(file).variables if each.is_used}
     units |= {column.name: column.unit for column in derived_columns(file)}
     return units | {OBJECTIVE: "1", GROWTH: "1"} | dict(file.sizes.quantities)
 
 
-def _point(file: "CampaignData", axes: tuple[TradeOffAxis, TradeOffAxis]) -> BestPoint:
+def _best(file: "CampaignData") -> tuple[int, bool]:
+    """Return the best string of a file, and whether it has fresh samples."""
     ranked = rank_strings(file)
     if not ranked.order:
         raise TradeOffError(f"{file.path}: no string has a result yet")
     string = ranked.order[0]
-    fresh = any(each.string == string and each.known for each in ranked.estimates)
-    (x, x_error), (y, y_error) = (_measured(file, string, axis.name, fresh) for axis in axes)
-    return BestPoint(str(file.path), string, (x, y), (x_error, y_error), fresh)
+    return string, string in ranked.again
 
 
-def _measured(file: "CampaignData", string: int, name: str, fresh: bool) -> tuple[float, float]:
+def _measured(file: "CampaignData", string: int, fresh: bool, name: str) -> Number:
     """Return a number of a string and its standard error, on fresh samples or those searched by."""
     if name == OBJECTIVE:
         ranked = rank_strings(file)
         if fresh:
-            [own] = [each for each in ranked.estimates if each.string == string]
-            return own.objective, own.standard_error
+            again = ranked.again[string]
+            return again.objective, again.standard_error
         row = ranked.results[string]
         return float(row["objective"]), float(row["standard_error"])
     if name in file.sizes.quantities:
@@ -155,7 +141,7 @@ def _measured(file: "CampaignData", string: int, name: str, fresh: bool) -> tupl
     return float(values_of(file, [string], name)[0]), 0.0
 
 
-def verdicts(points: Sequence[BestPoint], axes: tuple[TradeOffAxis, TradeOffAxis]) -> list[str]:
+def verdicts(points: Sequence[Sequence[Number]], axes: Sequence[TradeOffAxis]) -> list[str]:
     """Return what each point is: `FRONT`, `UNRESOLVED` or `DOMINATED`.
 
     A point dominates another that is no better on either axis, and worse on one. It does so beyond
@@ -175,16 +161,18 @@ def verdicts(points: Sequence[BestPoint], axes: tuple[TradeOffAxis, TradeOffAxis
 
 
 def _dominates(
-    better: BestPoint, worse: BestPoint, axes: tuple[TradeOffAxis, TradeOffAxis], resolved: float
+    better: Sequence[Number],
+    worse: Sequence[Number],
+    axes: Sequence[TradeOffAxis],
+    resolved: float,
 ) -> bool:
     """Return whether a point dominates another by some number of standard errors."""
     gains = []
-    for k, axis in enumerate(axes):
-        sign = 1.0 if axis.maximised else -1.0
-        gain = sign * (better.values[k] - worse.values[k])
+    for axis, (value, error), (other, other_error) in zip(axes, better, worse, strict=True):
+        gain = value - other if axis.maximised else other - value
         # An error that is nan, of a single sample, resolves nothing.
-        error = math.hypot(better.errors[k], worse.errors[k]) if resolved else 0.0
-        if not gain >= resolved * error:
+        both = math.hypot(error, other_error) if resolved else 0.0
+        if not gain >= resolved * both:
             return False
         gains.append(gain)
     return max(gains) > 0.0

@@ -1,21 +1,14 @@
 """`agglom check`: validate a campaign, or verify a campaign file."""
 
 import json
-from collections.abc import Iterator, Mapping
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from agglom_mpi.cli.common import ALLOW_CODE, JSON, STRICT, examples, exit_with, say
 from agglom_mpi.file_kinds import is_hdf5
 from agglom_mpi.formatting import in_unit
-
-if TYPE_CHECKING:
-    from agglom_mpi.config.campaign import Campaign
-    from agglom_mpi.config.yaml_source import Problem
-    from agglom_mpi.simulation.sample import Outcome
 
 
 @click.command(
@@ -63,10 +56,18 @@ def check(file: str, allow_code: bool, strict: bool, as_json: bool) -> int:
         sizes = table_sizes(loaded)
         check_room(loaded, sizes)
         size = sizes.file_bytes()
-    warnings = [*loaded.warnings(), *narrow, *_of_start(loaded)]
+    warnings = [*loaded.warnings(), *narrow]
+    if loaded.plan is not None and loaded.search.earlier is not None:
+        from agglom_mpi.analysis.warm_start import warm_start
+
+        warnings += warm_start(loaded, Path(loaded.file_name)).warnings  # as a run reads it
     warn(warnings, strict, lambda line: say(line, error=True))
     promises = promises_of(loaded, allow_code)
-    tried = _tried(loaded) if allow_code else None
+    tried = None
+    if allow_code:
+        from agglom_mpi.verbs.simulate import try_function  # loads the kernels
+
+        tried = try_function(loaded)
     if as_json:
         found = loaded.description() | {"warnings": [str(warning) for warning in warnings]}
         found |= {} if size is None else {"file_bytes": size}
@@ -82,34 +83,7 @@ def check(file: str, allow_code: bool, strict: bool, as_json: bool) -> int:
     if promises:
         say("\n".join(["Properties", *(f"  {line}" for line in promises)]))
     if tried is not None:
-        for line in _function_lines(tried, loaded.objective.quantity_units):
-            say(line)
+        say(f"Function\n  a sample in the middle of the box is worth {tried.objective:.6g}")
+        for name, value in tried.quantities.items():
+            say(in_unit(f"    {name} {value:.6g}", loaded.objective.quantity_units[name]))
     return 0
-
-
-def _tried(campaign: "Campaign") -> "Outcome | None":
-    from agglom_mpi.verbs.simulate import try_function  # loads the kernels
-
-    return try_function(campaign)
-
-
-def _function_lines(tried: "Outcome", units: Mapping[str, str]) -> Iterator[str]:
-    """Yield lines on what the objective's function makes of a sample."""
-    yield f"Function\n  a sample in the middle of the box is worth {tried.objective:.6g}"
-    for name, value in tried.quantities.items():
-        yield in_unit(f"    {name} {value:.6g}", units[name])
-
-
-def _of_start(campaign: "Campaign") -> tuple["Problem", ...]:
-    """Return warnings about the earlier campaign that a search begins with, as a run reads it.
-
-    Raises
-    ------
-    CampaignError
-        If it cannot be used.
-    """
-    if campaign.plan is None or campaign.search.earlier is None:
-        return ()
-    from agglom_mpi.analysis.warm_start import warm_start
-
-    return warm_start(campaign, Path(campaign.file_name)).warnings

@@ -5,7 +5,7 @@ import io
 import logging
 import resource
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 from typing import Any, Final
@@ -168,6 +168,43 @@ def exit_with(command: Callable[..., int]) -> Callable[..., None]:
 PATH: Final = click.Path(path_type=Path)
 
 
+class DependentOption(click.Option):
+    """Option that is refused unless one of the options is given that it `needs`, such as `--out`.
+
+    Its help begins with these.
+    """
+
+    def __init__(self, *names: Any, needs: str, **settings: Any) -> None:
+        super().__init__(*names, **settings | {"help": f"With {needs}: {settings['help']}"})
+        self._needs = needs
+
+    def handle_parse_result(
+        self, ctx: click.Context, opts: Mapping[str, Any], args: list[str]
+    ) -> tuple[Any, list[str]]:
+        """Return value and remaining arguments; raise a UsageError for an option out of place."""
+        needed = {each.name for each in ctx.command.params if {*each.opts} & {*self._needs.split()}}
+        if opts.get(self.name or "") is not None and needed.isdisjoint(opts):
+            raise click.UsageError(f"{self.opts[0]} is for {self._needs}")
+        return super().handle_parse_result(ctx, opts, args)
+
+
+def require_own_names(paths: Mapping[str, Path | None], page: Path | None = None) -> None:
+    """Raise a UsageError if two of the files to write, by option, have one name.
+
+    Nor may one have that of a file of the web page in the folder `page`.
+    """
+    named: dict[Path, str] = {}
+    for option, path in paths.items():
+        if path is None:
+            continue
+        other = named.setdefault(path.resolve(), option)
+        if other != option:
+            raise click.UsageError(f"{other} and {option} name the same file; give two names")
+        of_page = page is not None and path.resolve().parent == page.resolve()
+        if of_page and path.suffix in (".html", ".png", ".svg"):
+            raise click.UsageError(f"{option} names a file of the web page; give one like x.csv")
+
+
 def examples(*commands: str) -> str:
     """Return the end of a command's help: examples to copy, one a line."""
     heading = "Examples:" if len(commands) > 1 else "Example:"
@@ -204,23 +241,6 @@ def read_duration(
             f"{text!r} is no duration; allowed: 90, 90s, 30m, 2h, 1:30:00, 1-12:00:00"
         )
     return seconds
-
-
-def checked_by(read: Callable[[str], object]) -> Callable[..., str | None]:
-    """Return a function that passes the text of an option on if `read` raises no ValueError.
-
-    The limits of a campaign's own numbers are checked where its file is read.
-    """
-
-    def check(context: click.Context, parameter: click.Parameter, text: str | None) -> str | None:
-        if text is not None:
-            try:
-                read(text)
-            except ValueError as error:
-                raise click.BadParameter(str(error)) from None
-        return text
-
-    return check
 
 
 def read_assignments(

@@ -5,14 +5,20 @@ from typing import Final
 
 import click
 
-from agglom_mpi.cli.common import ALLOW_CODE, PATH, UNUSED, examples, exit_with, say
+from agglom_mpi.cli.common import (
+    ALLOW_CODE,
+    PATH,
+    UNUSED,
+    DependentOption,
+    examples,
+    exit_with,
+    require_own_names,
+    say,
+)
 from agglom_mpi.cli.set_options import read_set_request, set_options
 
-FORMS: Final = (
-    *("--compact OUT.h5", "--csv DIR", "--xarray OUT.nc", "--arviz OUT.nc"),
-    *("--json OUT.json", "--paraview OUT.vtkhdf"),
-)
-"""Options that write something, as messages show them."""
+FORMS: Final = ("--compact", "--csv", "--xarray", "--arviz", "--json", "--paraview")
+"""Options that write something."""
 
 
 @click.command(
@@ -59,18 +65,28 @@ FORMS: Final = (
     help="Write the particles of a sample over time for ParaView. Several samples get one file "
     "each, OUT_STRING_SAMPLE.vtkhdf.",
 )
-@click.option("--string", type=click.IntRange(0), help="String to write.  [default: the best]")
+@click.option(
+    "--string",
+    cls=DependentOption,
+    needs="--paraview",
+    type=click.IntRange(0),
+    help="string to write.  [default: the best]",
+)
 @click.option(
     "--sample",
     "samples",
+    cls=DependentOption,
+    needs="--paraview",
     type=click.IntRange(0),
     multiple=True,
-    help="Sample to write; may be repeated.  [default: all with stored frames, or the first]",
+    help="sample to write; may be repeated.  [default: all with stored frames, or the first]",
 )
 @click.option(
     "--frames",
+    cls=DependentOption,
+    needs="--paraview",
     type=click.IntRange(1, 10**5),
-    help="Resimulate the sample with this number of frames.  [default: those stored, or 101]",
+    help="resimulate the sample with this number of frames.  [default: those stored, or 101]",
 )
 @UNUSED
 @ALLOW_CODE
@@ -98,19 +114,15 @@ def export(
     writing; --unused adds the rest. --compact copies everything. No existing file is overwritten. A
     sample without stored frames is simulated again, with identical results.
     """
-    paths = [path for path in (compact, csv, xarray, arviz, as_json, paraview) if path is not None]
-    if not paths:
-        *forms, last = FORMS
-        raise click.UsageError(f"nothing to write: give {', '.join(forms)} or {last}")
-    if len({path.resolve() for path in paths}) < len(paths):
-        raise click.UsageError("two options name the same file; give two names")
-    if paraview is None and (string is not None or samples or frames is not None):
-        raise click.UsageError("--string, --sample and --frames are for --paraview OUT.vtkhdf")
-    if unused and paths in ([compact], [paraview], [compact, paraview]):
+    forms = dict(zip(FORMS, (compact, csv, xarray, arviz, as_json, paraview), strict=True))
+    given = {form for form, path in forms.items() if path is not None}
+    if not given:
+        raise click.UsageError(f"nothing to write: give {', '.join(FORMS)}")
+    require_own_names(forms)
+    if unused and given <= {"--compact", "--paraview"}:
         raise click.UsageError("--unused is for --csv, --xarray, --arviz and --json")
-    numbers = tolerance, measured, error
     wanted = arviz is not None or as_json is not None
-    request = read_set_request("--arviz OUT.nc or --json OUT.json", wanted, *numbers)
+    request = read_set_request(wanted, tolerance, measured, error)
     from agglom_mpi.analysis.damage import blame_damage
     from agglom_mpi.report.export import Exports, export
 

@@ -1,6 +1,6 @@
 """`agglom plan`: estimate the run time of a campaign."""
 
-from typing import Any, Final
+from typing import Final
 
 import click
 
@@ -64,7 +64,15 @@ def _read_ranks(context: click.Context, parameter: click.Parameter, text: str) -
 @ALLOW_CODE
 @JSON
 @exit_with
-def plan(as_json: bool, **options: Any) -> int:
+def plan(
+    campaign: str,
+    ranks: tuple[int, ...],
+    source: str | None,
+    seconds: float,
+    generations: int | None,
+    allow_code: bool,
+    as_json: bool,
+) -> int:
     """Estimate the run time of CAMPAIGN.yaml for different numbers of ranks.
 
     Pilot samples of random strings are simulated in one process and timed. Then the decisions and
@@ -76,14 +84,13 @@ def plan(as_json: bool, **options: Any) -> int:
     from agglom_mpi.analysis.damage import blame_damage
     from agglom_mpi.display.run_display import print_wide
     from agglom_mpi.planning.forecast_table import forecast_table, to_json
-    from agglom_mpi.planning.plan import PlanOptions, plan
+    from agglom_mpi.planning.plan import plan
 
-    asked = PlanOptions(**options)
     origin = click.get_current_context().get_parameter_source("seconds")
-    if asked.source is not None and origin is not click.core.ParameterSource.DEFAULT:
+    if source is not None and origin is not click.core.ParameterSource.DEFAULT:
         raise click.UsageError("--seconds is for pilot samples; --from replaces them")
-    with blame_damage(*filter(None, [asked.source])):
-        report = plan(asked)
+    with blame_damage(*filter(None, [source])):
+        report = plan(campaign, ranks, seconds, source, generations, allow_code)
     if as_json:
         say(to_json(report))
     else:

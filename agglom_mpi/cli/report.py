@@ -10,17 +10,18 @@ from agglom_mpi.cli.common import (
     JSON,
     PATH,
     UNUSED,
+    DependentOption,
     examples,
     exit_with,
+    require_own_names,
     say,
 )
 from agglom_mpi.cli.set_options import read_set_request, set_options
 from agglom_mpi.errors import FAILURE, FINISHED, INTERRUPTED
-from agglom_mpi.formatting import pluralise
+from agglom_mpi.formatting import pluralise, without_nan
 
 if TYPE_CHECKING:
-    from agglom_mpi.report.next_summary import PosteriorRequest
-    from agglom_mpi.report.set_files import SetRequest
+    from agglom_mpi.report.set_files import PosteriorRequest, SetRequest
     from agglom_mpi.storage.reader import CampaignData
 
 
@@ -42,14 +43,18 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--stored-only",
+    cls=DependentOption,
+    needs="--out",
     is_flag=True,
-    help="With --out: do not simulate samples again whose particles are not stored.",
+    help="do not simulate samples again whose particles are not stored.",
 )
 @click.option(
     "--published",
+    cls=DependentOption,
+    needs="--out",
     type=PATH,
     metavar="TABLES.json",
-    help="With --out: set the best strings beside a paper's tables, such as jobs/published/*.json.",
+    help="set the best strings beside a paper's tables, such as jobs/published/*.json.",
 )
 @click.option(
     "--sensitivity",
@@ -63,15 +68,19 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--what-next",
+    cls=DependentOption,
+    needs="--posterior",
     is_flag=True,
-    help="With --posterior: add what each further measurement would leave of the box, the most "
+    help="add what each further measurement would leave of the box, the most "
     "informative one first; takes a minute.",
 )
 @click.option(
     "--what-next-table",
+    cls=DependentOption,
+    needs="--what-next",
     type=PATH,
     metavar="OUT.csv",
-    help="With --what-next: write all measurements that could be made.",
+    help="write all measurements that could be made.",
 )
 @click.option(
     "--feasible-set",
@@ -81,15 +90,19 @@ if TYPE_CHECKING:
 @set_options("--feasible-set")
 @click.option(
     "--draws",
+    cls=DependentOption,
+    needs="--measured",
     type=PATH,
     metavar="OUT.csv",
-    help="With --measured: write strings drawn from the posterior, with weights.",
+    help="write strings drawn from the posterior, with weights.",
 )
 @click.option(
     "--grid",
+    cls=DependentOption,
+    needs="--feasible-set",
     type=PATH,
     metavar="OUT.csv",
-    help="With --feasible-set: write the probability on a grid of points.",
+    help="write the probability on a grid of points.",
 )
 @UNUSED
 @ALLOW_CODE
@@ -135,18 +148,18 @@ def report(
     for option, given in options.items():
         if len(files) > 1 and given:
             raise click.UsageError(f"{option} takes one file")
-    of_page = {"--stored-only": stored_only, "--published": published is not None}
-    for option, given in of_page.items():
-        if out is None and given:
-            raise click.UsageError(f"{option} is for --out DIR")
     if posterior and feasible_set and out is None:
         raise click.UsageError("give --posterior or --feasible-set, or both with --out DIR")
-    asked = _posterior_request(posterior, what_next, what_next_table)
     if out is not None and as_json:
         raise click.UsageError("give --out or --json, not both")
-    numbers = tolerance, measured, error
-    request = read_set_request("--feasible-set", feasible_set, *numbers, draws=draws, grid=grid)
-    _check_names(out, {"--draws": draws, "--grid": grid, "--what-next-table": what_next_table})
+    request = read_set_request(feasible_set, tolerance, measured, error, draws=draws, grid=grid)
+    named = {"--draws": draws, "--grid": grid, "--what-next-table": what_next_table}
+    require_own_names(named, page=out)
+    asked = None
+    if posterior:
+        from agglom_mpi.report.set_files import PosteriorRequest
+
+        asked = PosteriorRequest(what_next, what_next_table)
     from agglom_mpi.storage.reader import read_inversion
     from agglom_mpi.storage.recorded_campaign import code_note
 
@@ -168,42 +181,27 @@ def report(
             file, resimulate = opened[0], not stored_only
             for line in write_report(file, out, resimulate, sensitivity, request, asked, tables):
                 say(line)
-        elif request is not None:
-            _show(_set(opened[0], request, sensitivity, as_json), as_json)
-        elif code_note(opened[0]) and len(files) == 1 and asked is None and not sensitivity:
-            from agglom_mpi.analysis.stored_summary import stored_text
+        elif code_note(opened[0]) and len(files) == 1 and not (request or asked or sensitivity):
+            from agglom_mpi.analysis.summary import stored_text
 
             say(stored_text(opened[0], as_json))
         else:
-            several = len(files) > 1
-            if several:
-                text = _comparison(opened, as_json)
+            from agglom_mpi.analysis.run_warnings import run_warnings
+
+            text = _text(opened, request, asked, sensitivity, as_json)
+            if as_json:
+                say(text)
             else:
-                text = _summary(opened[0], sensitivity, asked, as_json)
-            _show(text, as_json)
-            if not several:
-                _warn(opened[0])
+                from agglom_mpi.display.run_display import print_wide
+
+                print_wide(text)
+            if len(files) == 1 and request is None:  # as at the end of the run
+                for line in run_warnings(opened[0]):
+                    say(f"warning: {line}", error=True)
     for file in opened:
         for line in file.unused_notes:
             say(line, error=True)
     return max(code, *map(_mention_damage, opened))
-
-
-def _show(text: Any, as_json: bool) -> None:
-    if as_json:
-        say(text)
-        return
-    from agglom_mpi.display.run_display import print_wide
-
-    print_wide(text)
-
-
-def _warn(file: "CampaignData") -> None:
-    """Show what a finished run is warned of, as at its end, on standard error."""
-    from agglom_mpi.analysis.run_warnings import run_warnings
-
-    for line in run_warnings(file):
-        say(f"warning: {line}", error=True)
 
 
 def _mention_damage(file: "CampaignData") -> int:
@@ -234,92 +232,47 @@ def _follow(name: str, allow_code: bool) -> int:
     return follow(read_inversion(name, allow_code))
 
 
-def _posterior_request(
-    wanted: bool, what_next: bool, table: Path | None
-) -> "PosteriorRequest | None":
-    """Return what is asked of the posterior; raise a UsageError for an option without its own."""
-    if what_next and not wanted:
-        raise click.UsageError("--what-next is for --posterior")
-    if table is not None and not what_next:
-        raise click.UsageError("--what-next-table is for --what-next")
-    if not wanted:
-        return None
-    from agglom_mpi.report.next_summary import PosteriorRequest
-
-    return PosteriorRequest(what_next, table)
-
-
-def _check_names(out: Path | None, tables: dict[str, Path | None]) -> None:
-    """Raise a UsageError if two of the files to write, by option, have the same name."""
-    named: dict[Path, str] = {}
-    for option, path in tables.items():
-        if path is None:
-            continue
-        other = named.setdefault(path.resolve(), option)
-        if other != option:
-            raise click.UsageError(f"{other} and {option} name the same file; give two names")
-        of_page = out is not None and path.resolve().parent == out.resolve()
-        if of_page and path.suffix in (".html", ".png", ".svg"):
-            raise click.UsageError(f"{option} names a file of the web page; give one like x.csv")
-
-
-def _sensitivity(file: "CampaignData", wanted: bool) -> tuple[dict[str, Any], list[Any]]:
-    """Return the sensitivity as an entry of JSON and as a renderable; nothing if not `wanted`."""
-    if not wanted:
-        return {}, []
-    from agglom_mpi.analysis import sensitivity
-
-    found = sensitivity.sensitivity_of(file)
-    return {"sensitivity": sensitivity.as_dict(*found)}, [sensitivity.sensitivity_table(*found)]
-
-
-def _set(file: "CampaignData", request: "SetRequest", sensitivity: bool, as_json: bool) -> Any:
-    """Return the feasible set of a file as a renderable, or as JSON, and write its files."""
-    from rich.console import Group
-
-    from agglom_mpi.report.set_files import set_report
-
-    entries, more = _sensitivity(file, sensitivity)
-    found = set_report(file, request, as_json, **entries)
-    return found if as_json else Group(found, *more)
-
-
-def _summary(
-    opened: "CampaignData",
-    sensitivity: bool,
+def _text(
+    opened: list["CampaignData"],
+    request: "SetRequest | None",
     posterior: "PosteriorRequest | None",
+    sensitivity: bool,
     as_json: bool,
 ) -> Any:
-    """Return the summary of one file as a renderable, or as JSON."""
-    from agglom_mpi.analysis.summary import collect_summary, summary_table, to_json
+    """Return what is asked of files as a renderable, or as JSON; write the files of a request."""
+    if len(opened) > 1:
+        from agglom_mpi.analysis import file_comparison as comparison
 
-    found = further = None
-    extra, more = _sensitivity(opened, sensitivity)
-    if posterior is not None:
-        from agglom_mpi.inference.data_posterior import data_posterior
-        from agglom_mpi.report.next_summary import next_as_list, next_text
-
-        posterior.check()
-        found = opened.derived(data_posterior)
-        further = posterior.found(found)
-    if as_json:
-        more_of = {} if further is None else {"next_measurements": next_as_list(further)}
-        extra |= {} if found is None else {"posterior": found.as_dict() | more_of}
-        return to_json(collect_summary(opened), extra)
+        compared = comparison.compare(opened)
+        return comparison.to_json(compared) if as_json else comparison.comparison_table(compared)
     from rich.console import Group
 
-    if found is not None:
-        from agglom_mpi.report.posterior_summary import data_posterior_text
+    [file] = opened
+    entries: dict[str, Any] = {}
+    more: list[Any] = []
+    if sensitivity:
+        from agglom_mpi.analysis import sensitivity as sobol
 
-        more += ["", data_posterior_text(found)]
-    if further is not None:
-        more += ["", next_text(further, opened.campaign_text)]
-    return Group(summary_table(opened), *more)
+        indices = sobol.sensitivity_of(file)
+        entries["sensitivity"] = sobol.as_dict(*indices)
+        more.append(sobol.sensitivity_table(*indices))
+    if request is not None:
+        from agglom_mpi.report.set_files import set_report
 
+        found = set_report(file, request, as_json, **entries)
+        return found if as_json else Group(found, *more)
+    if posterior is not None:
+        from agglom_mpi.inference.data_posterior import data_posterior
+        from agglom_mpi.report.posterior_summary import next_text, posterior_text
 
-def _comparison(files: list["CampaignData"], as_json: bool) -> Any:
-    """Return the comparison of several files as a renderable, or as JSON."""
-    from agglom_mpi.analysis import file_comparison as comparison
+        posterior.check()
+        given = file.derived(data_posterior)
+        further = posterior.found(given)
+        entries["posterior"] = given.as_dict()
+        more += ["", posterior_text(given)]
+        if further is not None:
+            entries["posterior"] |= {"next_measurements": without_nan(further.records())}
+            more += ["", next_text(further, file.campaign_text)]
+    from agglom_mpi.analysis.summary import collect_summary, summary_table, to_json
 
-    compared = comparison.compare(files)
-    return comparison.to_json(compared) if as_json else comparison.comparison_table(compared)
+    return to_json(collect_summary(file), entries) if as_json else Group(summary_table(file), *more)

@@ -40,6 +40,7 @@ _PACKAGE: Final = Path(__file__).parents[1]
 _KERNEL_SOURCES: Final = (
     "compilation/*.py",
     "declaration/*.py",
+    "judge.py",
     "measurements/layout.py",
     "outcome.py",
     "physics/*.py",

@@ -2,22 +2,20 @@
 
 import json
 import re
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, NamedTuple
 
-from pydantic import Field, ValidationError, model_validator
-
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.config.field_errors import to_campaign_error
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.own_components import BesideCampaign
 from agglom_mpi.config.searchable import check_search_library, check_searchable, log_narrow
 from agglom_mpi.config.yaml_source import CampaignError, Problem, Source, parse, read_text
-from agglom_mpi.declaration.declared import FieldError, FieldPath
-from agglom_mpi.declaration.field_types import Line, WholeNumber
+from agglom_mpi.declaration.components import In, Whole
+from agglom_mpi.declaration.declared import Declared, FieldError, FieldPath, Meaning
+from agglom_mpi.declaration.field_types import Line, NotEmpty
 from agglom_mpi.declaration.reading import Reading
-from agglom_mpi.declaration.sections import Section
 from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.declaration.units import quoted
 from agglom_mpi.measurements.files.campaign_files import FilesBeside
@@ -28,37 +26,38 @@ CHANGED: Final = ("scene", "search", "ensemble", "stopping")
 """Sections of a campaign that a setting may change: single keys of the first, the others whole."""
 
 
-class AnswerDocument(Section):
+MAX_TARGETS: Final = 50
+"""Maximum number of errors to reach."""
+
+
+class AnswerDocument(Declared):
     """The entries of the file of an answer study."""
 
     title: Line = ""
-    question: Annotated[Line, Field(min_length=1, description="the campaign file of the question")]
+    question: Annotated[NotEmpty, Meaning("the campaign file of the question")]
     answer: Literal["best", "set"] = "best"
-    tolerance: Annotated[float, Field(gt=0, lt=1)] = 0.05
-    points: Annotated[WholeNumber, Field(ge=64, le=10**5)] = 4096
-    seeds: Annotated[WholeNumber, Field(ge=2, le=10**4)] = 10
+    tolerance: Annotated[float, In("1", above=0, below=1)] = 0.05
+    points: Annotated[int, Whole(at_least=64, at_most=10**5)] = 4096
+    seeds: Annotated[int, Whole(at_least=2, at_most=10**4)] = 10
     samples: Annotated[
-        WholeNumber, Field(ge=8, le=10**6, description="fresh samples of each string")
+        int, Whole(at_least=8, at_most=10**6, meaning="fresh samples of each string")
     ]
     targets: Annotated[
-        list[Annotated[float, Field(gt=0)]],
-        Field(min_length=1, max_length=50, description="errors to reach, the largest first"),
+        list[Annotated[float, In("1", above=0)]], Meaning("errors to reach, the largest first")
     ]
-    compared: Annotated[float, Field(description="the target that settings are compared at")]
+    compared: Annotated[float, In("1", meaning="the target that settings are compared at")]
     default: Any = None
     factors: dict[str, dict[str, Any]]
 
-    @model_validator(mode="after")
-    def _targets_are_a_ladder(self) -> "AnswerDocument":
-        problems: list[tuple[FieldPath, str]] = []
-        if any(a <= b for a, b in zip(self.targets, self.targets[1:], strict=False)):
-            problems.append((("targets",), f"is {self.targets}; must descend"))
+    def problems(self) -> Iterator[tuple[FieldPath, str]]:
+        """Yield targets that are no ladder, or without the one that is compared."""
+        if not 1 <= len(self.targets) <= MAX_TARGETS:
+            yield ("targets",), f"has {len(self.targets)}; must have 1 to {MAX_TARGETS} entries"
+        elif any(a <= b for a, b in zip(self.targets, self.targets[1:], strict=False)):
+            yield ("targets",), f"is {self.targets}; must descend"
         elif self.compared not in self.targets:
             allowed = ", ".join(f"{target:g}" for target in self.targets)
-            problems.append((("compared",), f"is {self.compared:g}; allowed: {allowed}"))
-        if problems:
-            raise FieldError(*problems)
-        return self
+            yield ("compared",), f"is {self.compared:g}; allowed: {allowed}"
 
 
 def file_stem(words: str) -> str:
@@ -144,9 +143,9 @@ def load_answer_study(path: str, allow_code: bool = False) -> AnswerStudy:
     """
     source = parse(read_text(path), path)
     try:
-        document = AnswerDocument.model_validate(source.data)
-    except ValidationError as error:
-        raise to_campaign_error(error, source, AnswerDocument) from None
+        document = AnswerDocument.checked(source.data)
+    except FieldError as error:
+        raise source.error(error) from None
     question = load_campaign(str(Path(path).parent / document.question), allow_code)
     log_narrow(question)
     campaign = _Variants(source, question, allow_code)

@@ -30,6 +30,23 @@ def read_count(value: Any, least: int = 0) -> int:
     raise ValueError(f"is {text}; must be a whole number of at least {least}")
 
 
+def count_argument(file: object, field: str, value: Any, least: int = 0) -> int:
+    """Return a whole number that is an argument `field` of what comes from `file`.
+
+    Raises
+    ------
+    ArgumentError
+        If it is anything else, or less than `least`.
+    """
+    try:
+        return read_count(value, least)
+    except ValueError as error:
+        # Imported here: a campaign file is read without what reads YAML.
+        from agglom_mpi.config.yaml_source import ArgumentError
+
+        raise ArgumentError.of(file, field, error) from None
+
+
 def read_number(value: Any) -> float:
     """Return a finite number, or that of a text; raise a ValueError for anything else."""
     return _checked(_number(value), value, "a finite number")

@@ -2,17 +2,13 @@
 
 from collections.abc import Mapping
 from contextlib import suppress
-from functools import cache, partial
-from typing import Annotated, Any, Final
+from typing import Any, Final
 
-from pydantic import BeforeValidator, ValidationInfo, create_model, model_validator
-
-from agglom_mpi.config.alternatives import FRACTIONS, one_of, read_marked
 from agglom_mpi.config.scene import SceneSection
-from agglom_mpi.declaration.declared import FieldPath
-from agglom_mpi.declaration.given_values import JAMMING_FRACTION, read_value
-from agglom_mpi.declaration.reading import reading_of
-from agglom_mpi.declaration.sections import Section
+from agglom_mpi.declaration.declared import FieldPath, problems_at, raise_field_errors
+from agglom_mpi.declaration.given_values import FRACTIONS, JAMMING_FRACTION, one_of, read_value
+from agglom_mpi.declaration.reading import Reading
+from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.declaration.units import quoted, to_si, unit_in
 from agglom_mpi.variables import (
     CUBIC,
@@ -65,49 +61,45 @@ def _check_units(ends: list[Any], unit: str) -> None:
         raise ValueError(f"is {quoted(ends)}, with a unit on one end alone; write it on both")
 
 
-def _read_entry(value: Any, info: ValidationInfo, variable: Variable) -> Variable | None:
-    read = partial(read_range, variable=variable, recorded=reading_of(info).recorded)
-    found: Variable | None = read_marked(value, FRACTIONS, read)
+def read_entries(value: Any, reading: Reading) -> dict[str, Variable | None]:
+    """Return what the section gives of each variable of `reading` and of the volume fraction.
+
+    Raises
+    ------
+    FieldError
+        With all entries that are wrong.
+    ValueError
+        If the section is no mapping.
+    """
+    if not isinstance(value, Mapping):
+        raise ValueError(f"is {quoted(value)}; must be a mapping")
+    given, problems = one_of(FRACTIONS, value)
+    known = (*PAPER_VARIABLES, VOLUME_FRACTION, *reading.variables.further)
+    found: dict[str, Variable | None] = {variable.name: None for variable in known}
+    for variable in known:
+        if variable.name in given:
+            try:
+                entry = given[variable.name]
+                found[variable.name] = read_range(entry, variable, reading.recorded)
+            except ValueError as error:
+                problems += problems_at(variable.name, error)
+    for key in given:
+        if key not in found:
+            message = f"unknown key '{str(key)[:40]}'; {suggestion(str(key), found)}"
+            problems.append(((str(key),), message))
+    raise_field_errors(problems)
     return found
 
 
-def _field(variable: Variable) -> Any:
-    reader = BeforeValidator(partial(_read_entry, variable=variable))
-    return Annotated[Any, reader], None
-
-
-class _Entries(Section):
-    """Base of the section, whose volume fraction stands in place of the size ratio."""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _one_fraction(cls, data: Any) -> Any:
-        return one_of(FRACTIONS, data)
-
-
-@cache
-def entries_model(further: tuple[Variable, ...] = ()) -> Any:
-    """Return the model of the section, with one optional field per variable.
-
-    These are the variables of the papers, the volume fraction, and `further` ones.
-    """
-    fields = (*PAPER_VARIABLES, VOLUME_FRACTION, *further)
-    named: dict[str, Any] = {variable.name: _field(variable) for variable in fields}
-    return create_model("VariableEntries", __base__=_Entries, **named)
-
-
-VariableEntries: Any = entries_model()
-"""Model of the section of a campaign that names only variables of the papers."""
-
-
-def ranges_of(entries: Any, table: VariableTable = TEN) -> dict[str, Variable | None]:
+def ranges_of(
+    entries: Mapping[str, Variable | None], table: VariableTable = TEN
+) -> dict[str, Variable | None]:
     """Return the variables with their ranges by name, in their order.
 
     That of a volume fraction is one of the size ratio unless the fraction is a variable of its own.
     """
-    given: dict[str, Variable | None] = dict(entries)
-    ranges = {name: given[name] for name in table.names}
-    fraction = None if VOLUME_FRACTION.name in table else given[VOLUME_FRACTION.name]
+    ranges = {name: entries[name] for name in table.names}
+    fraction = None if VOLUME_FRACTION.name in table else entries[VOLUME_FRACTION.name]
     if fraction is not None:
         linear = fraction.is_searched and not fraction.logarithmic
         ranges["size_ratio"] = TEN["size_ratio"]._replace(
@@ -118,14 +110,16 @@ def ranges_of(entries: Any, table: VariableTable = TEN) -> dict[str, Variable | 
     return ranges
 
 
-def variables_of(entries: Any, scene: SceneSection, table: VariableTable = TEN) -> VariableTable:
+def variables_of(
+    entries: Mapping[str, Variable | None], scene: SceneSection, table: VariableTable = TEN
+) -> VariableTable:
     """Return the variables of a campaign with the ranges that its scene depends on."""
     needed = required_variables(scene, table)
     given = {name: each for name, each in ranges_of(entries, table).items() if each is not None}
     return table.with_ranges(
         {name: each for name, each in given.items() if name in needed},
         ignored=tuple(name for name in given if name not in needed),
-        by_volume_fraction=entries.volume_fraction is not None
+        by_volume_fraction=entries[VOLUME_FRACTION.name] is not None
         and VOLUME_FRACTION.name not in table,
         third_moment=table.third_moment,
     )

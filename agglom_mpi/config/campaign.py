@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from agglom_mpi.config import describe, identity
-from agglom_mpi.config.arguments import read_count
+from agglom_mpi.config.arguments import count_argument
 from agglom_mpi.config.bounds import variables_of
 from agglom_mpi.config.census_layout import census_layout
 from agglom_mpi.config.data_section import DatumEntry, built_data
@@ -242,10 +242,7 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
 
     def count(self, field: str, value: Any, least: int = 0) -> int:
         """Return a whole number of at least `least`, given as an argument `field`."""
-        try:
-            return read_count(value, least)
-        except ValueError as error:
-            raise ArgumentError.of(self.name, field, error) from None
+        return count_argument(self.name, field, value, least)
 
     def identity(self) -> dict[str, object]:
         """Return all that decides results, flat: `scene.particles` -> 100, in SI units."""

@@ -5,12 +5,10 @@ from itertools import combinations
 from typing import Annotated, Any, Final
 
 import numpy as np
-from pydantic import Field
 
 from agglom_mpi.config.data_section import DatumEntry
 from agglom_mpi.declaration.components import In
-from agglom_mpi.declaration.declared import FieldPath
-from agglom_mpi.declaration.sections import Section
+from agglom_mpi.declaration.declared import Declared, FieldPath, Meaning
 from agglom_mpi.declaration.units import quoted
 
 MIN_EIGENVALUE: Final = 1e-10
@@ -20,7 +18,7 @@ Pairs = Mapping[tuple[int, int], float]
 """Stated correlations by the places of two data, the earlier one first."""
 
 
-class Correlation(Section):
+class Correlation(Declared):
     """Correlation between the errors of measured numbers.
 
     Attributes
@@ -33,7 +31,7 @@ class Correlation(Section):
         Correlation of the errors; 0 states that two measurements are independent.
     """
 
-    between: tuple[Any, ...] = Field(description="a list of two data or more, like [d50, d90]")
+    between: Annotated[tuple[Any, ...], Meaning("a list of two data or more, like [d50, d90]")]
     value: Annotated[float, In("1", above=-1, below=1, meaning="the correlation of the errors")]
 
 

@@ -10,19 +10,17 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, Self
 
 import numpy as np
-from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
 from agglom_mpi.declaration.components import In, Whole
-from agglom_mpi.declaration.declared import FieldError, FieldPath, raise_field_errors
+from agglom_mpi.declaration.declared import Declared, FieldError, FieldPath, Meaning, Reads
 from agglom_mpi.declaration.field_types import Line
-from agglom_mpi.declaration.reading import NamedFiles
-from agglom_mpi.declaration.sections import Section
+from agglom_mpi.declaration.reading import NamedFiles, Reading
 from agglom_mpi.declaration.units import has_offset, quoted, to_si, unit_in
 from agglom_mpi.formatting import in_unit, value_with_prefix
 from agglom_mpi.measurements.datum import Datum, datum_name
 from agglom_mpi.measurements.files.campaign_files import CURVE_NUMBERS
+from agglom_mpi.measurements.files.size_columns import CurveKeys
 from agglom_mpi.measurements.files.size_curve import ShareWeight, SizeCurve
-from agglom_mpi.measurements.files.size_table import CurveKeys
 from agglom_mpi.measurements.quantities import QUANTITIES, MeasuredQuantity
 
 if TYPE_CHECKING:
@@ -36,7 +34,43 @@ _OF_FILES: Final = ("file", "column", "unit", "headings", "counted")
 """Keys of an entry with a file."""
 
 
-class DatumEntry(Section):
+def _read_number(value: Any, reading: Reading) -> float | None:
+    """Return the value of a quantity in its SI unit; None of one that has none."""
+    kind = QUANTITIES.get(reading.earlier.get("quantity", ""))
+    if kind is None or kind.is_curve:
+        return None
+    number = _positive(to_si(value, kind.unit), value, kind.unit)
+    if number > kind.most:
+        raise ValueError(f"is {quoted(value)}; must be at most {kind.most:g}")
+    return number
+
+
+def _read_error(value: Any, reading: Reading) -> float | None:
+    """Return the error of a quantity in its SI unit; None of an unknown quantity."""
+    kind = QUANTITIES.get(reading.earlier.get("quantity", ""))
+    if kind is None:
+        return None
+    unit, given = kind.unit, unit_in(value)
+    if given in PERCENT and unit != "1":
+        # The quantity has a unit, so that a percentage can be nothing but relative.
+        number = to_si(value, "1") * (reading.earlier.get("value") or 1.0)
+    else:
+        number = to_si(value, unit)
+    if given and has_offset(given):
+        raise ValueError(f"is {quoted(value)}; a difference of temperatures must be in K")
+    if _positive(number, value, unit) >= 1.0 and kind.is_curve:
+        raise ValueError(f"is {quoted(value)}; the error of a share must be less than 100 %")
+    return number
+
+
+def _positive(number: float, value: Any, unit: str) -> float:
+    """Return a number; raise a ValueError that quotes the value unless it is positive."""
+    if not number > 0.0:
+        raise ValueError(f"is {quoted(value)}; must be greater than {in_unit('0', unit)}")
+    return number
+
+
+class DatumEntry(Declared):
     """One measurement: a number with its error, or a file of sizes.
 
     Attributes
@@ -74,58 +108,20 @@ class DatumEntry(Section):
     }
     """Texts on defaults."""
 
-    quantity: QuantityName = Field(description=f"allowed: {', '.join(QUANTITIES)}")
-    value: float | None = None
-    error: float | None = None
+    quantity: Annotated[QuantityName, Meaning(f"allowed: {', '.join(QUANTITIES)}")]
+    value: Annotated[float | None, Reads(_read_number, in_context=True)] = None
+    error: Annotated[float | None, Reads(_read_error, in_context=True)] = None
     weight: ShareWeight | None = None
     time: Annotated[float | None, In("s", above=0)] = None
     file: Line | None = None
     column: Line = ""
     unit: Line = ""
-    headings: dict[Line, Line] = Field(default_factory=dict)
+    headings: dict[Line, Line] | None = None
     counted: Annotated[int, Whole(at_least=10)] | None = None
-    _curve: SizeCurve | None = PrivateAttr(None)
-    _correlations: dict[int, float] = PrivateAttr(default_factory=dict)
+    _curve: SizeCurve | None = None
+    _correlations: tuple[tuple[int, float], ...] = ()
 
-    @field_validator("value", mode="before")
-    @classmethod
-    def _in_its_unit(cls, value: Any, info: ValidationInfo) -> Any:
-        kind = QUANTITIES.get(info.data.get("quantity", ""))
-        if kind is None or kind.is_curve:
-            return None
-        number, unit = to_si(value, kind.unit), kind.unit
-        if not number > 0.0:
-            raise ValueError(f"is {quoted(value)}; must be greater than {in_unit('0', unit)}")
-        if number > kind.most:
-            raise ValueError(f"is {quoted(value)}; must be at most {kind.most:g}")
-        return number
-
-    @field_validator("error", mode="before")
-    @classmethod
-    def _error_in_its_unit(cls, value: Any, info: ValidationInfo) -> Any:
-        kind = QUANTITIES.get(info.data.get("quantity", ""))
-        if kind is None:
-            return None
-        unit, given = kind.unit, unit_in(value)
-        if given in PERCENT and unit != "1":
-            # The quantity has a unit, so that a percentage can be nothing but relative.
-            number = to_si(value, "1") * (info.data.get("value") or 1.0)
-        else:
-            number = to_si(value, unit)
-        if given and has_offset(given):
-            raise ValueError(f"is {quoted(value)}; a difference of temperatures must be in K")
-        if not number > 0.0:
-            raise ValueError(f"is {quoted(value)}; must be greater than {in_unit('0', unit)}")
-        if kind.is_curve and number >= 1.0:
-            raise ValueError(f"is {quoted(value)}; the error of a share must be less than 100 %")
-        return number
-
-    @model_validator(mode="after")
-    def _keys_fit_quantity(self) -> Self:
-        raise_field_errors(self._problems())
-        return self
-
-    def _problems(self) -> Iterator[tuple[FieldPath, str]]:
+    def problems(self) -> Iterator[tuple[FieldPath, str]]:
         """Yield keys that the quantity lacks, or does not have."""
         is_file = self.kind.is_curve
         if not self.kind.has_weight and self.weight is not None:
@@ -155,18 +151,19 @@ class DatumEntry(Section):
     def curve_keys(self) -> CurveKeys:
         """What the entry states of its file."""
         stated = self.weight, self.column, self.unit, self.error, self.counted
-        return CurveKeys(*stated, self.headings)
+        return CurveKeys(*stated, self.headings or {})
 
     def with_curve(self, curve: SizeCurve) -> Self:
         """Return the entry with what its file holds."""
         copy = self.model_copy()
-        copy._curve = curve
+        copy.__dict__["_curve"] = curve
         return copy
 
     def with_correlations(self, correlations: Mapping[int, float]) -> Self:
         """Return the entry with the correlations with earlier entries, by their places."""
         copy = self.model_copy()
-        copy._correlations = {place: value for place, value in correlations.items() if value}
+        stated = tuple((place, value) for place, value in sorted(correlations.items()) if value)
+        copy.__dict__["_correlations"] = stated
         return copy
 
     @property
@@ -186,7 +183,7 @@ class DatumEntry(Section):
         """One line on the datum and its numbers."""
         if self._curve is None:
             value, error = (_shown(each, self.kind.unit) for each in (self.value, self.error))
-            with_others = [f"{r:g} with data.{place}" for place, r in self._correlations.items()]
+            with_others = [f"{r:g} with data.{place}" for place, r in self._correlations]
             more = f", correlation {', '.join(with_others)}" if with_others else ""
             return f"{self.label}: {value} ± {error}{more}"
         low, high = self._curve.edges[0], self._curve.edges[-1]
@@ -201,7 +198,7 @@ class DatumEntry(Section):
             datum = Datum.of_value(
                 self.quantity, value, error, self.used_weight, self.time, self.label
             )
-            pairs = tuple((earlier[place], r) for place, r in self._correlations.items())
+            pairs = tuple((earlier[place], r) for place, r in self._correlations)
             return replace(datum, correlations=pairs)
         return Datum(
             quantity=self.quantity,
@@ -221,7 +218,7 @@ class DatumEntry(Section):
         if self.time is not None:
             found["time"] = self.time
         if self._curve is None:
-            correlations = {str(place): r for place, r in sorted(self._correlations.items())}
+            correlations = {str(place): r for place, r in self._correlations}
             found |= {"correlations": correlations} if correlations else {}
             return {**found, "value": self.value, "error": self.error}
         numbers = {name: " ".join(map(repr, getattr(self._curve, name))) for name in CURVE_NUMBERS}

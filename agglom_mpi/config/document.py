@@ -1,24 +1,15 @@
 """The campaign file as one typed model, with the checks between sections."""
 
+from collections.abc import Mapping
 from dataclasses import replace
-from functools import cache
-from typing import Annotated, Any, Final, Self
+from typing import Annotated, Any, Final
 
 import numpy as np
-from pydantic import (
-    Field,
-    ValidationError,
-    ValidationInfo,
-    create_model,
-    field_validator,
-    model_validator,
-)
 
 from agglom_mpi.config.bounds import (
-    VariableEntries,
     check_required,
-    entries_model,
     ranges_of,
+    read_entries,
     required_variables,
     variables_of,
 )
@@ -29,7 +20,6 @@ from agglom_mpi.config.data_section import (
     repeated_data,
     with_curves,
 )
-from agglom_mpi.config.field_errors import to_campaign_error
 from agglom_mpi.config.plan import (
     FinalAnswer,
     Output,
@@ -41,10 +31,20 @@ from agglom_mpi.config.scene import MAX_PARTICLES, SceneSection
 from agglom_mpi.config.scene_paths import PathEntries, read_paths
 from agglom_mpi.config.yaml_source import CampaignError, Problem, Source, parse
 from agglom_mpi.declaration.choices import Choice
-from agglom_mpi.declaration.declared import FieldError, FieldPath, raise_field_errors
-from agglom_mpi.declaration.field_types import NONE, Line, WholeNumber
-from agglom_mpi.declaration.reading import PLAIN, Reading, reading_of
-from agglom_mpi.declaration.sections import Section
+from agglom_mpi.declaration.components import Whole
+from agglom_mpi.declaration.declared import (
+    Declared,
+    FieldError,
+    FieldPath,
+    Fits,
+    Meaning,
+    Problems,
+    Reads,
+    raise_field_errors,
+    read_value,
+)
+from agglom_mpi.declaration.field_types import NONE, Line
+from agglom_mpi.declaration.reading import PLAIN, Reading
 from agglom_mpi.physics.sizes import READ_KEYS, reads_file
 from agglom_mpi.search.methods.genetic import Genetic
 from agglom_mpi.search.methods.method import SearchMethod
@@ -53,8 +53,113 @@ from agglom_mpi.search.objectives.objective import Objective
 from agglom_mpi.search.stopping import StoppingRule
 from agglom_mpi.variables import VariableTable
 
+# A section is checked against those before it; one that failed is not among them.
 
-class SceneDocument(Section):
+
+def _variables_fit_scene(entries: Any, reading: Reading) -> Problems:
+    if "scene" in reading.earlier:
+        table = reading.variables
+        return check_required(reading.earlier["scene"], ranges_of(entries, table), table)
+    return ()
+
+
+def _derived_quantities(entries: Any, reading: Reading) -> Any:
+    if "scene" not in reading.earlier:
+        return ()
+    used = tuple(required_variables(reading.earlier["scene"], reading.variables))
+    derived, problems = read_derived(entries, used, reading)
+    raise_field_errors(problems)
+    return derived
+
+
+def _comparisons(entries: Any, reading: Reading) -> Any:
+    earlier = reading.earlier
+    if "scene" not in earlier or "derived" not in earlier:
+        return ()
+    used = tuple(required_variables(earlier["scene"], reading.variables))
+    constraints, problems = read_constraints(entries, used, earlier["derived"], reading)
+    raise_field_errors(problems)
+    return constraints
+
+
+def _data_with_curves(entries: Any, reading: Reading) -> tuple[DatumEntry, ...]:
+    data: tuple[DatumEntry, ...] = read_value(entries, tuple[DatumEntry, ...], (), reading)
+    data, problems = with_curves(data, reading.files)
+    raise_field_errors(problems)
+    return data
+
+
+def _data_fit_scene(data: tuple[DatumEntry, ...], reading: Reading) -> Problems:
+    if "scene" not in reading.earlier:
+        return ()
+    scene: SceneSection = reading.earlier["scene"]
+    differs = scene.end_time == "characteristic" or "end_time" in reading.variables
+    end = None if differs or isinstance(scene.end_time, str) else scene.end_time
+    return impossible_data(data, end, not scene.heating.is_absent)
+
+
+def _objective_fits(objective: Objective, reading: Reading) -> Problems:
+    """Yield a wanted growth beyond all grains, names of quantities, and data that are not used."""
+    earlier, wanted = reading.earlier, objective.wanted_growth
+    if "scene" in earlier and wanted is not None and not reading.variables.has_numbers_of("sizes"):
+        particles, (path, ratio) = earlier["scene"].particles, wanted
+        largest = earlier["scene"].equivalent_grains ** (1.0 / 3.0)
+        if ratio > largest:
+            message = f"is {ratio:g}; {particles} grains in one give {largest:.4g}"
+            yield path, f"{message}, which is the most"
+    names = list(objective.quantity_units)
+    for below, message in quantity_problems(names, earlier.get("derived", ())):
+        yield ("quantities", *below), message
+    data = earlier.get("data")
+    if data is not None and objective.needs_data and not data:
+        message = f"is {objective.name!r}, which needs a section data"
+        yield (objective.named_by,), message
+    if data and not objective.needs_data:
+        fitting = [name for name, each in Objective.components().items() if each.needs_data]
+        message = f"is {objective.name!r}, which compares nothing with the section data"
+        yield (objective.named_by,), f"{message}; {', '.join(fitting)} does"
+
+
+def _volumes_hold_few_enough_grains(final: FinalAnswer | None, reading: Reading) -> Problems:
+    if final is not None and "scene" in reading.earlier:
+        particles, largest = reading.earlier["scene"].particles, final.volumes[-1]
+        if largest > 1 and largest * particles > MAX_PARTICLES:
+            message = f"has {largest}; {particles:,} grains in a box allow at most"
+            yield ("volumes",), f"{message} {MAX_PARTICLES // particles}"
+
+
+def _search_fits(search: SearchMethod, reading: Reading) -> Problems:
+    """Yield given strings outside the box, and a set without a target."""
+    earlier = reading.earlier
+    if "variables" in earlier and "scene" in earlier and search.listed:
+        box = variables_of(earlier["variables"], earlier["scene"], reading.variables)
+        yield from check_given_strings(search.listed, box)
+    objective = earlier.get("objective")
+    if search.looks_for_a_set and objective is not None and not objective.is_magnitude:
+        message = f"is 'set', which needs objective growth_target; it is {objective.name}"
+        yield ("aim",), message
+
+
+def _ensemble_fits(ensemble: StoppingRule, reading: Reading) -> Problems:
+    """Yield a rule that the objective does not have, and races of a search without parents."""
+    objective, search = reading.earlier.get("objective"), reading.earlier.get("search")
+    rules = None if objective is None else objective.rules
+    if objective is not None and rules is not None and ensemble.name not in rules:
+        message = f"is {ensemble.name!r}; with objective {objective.name} it must be"
+        yield (ensemble.named_by,), f"{message} {' or '.join(rules)}"
+    if search is not None and ensemble.racing is not None and not search.has_parents:
+        message = f"is for the parents of a genetic search; {search.name} has none"
+        yield ("racing",), message
+
+
+def _criteria_fit(stopping: Stopping, reading: Reading) -> Problems:
+    others = reading.earlier.get("search"), reading.earlier.get("objective")
+    for key, criterion in stopping.criteria.items():
+        for path, message in criterion.misfits(*others):
+            yield (key, *path), message
+
+
+class SceneDocument(Declared):
     """A scene with fixed variables, which can be simulated but not searched.
 
     `agglom simulate` and `agglom accuracy` report its objective beside the growth.
@@ -86,136 +191,37 @@ class SceneDocument(Section):
     """
 
     title: Line = ""
-    seed: Annotated[WholeNumber, Field(ge=0, lt=2**63)] = 0
-    scene: SceneSection = Field(description="the section on what is simulated")
-    variables: VariableEntries = Field(description="the section of values and ranges")
-    derived: Any = ()
-    constraints: Any = ()
-    data: tuple[DatumEntry, ...] = ()
+    seed: Annotated[int, Whole(at_least=0, at_most=2**63 - 1)] = 0
+    scene: Annotated[SceneSection, Meaning("the section on what is simulated")]
+    variables: Annotated[
+        Any,
+        Meaning("the section of values and ranges"),
+        Reads(read_entries, in_context=True),
+        Fits(_variables_fit_scene),
+    ]
+    derived: Annotated[Any, Reads(_derived_quantities, in_context=True)] = ()
+    constraints: Annotated[Any, Reads(_comparisons, in_context=True)] = ()
+    data: Annotated[
+        tuple[DatumEntry, ...], Reads(_data_with_curves, in_context=True), Fits(_data_fit_scene)
+    ] = ()
     correlations: tuple[Correlation, ...] = ()
-    objective: Annotated[Objective, Choice(Objective)] = MaximumGrowth()
+    objective: Annotated[Objective, Choice(Objective), Fits(_objective_fits)] = MaximumGrowth()
     output: Output = Output()
-    final: Annotated[FinalAnswer | None, NONE] = FinalAnswer()
+    final: Annotated[FinalAnswer | None, NONE, Fits(_volumes_hold_few_enough_grains)] = (
+        FinalAnswer()
+    )
 
     @property
     def plan(self) -> Plan | None:
         """None: nothing is searched."""
         return None
 
-    @model_validator(mode="before")
     @classmethod
-    def _without_empty_sections(cls, data: Any) -> Any:
-        return {key: value for key, value in data.items() if value is not None}
-
-    # Sections are validated in the order above; a section that failed is not in `info.data`.
-
-    @field_validator("variables")
-    @classmethod
-    def _variables_fit_scene(cls, entries: Any, info: ValidationInfo) -> Any:
-        if "scene" in info.data:
-            scene, table = info.data["scene"], reading_of(info).variables
-            ranges = ranges_of(entries, table)
-            raise_field_errors(check_required(scene, ranges, table))
-        return entries
-
-    @field_validator("derived")
-    @classmethod
-    def _derived_quantities(cls, entries: Any, info: ValidationInfo) -> Any:
-        if "scene" not in info.data:
-            return ()
-        reading = reading_of(info)
-        used = tuple(required_variables(info.data["scene"], reading.variables))
-        derived, problems = read_derived(entries, used, reading)
-        raise_field_errors(problems)
-        return derived
-
-    @field_validator("constraints")
-    @classmethod
-    def _comparisons(cls, entries: Any, info: ValidationInfo) -> Any:
-        if "scene" not in info.data or "derived" not in info.data:
-            return ()
-        reading = reading_of(info)
-        used = tuple(required_variables(info.data["scene"], reading.variables))
-        constraints, problems = read_constraints(entries, used, info.data["derived"], reading)
-        raise_field_errors(problems)
-        return constraints
-
-    @field_validator("data")
-    @classmethod
-    def _data_fit_scene(
-        cls, data: tuple[DatumEntry, ...], info: ValidationInfo
-    ) -> tuple[DatumEntry, ...]:
-        reading = reading_of(info)
-        entries, problems = with_curves(data, reading.files)
-        raise_field_errors(problems)
-        if "scene" in info.data:
-            scene = info.data["scene"]
-            differs = scene.end_time == "characteristic" or "end_time" in reading.variables
-            end = None if differs else scene.end_time
-            raise_field_errors(impossible_data(entries, end, not scene.heating.is_absent))
-        return entries
-
-    @model_validator(mode="after")
-    def _data_are_independent_or_correlate(self, info: ValidationInfo) -> Self:
-        pairs, problems = stated_pairs(self.data, self.correlations)
-        raise_field_errors((("correlations", *path), message) for path, message in problems)
-        if not reading_of(info).recorded:
-            repeated = repeated_data(self.data, self.scene.end_time, pairs)
-            raise_field_errors((("data", *path), message) for path, message in repeated)
-        if not pairs:
-            return self
-        of = [{i: r for (i, j), r in pairs.items() if j == k} for k in range(len(self.data))]
-        data = tuple(map(DatumEntry.with_correlations, self.data, of))
-        return self.model_copy(update={"data": data})
-
-    @field_validator("objective")
-    @classmethod
-    def _target_is_reachable(cls, objective: Objective, info: ValidationInfo) -> Objective:
-        wanted = objective.wanted_growth
-        differ = reading_of(info).variables.has_numbers_of("sizes")
-        if "scene" in info.data and wanted is not None and not differ:
-            (field, ratio), particles = wanted, info.data["scene"].particles
-            largest = info.data["scene"].equivalent_grains ** (1.0 / 3.0)
-            if ratio > largest:
-                message = f"is {ratio:g}; {particles} grains in one give {largest:.4g}"
-                raise FieldError((field, f"{message}, which is the most"))
-        return objective
-
-    @field_validator("objective")
-    @classmethod
-    def _quantities_have_columns_of_their_own(
-        cls, objective: Objective, info: ValidationInfo
-    ) -> Objective:
-        names = list(objective.quantity_units)
-        problems = quantity_problems(names, info.data.get("derived", ()))
-        raise_field_errors((("quantities", *path), message) for path, message in problems)
-        return objective
-
-    @field_validator("objective")
-    @classmethod
-    def _objective_fits_data(cls, objective: Objective, info: ValidationInfo) -> Objective:
-        data = info.data.get("data")
-        if data is not None and objective.needs_data and not data:
-            message = f"is {objective.name!r}, which needs a section data"
-            raise FieldError(((objective.named_by,), message))
-        if data and not objective.needs_data:
-            fitting = [name for name, each in Objective.components().items() if each.needs_data]
-            message = f"is {objective.name!r}, which compares nothing with the section data"
-            raise FieldError(((objective.named_by,), f"{message}; {', '.join(fitting)} does"))
-        return objective
-
-    @field_validator("final")
-    @classmethod
-    def _volumes_hold_few_enough_grains(
-        cls, final: FinalAnswer | None, info: ValidationInfo
-    ) -> FinalAnswer | None:
-        if final is not None and "scene" in info.data:
-            particles = info.data["scene"].particles
-            largest = final.volumes[-1]
-            if largest > 1 and largest * particles > MAX_PARTICLES:
-                message = f"has {largest}; {particles:,} grains in a box allow at most"
-                raise FieldError((("volumes",), f"{message} {MAX_PARTICLES // particles}"))
-        return final
+    def prepared(
+        cls, values: Mapping[Any, Any], reading: Reading
+    ) -> tuple[Mapping[Any, Any], Problems]:
+        """Return the sections that are not empty."""
+        return {key: value for key, value in values.items() if value is not None}, ()
 
 
 class CampaignDocument(SceneDocument):
@@ -231,72 +237,27 @@ class CampaignDocument(SceneDocument):
         Criteria that end the search.
     """
 
-    objective: Annotated[Objective, Choice(Objective)] = Field(
-        description=f"allowed: {', '.join(Objective.components())}"
-    )
-    search: Annotated[SearchMethod, Choice(SearchMethod)] = Genetic()
-    ensemble: Annotated[StoppingRule, Choice(StoppingRule)] = Field(
-        description="the number of samples per string, like {rule: fixed, samples: 10}"
-    )
-    stopping: Stopping = Field(description="what ends the search, like {generations: 10}")
+    objective: Annotated[
+        Objective,
+        Choice(Objective),
+        Fits(_objective_fits),
+        Meaning(f"allowed: {', '.join(Objective.components())}"),
+    ]
+    search: Annotated[SearchMethod, Choice(SearchMethod), Fits(_search_fits)] = Genetic()
+    ensemble: Annotated[
+        StoppingRule,
+        Choice(StoppingRule),
+        Fits(_ensemble_fits),
+        Meaning("the number of samples per string, like {rule: fixed, samples: 10}"),
+    ]
+    stopping: Annotated[
+        Stopping, Fits(_criteria_fit), Meaning("what ends the search, like {generations: 10}")
+    ]
 
     @property
     def plan(self) -> Plan:
         """Sections `search`, `ensemble` and `stopping`."""
         return Plan(self.search, self.ensemble, self.stopping)
-
-    @field_validator("search")
-    @classmethod
-    def _given_strings_are_in_the_box(
-        cls, search: SearchMethod, info: ValidationInfo
-    ) -> SearchMethod:
-        if "variables" in info.data and "scene" in info.data and search.listed:
-            entries, table = info.data["variables"], reading_of(info).variables
-            box = variables_of(entries, info.data["scene"], table)
-            raise_field_errors(check_given_strings(search.listed, box))
-        return search
-
-    @field_validator("search")
-    @classmethod
-    def _set_has_a_target(cls, search: SearchMethod, info: ValidationInfo) -> SearchMethod:
-        objective = info.data.get("objective")
-        if search.looks_for_a_set and objective is not None and not objective.is_magnitude:
-            message = f"is 'set', which needs objective growth_target; it is {objective.name}"
-            raise FieldError((("aim",), message))
-        return search
-
-    @field_validator("stopping")
-    @classmethod
-    def _criteria_fit(cls, stopping: Stopping, info: ValidationInfo) -> Stopping:
-        others = info.data.get("search"), info.data.get("objective")
-        raise_field_errors(
-            [
-                ((key, *path), message)
-                for key, criterion in stopping.criteria.items()
-                for path, message in criterion.misfits(*others)
-            ]
-        )
-        return stopping
-
-    @field_validator("ensemble")
-    @classmethod
-    def _samples_have_objectives(cls, ensemble: StoppingRule, info: ValidationInfo) -> StoppingRule:
-        objective = info.data.get("objective")
-        rules = None if objective is None else objective.rules
-        if objective is not None and rules is not None and ensemble.name not in rules:
-            message = f"is {ensemble.name!r}; with objective {objective.name} it must be"
-            raise FieldError(((ensemble.named_by,), f"{message} {' or '.join(rules)}"))
-        return ensemble
-
-    @field_validator("ensemble")
-    @classmethod
-    def _races_are_for_parents(cls, ensemble: StoppingRule, info: ValidationInfo) -> StoppingRule:
-        if "search" in info.data and ensemble.racing is not None:
-            search = info.data["search"]
-            if not search.has_parents:
-                message = f"is for the parents of a genetic search; {search.name} has none"
-                raise FieldError((("racing",), message))
-        return ensemble
 
 
 def read_document(
@@ -317,26 +278,27 @@ def read_document(
     reason = _reason_for_search(source)
     entries = read_paths(_with_sizes(source, reading), reading)
     reading = reading._replace(variables=entries.table)
-    model = _model_of(CampaignDocument if reason else SceneDocument, entries.table)
+    kind = CampaignDocument if reason else SceneDocument
     try:
-        document = model.model_validate(entries.source.data, context=reading)
-    except ValidationError as error:
+        document = _correlated(kind.checked(entries.source.data, reading), reading)
+    except FieldError as error:
         needs: dict[FieldPath, str] = {(section,): reason for section in NEEDED_TO_SEARCH}
-        found = to_campaign_error(error, entries.source, model, reading, needs)
-        raise entries.error(found) from None
+        raise entries.error(entries.source.error(error, needs)) from None
     if entries.problems:
         raise CampaignError(*entries.problems)
     return document, entries
 
 
-@cache
-def _model_of(model: type[SceneDocument], table: VariableTable) -> type[SceneDocument]:
-    """Return the model of a file whose section `variables` has the keys of a table."""
-    if not table.further:
-        return model
-    description = model.model_fields["variables"].description
-    variables: Any = entries_model(table.further), Field(description=description)
-    return create_model(model.__name__, __base__=model, variables=variables)
+def _correlated(document: SceneDocument, reading: Reading) -> SceneDocument:
+    """Return the sections, whose data have their correlations; raise a FieldError."""
+    data = document.data
+    pairs, wrong = stated_pairs(data, document.correlations)
+    raise_field_errors((("correlations", *path), message) for path, message in wrong)
+    if not reading.recorded:
+        repeated = repeated_data(data, document.scene.end_time, pairs)
+        raise_field_errors((("data", *path), message) for path, message in repeated)
+    of = [{i: r for (i, j), r in pairs.items() if j == k} for k in range(len(data))]
+    return document.model_copy(update={"data": tuple(map(DatumEntry.with_correlations, data, of))})
 
 
 def _with_sizes(source: Source, reading: Reading) -> Source:

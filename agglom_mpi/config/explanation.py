@@ -12,15 +12,12 @@ from difflib import get_close_matches
 from functools import cache
 from typing import Any, Final, Literal, NamedTuple, TypeAlias, get_args, get_origin
 
-from pydantic_core import PydanticUndefined
-
 from agglom_mpi.config.document import CampaignDocument
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.declaration.choices import choice_of
 from agglom_mpi.declaration.components import Component, In, Whole, number_of
-from agglom_mpi.declaration.declared import MISSING, declared_in
+from agglom_mpi.declaration.declared import Declared, declared_in
 from agglom_mpi.declaration.laws import Law
-from agglom_mpi.declaration.sections import Section
 from agglom_mpi.errors import UserError
 from agglom_mpi.search.ending import EndingCriterion
 from agglom_mpi.variables import PAPER_VARIABLES, VOLUME_FRACTION, Variable
@@ -131,7 +128,7 @@ def _key(section: type[Any], path: Path) -> Iterator[Topic]:
     name = path[-1]
     field = section.model_fields[name]
     meaning, default = meaning_of(section, name), _default(section, name)
-    inner = _inner_section(field.annotation)
+    inner = next(declared_in(field.annotation), None)
     if inner is not None and issubclass(inner, EndingCriterion):
         meaning = _paragraphs(inner)[0]
         if list(inner.model_fields) == [name]:
@@ -140,14 +137,6 @@ def _key(section: type[Any], path: Path) -> Iterator[Topic]:
     yield Topic(path, meaning, "" if inner else _allowed(section, name), default)
     if inner is not None:
         yield from _topics_of(inner, path)
-
-
-def _inner_section(annotation: Any) -> type[Any] | None:
-    """Return the section or component that a type is, or is a union with; None of others."""
-    for each in (annotation, *getattr(annotation, "__args__", ())):
-        if isinstance(each, type) and issubclass(each, Section):
-            return each
-    return next(declared_in(annotation), None)
 
 
 def _components(kind: type[Component], path: Path) -> Iterator[Topic]:
@@ -188,9 +177,7 @@ def meaning_of(section: type[Any], name: str) -> str:
         found = _described(base).get(name)
         if found:
             return found
-    field = section.model_fields[name]
-    number = number_of(field)
-    text = (number.meaning if number else "") or field.description or ""
+    text = section.model_fields[name].meaning
     return f"{text[:1].upper()}{text[1:]}." if text else ""
 
 
@@ -209,7 +196,7 @@ def _allowed(section: type[Any], name: str) -> str:
     field = section.model_fields[name]
     own = getattr(section, "NUMBERS", {}).get(name)
     number = own or number_of(field) or _number_within(field.annotation)
-    words = list(_limits(number) if number else _pydantic_limits(field))
+    words = list(_limits(number)) if number else []
     words += [f"`{text}`" for text in texts_of(field.annotation)]
     if number is not None and number.unit != "1":
         words[:1] = [" ".join([*words[:1], number.unit])]
@@ -234,17 +221,6 @@ def _number_within(annotation: Any) -> In | Whole | None:
     return None
 
 
-def _pydantic_limits(field: Any) -> Iterator[str]:
-    """Yield the limits of a whole number that pydantic checks."""
-    if field.annotation is not int:
-        return
-    limits = Whole(
-        at_least=next((each.ge for each in field.metadata if hasattr(each, "ge")), None),
-        at_most=next((each.le for each in field.metadata if hasattr(each, "le")), None),
-    )
-    yield from _limits(limits)
-
-
 def _default(section: type[Any], name: str) -> str | None:
     """Return the value of a key that is not given, as in a file; None if it must be."""
     field = section.model_fields[name]
@@ -254,7 +230,7 @@ def _default(section: type[Any], name: str) -> str | None:
     if field.is_required():
         return None
     default = field.default
-    if default is None or default is PydanticUndefined or default is MISSING:
+    if default is None:
         return "none"
     if isinstance(default, Component):
         return default.name or "as below"
@@ -303,7 +279,7 @@ def needed_by(component: type[Component]) -> tuple[str, ...]:
 
 def component_kinds() -> dict[Path, type[Component]]:
     """Return the kinds of components by their paths in a campaign file: `scene`, `restitution`."""
-    sections: tuple[tuple[Path, type[Section]], ...] = (
+    sections: tuple[tuple[Path, type[Declared]], ...] = (
         (("scene",), SceneSection),
         ((), CampaignDocument),
     )

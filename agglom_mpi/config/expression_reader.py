@@ -11,8 +11,15 @@ from collections.abc import Collection, Container
 from keyword import iskeyword
 from typing import Final
 
-from agglom_mpi.config.dimensions import PURE, dimension_of
-from agglom_mpi.config.expressions import Comparison, Name, Node, Number, Operation
+from agglom_mpi.config.expressions import (
+    PURE,
+    Comparison,
+    Name,
+    Node,
+    Number,
+    Operation,
+    dimension_of,
+)
 from agglom_mpi.declaration.spelling import remedy, with_plain_minus
 from agglom_mpi.declaration.units import has_offset, in_base_units, quoted
 

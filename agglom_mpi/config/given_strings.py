@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from agglom_mpi.config.alternatives import FRACTIONS
 from agglom_mpi.config.quantities import BY_NAME
 from agglom_mpi.config.relations import COLUMNS
 from agglom_mpi.config.yaml_source import ArgumentError, CampaignError, Problem
-from agglom_mpi.declaration.given_values import component_of, read_variable
+from agglom_mpi.declaration.given_values import FRACTIONS, component_of, read_variable
 from agglom_mpi.formatting import in_unit
 from agglom_mpi.variables import VOLUME_FRACTION, VariableTable, size_ratio
 

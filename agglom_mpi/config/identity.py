@@ -5,6 +5,8 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any, Final
 
+from agglom_mpi.declaration.given_values import SIZES
+
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
     from agglom_mpi.variables import VariableTable
@@ -38,7 +40,7 @@ def identity(campaign: "Campaign") -> dict[str, object]:
     if campaign.plan is not None:
         plan = campaign.plan
         sections |= {"search": plan.search.entries(), "ensemble": plan.ensemble.entries()}
-        sections["stopping"] = plan.stopping.recorded()
+        sections["stopping"] = plan.stopping.recorded_criteria()
     given = {f"scene.{name}" for name in _given_as_variables(variables)}
     return {name: value for name, value in _flat(sections) if name not in given}
 
@@ -47,9 +49,6 @@ def _given_as_variables(variables: "VariableTable") -> Iterator[str]:
     """Yield the entries of a scene that stand under `variables`, and so in its entries."""
     if not variables.of_scene:
         return
-    # Imported here: a file is read without what reads campaigns.
-    from agglom_mpi.config.alternatives import SIZES
-
     for name in variables.of_scene:
         yield name
         if name in SIZES:  # the identity has the diameter or the half-width instead

@@ -1,31 +1,46 @@
 """The sections of a search: `search`, `ensemble`, `stopping`, and `final` and `output`."""
 
+from functools import partial
 from typing import Annotated, Any, Final, NamedTuple
 
-from pydantic import BeforeValidator, Field, create_model
-
 from agglom_mpi.declaration.components import In, Whole
-from agglom_mpi.declaration.declared import LATER
-from agglom_mpi.declaration.field_types import NONE, Flag, Line, WholeNumber
-from agglom_mpi.declaration.sections import Section
+from agglom_mpi.declaration.declared import LATER, Declared, FieldError, Reads
+from agglom_mpi.declaration.field_types import NONE, NotEmpty
+from agglom_mpi.declaration.reading import Reading
 from agglom_mpi.declaration.units import quoted
 from agglom_mpi.search.ending import EndingCriterion, Generations, any_of
 from agglom_mpi.search.methods.method import SearchMethod
 from agglom_mpi.search.stopping import StoppingRule
 
 
-class _Generations(Section):
+class _Generations(Declared):
     generations: Annotated[int, Whole(at_least=1, at_most=10**6, meaning="the most generations")]
 
 
-def with_criteria(base: type[Section]) -> Any:
+def with_criteria(base: type[Declared]) -> Any:
     """Return a section with the keys of another one, and then one for each ending criterion."""
-    fields: dict[str, Any] = {}
+    types: dict[str, Any] = {}
     for key, criterion in EndingCriterion.components().items():
-        read: Any = Annotated[criterion, BeforeValidator(criterion.as_mapping)]
         marks = (NONE,) if criterion.always_recorded else (NONE, LATER)
-        fields[key] = (Annotated[(read | None, *marks)], None)
-    return create_model("Criteria", __base__=base, **fields)
+        read = Reads(partial(_read_criterion, criterion), in_context=True)
+        types[key] = Annotated[(criterion | None, read, *marks)]
+    named = {"__annotations__": types, "__module__": __name__, **dict.fromkeys(types)}
+    metaclass: Any = type(base)
+    return metaclass("Criteria", (base,), named)
+
+
+def _read_criterion(
+    criterion: type[EndingCriterion], entry: Any, reading: Reading
+) -> EndingCriterion | None:
+    """Return a criterion of its entry, which may be the value of its only field."""
+    mapping = criterion.as_mapping(entry)
+    if entry is None or mapping is entry:
+        return entry
+    try:
+        return criterion.checked(mapping, reading)
+    except FieldError as error:
+        [(_, message)] = error.problems
+        raise ValueError(message) from None
 
 
 Criteria: Any = with_criteria(_Generations)
@@ -50,14 +65,15 @@ class Stopping(Criteria):
     @property
     def criteria(self) -> dict[str, EndingCriterion]:
         """Criteria that end the campaign before its last generation, by key."""
-        return {key: value for key, value in self if isinstance(value, EndingCriterion)}
+        found = {key: getattr(self, key) for key in EndingCriterion.components()}
+        return {key: each for key, each in found.items() if each is not None}
 
     @property
     def ending(self) -> EndingCriterion:
         """The criterion that ends the campaign: any of those given, or its last generation."""
         return any_of(*self.criteria.values(), Generations(generations=self.generations))
 
-    def recorded(self) -> dict[str, Any]:
+    def recorded_criteria(self) -> dict[str, Any]:
         """Return the entries of the identity: those of the criteria."""
         return {k: v for k, v in self.entries().items() if k in EndingCriterion.components()}
 
@@ -94,7 +110,7 @@ def _read_volumes(value: Any) -> Any:
     return tuple(sorted(int(each) for each in value))
 
 
-class FinalAnswer(Section):
+class FinalAnswer(Declared):
     """Section `final`: re-estimation of the best strings on fresh samples after the search.
 
     Attributes
@@ -108,11 +124,9 @@ class FinalAnswer(Section):
         fraction of the grains stay the same.
     """
 
-    strings: Annotated[WholeNumber, Field(ge=1, le=10**5, description="number of best strings")] = 6
-    samples: Annotated[
-        WholeNumber, Field(ge=2, le=10**6, description="fresh samples of each string")
-    ] = 100
-    volumes: Annotated[tuple[int, ...], BeforeValidator(_read_volumes), LATER] = (1,)
+    strings: Annotated[int, Whole(at_least=1, at_most=10**5)] = 6
+    samples: Annotated[int, Whole(at_least=2, at_most=10**6)] = 100
+    volumes: Annotated[tuple[int, ...], Reads(_read_volumes), LATER] = (1,)
 
     @property
     def larger(self) -> tuple[int, ...]:
@@ -120,7 +134,7 @@ class FinalAnswer(Section):
         return self.volumes[1:]
 
 
-class FramesOfBest(Section):
+class FramesOfBest(Declared):
     """Frames of the first samples of the best strings, recorded after the search.
 
     Attributes
@@ -133,12 +147,12 @@ class FramesOfBest(Section):
         Number of samples of each string.
     """
 
-    count: Annotated[WholeNumber, Field(ge=1, le=10**5, description="frames of each sample")]
-    strings: Annotated[WholeNumber, Field(ge=1, description="number of best strings")] = 6
-    samples: Annotated[WholeNumber, Field(ge=1, description="samples of each string")] = 1
+    count: Annotated[int, Whole(at_least=1, at_most=10**5, meaning="frames of each sample")]
+    strings: Annotated[int, Whole(at_least=1)] = 6
+    samples: Annotated[int, Whole(at_least=1)] = 1
 
 
-class Output(Section):
+class Output(Declared):
     """Section `output`: name of the campaign file, and what it stores beside rows of samples.
 
     Attributes
@@ -151,6 +165,6 @@ class Output(Section):
         Frames of the best strings over time, for ParaView.
     """
 
-    file: Annotated[Line, Field(min_length=1)] | None = None
-    final_particles: Flag = False
+    file: NotEmpty | None = None
+    final_particles: bool = False
     frames: Annotated[FramesOfBest | None, NONE] = None

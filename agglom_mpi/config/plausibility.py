@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.config.alternatives import FRACTIONS
 from agglom_mpi.config.bounds import ABSENT
 from agglom_mpi.config.given_strings import read_string
 from agglom_mpi.config.size_warnings import Finding, unlikely_draws
 from agglom_mpi.config.yaml_source import Problem, parse
 from agglom_mpi.declaration.declared import FieldPath
+from agglom_mpi.declaration.given_values import FRACTIONS
 from agglom_mpi.declaration.units import quoted
 from agglom_mpi.formatting import format_duration, in_unit, pluralise, value_with_prefix
 from agglom_mpi.physics import scales

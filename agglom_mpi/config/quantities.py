@@ -1,6 +1,8 @@
 """Quantities of a string that follow from its scene and variables, by name, in SI units.
 
-Expressions may name them, and `agglom check` prints them.
+Expressions may name them, and `agglom check` prints them. Columns of a table of strings are those
+that its campaign's author asked for: the volume fraction where the file gives it in place of the
+size ratio, the half-width of the box where it gives the size of the grains, derived quantities.
 """
 
 import math
@@ -15,6 +17,7 @@ from agglom_mpi.physics.constants import GAS_CONSTANT
 from agglom_mpi.variables import TEN, VariableTable, volume_fraction
 
 if TYPE_CHECKING:
+    from agglom_mpi.config.campaign import Campaign
     from agglom_mpi.config.scene import SceneSection
     from agglom_mpi.config.string_scenes import StringScene, StringScenes
 
@@ -143,3 +146,35 @@ def _value(quantity: Quantity, row: "StringScene | None") -> float:
         return float(quantity.compute(row.section, row.values))
     except (ArithmeticError, ValueError):
         return math.nan
+
+
+class DerivedColumn(NamedTuple):
+    """A column of n strings that follows from their variables, in SI units.
+
+    Attributes
+    ----------
+    name, unit
+    values
+        Shape (n,).
+    own
+        Whether it is a derived quantity of the file.
+    """
+
+    name: str
+    unit: str
+    values: Floats
+    own: bool
+
+
+def columns_of(campaign: "Campaign", strings: Floats) -> list[DerivedColumn]:
+    """Return the derived columns of strings, (n, k), of a campaign."""
+    implied = ["volume_fraction"] if campaign.variables.by_volume_fraction else []
+    implied += [] if campaign.scene.diameter is None else ["half_width"]
+    parameters = campaign.variables.columns_by_name(strings)
+    values = quantity_values(campaign.scenes, implied, parameters)
+    columns = [DerivedColumn(n, BY_NAME[n].unit, values[n], False) for n in implied]
+    own = campaign.derived_values(strings)
+    return columns + [
+        DerivedColumn(each.name, each.unit, own[each.name], True)
+        for each in campaign.relations.derived
+    ]

@@ -9,19 +9,22 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.config.dimensions import PURE, Dimension, dimension_of, unit_of
 from agglom_mpi.config.expression_reader import read_comparison, read_expression
 from agglom_mpi.config.expressions import (
     ANY,
+    PURE,
     Comparison,
+    Dimension,
     Node,
     common_dimension,
     dimension,
+    dimension_of,
     evaluate,
     names_in,
     satisfied,
     size_of,
     text_of,
+    unit_of,
 )
 from agglom_mpi.config.quantities import BY_NAME, CONSTANTS, quantity_values, units_of
 from agglom_mpi.declaration.declared import FieldError, FieldPath

@@ -6,22 +6,20 @@ from contextlib import nullcontext
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, NamedTuple, Self
 
 from numpy.typing import ArrayLike
-from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
-from agglom_mpi.config.alternatives import SIZES, GrainSize, HalfWidth, none_of, one_of
 from agglom_mpi.declaration.choices import Choice, choice_of
 from agglom_mpi.declaration.components import (
     In,
     UnknownComponentError,
+    Whole,
     class_named,
     components_within,
     names_of,
 )
-from agglom_mpi.declaration.declared import LATER, FieldPath, raise_field_errors
-from agglom_mpi.declaration.field_types import WholeNumber
+from agglom_mpi.declaration.declared import LATER, Declared, FieldPath, Meaning, Problems, Reads
+from agglom_mpi.declaration.given_values import SIZES, one_of
 from agglom_mpi.declaration.laws import Law, Values
-from agglom_mpi.declaration.reading import Reading, reading_of
-from agglom_mpi.declaration.sections import Section
+from agglom_mpi.declaration.reading import Reading
 from agglom_mpi.declaration.units import quoted, to_si
 from agglom_mpi.declaration.users_code import users_code
 from agglom_mpi.physics.contact import CompressionRecoveryDuration, ContactArea, Duration
@@ -90,13 +88,11 @@ def _read_end_time(value: Any) -> Any:
     return time
 
 
-EndTime = Annotated[float | Literal["characteristic"], BeforeValidator(_read_end_time)]
-
-
-def _at_least_two(value: Any) -> Any:
-    if value in (0, 1) and not isinstance(value, bool):
-        raise ValueError(f"is {value}; at least 2 are needed for a collision")
-    return value
+EndTime = Annotated[
+    float | Literal["characteristic"],
+    Reads(_read_end_time),
+    Meaning("`characteristic` or a time like '10 ms'"),
+]
 
 
 ENGINE_KEY: Final = "engine"
@@ -120,7 +116,7 @@ class SceneLaw(NamedTuple):
     is_used: bool
 
 
-class SceneSection(Section):
+class SceneSection(Declared):
     """Section `scene`: box, submodels and engine; lengths in m, times in s.
 
     Where it gives the size of the grains, `half_width` is None and follows for each string. `sizes`
@@ -181,18 +177,19 @@ class SceneSection(Section):
     """Texts on fields without a default that need not be given."""
 
     particles: Annotated[
-        WholeNumber,
-        Field(ge=2, le=MAX_PARTICLES, description="the number of grains"),
-        BeforeValidator(_at_least_two),
+        int,
+        Whole(at_least=2, at_most=MAX_PARTICLES, meaning="the number of grains"),
     ]
-    half_width: HalfWidth
-    grain_diameter: GrainSize = None
-    grain_radius: GrainSize = None
+    half_width: Annotated[float | None, In("m", above=0)] = None
+    grain_diameter: Annotated[float | None, In("m", above=0), LATER] = None
+    grain_radius: Annotated[float | None, In("m", above=0), LATER] = None
     sizes: Annotated[Sizes | None, Choice(Sizes), LATER] = None
     escape: Annotated[Boundary, Choice(Boundary)] = Periodic()
-    velocities: Annotated[Velocities, Choice(Velocities)] = Field(
-        description="allowed: " + ", ".join(Velocities.components())
-    )
+    velocities: Annotated[
+        Velocities,
+        Choice(Velocities),
+        Meaning("allowed: " + ", ".join(Velocities.components())),
+    ]
     restitution: Annotated[Restitution, Choice(Restitution)] = PressureRestitution()
     duration: Annotated[Duration, Choice(Duration)] = CompressionRecoveryDuration()
     contact_area: ContactArea = ContactArea()
@@ -205,7 +202,7 @@ class SceneSection(Section):
     )
     cooling: Annotated[Cooling, Choice(Cooling, or_none=True)] = NoCooling()
     solver: Annotated[Solver, Choice(Solver)] = BracketedRoot()
-    end_time: EndTime = Field(description="`characteristic` or a time like '10 ms'")
+    end_time: EndTime
     engine: Annotated[Engine, Choice(Engine)] = EventDriven()
 
     @property
@@ -337,59 +334,53 @@ class SceneSection(Section):
                 for path, each in law.with_inner_laws(key):
                     yield SceneLaw(path, each, not each.is_absent and key not in unused)
 
-    @model_validator(mode="before")
     @classmethod
-    def _one_size(cls, data: Any, info: ValidationInfo) -> Any:
-        if isinstance(data, dict) and are_lengths(data.get("sizes"), reading_of(info)):
-            return none_of(SIZES, data, "sizes that are lengths")
-        return one_of(SIZES, data)
+    def prepared(
+        cls, values: Mapping[Any, Any], reading: Reading
+    ) -> tuple[Mapping[Any, Any], Problems]:
+        """Return what a file gives with a law of hardness, and with one size of the scene."""
+        other = "sizes that are lengths" if are_lengths(values.get("sizes"), reading) else ""
+        kept, problems = one_of(SIZES, cls.with_default_hardness(values, reading), other)
+        if not other and not any(key in values for key in SIZES):
+            like = "half the edge, like '1 cm', or grain_diameter, like '50 um', or sizes in m"
+            problems.append((("half_width",), f"is missing; {like}"))
+        return kept, problems
 
-    @model_validator(mode="before")
     @classmethod
-    def _default_hardness(cls, data: Any, info: ValidationInfo) -> Any:
-        return cls.with_default_hardness(data, reading_of(info))
-
-    @classmethod
-    def with_default_hardness(cls, data: Any, reading: Reading) -> Any:
+    def with_default_hardness(cls, data: Mapping[Any, Any], reading: Reading) -> Mapping[Any, Any]:
         """Return a scene as it is in a file, with the law of hardness that it leaves to others."""
-        if not isinstance(data, dict) or "hardness" in data:
+        if "hardness" in data:
             return data
         needed = _needs_pressure(data.get("restitution"), reading)
         (name,) = names_of(ArrheniusHardness if needed else ConstantHardness)
         return {**data, "hardness": name}
 
-    @model_validator(mode="after")
-    def _fits_together(self) -> Self:
-        problems: list[tuple[FieldPath, str]] = []
+    def problems(self) -> Iterator[tuple[FieldPath, str]]:
+        """Yield laws that do not fit each other."""
         softens = self.hardness.softened_by is not None
         if softens and not self.restitution.uses_contact_pressure:
-            message = (
+            yield (
+                ("hardness",),
                 f"is {self.hardness.name!r}, but {self.restitution.name} restitution has no "
-                "hardness; leave it out"
+                "hardness; leave it out",
             )
-            problems.append((("hardness",), message))
         if self.end_time == "characteristic" and not self.restitution.has_critical_speed:
             have = (n for n, law in Restitution.components().items() if law.has_critical_speed)
-            message = (
+            yield (
+                ("end_time",),
                 f"is 'characteristic', which needs the critical speed of one of "
-                f"{', '.join(have)}; give a time like '10 ms'"
+                f"{', '.join(have)}; give a time like '10 ms'",
             )
-            problems.append((("end_time",), message))
         if self.cooling.by_steps and not self.engine.has_time_steps:
-            message = (
+            yield (
+                ("cooling", "integration"),
                 f"is 'euler', which needs time steps, but the engine is {self.engine.name!r}; "
-                "allowed: exact, or euler with engine fixed or adaptive"
+                "allowed: exact, or euler with engine fixed or adaptive",
             )
-            problems.append((("cooling", "integration"), message))
-        if self.heating.is_absent:
-            for key, law in (("reaction", self.reaction), ("cooling", self.cooling)):
-                if not law.is_absent:
-                    message = (
-                        f"is {law.name!r}, but heating is 'none'; allowed without heating: none"
-                    )
-                    problems.append(((key,), message))
-        raise_field_errors(problems)
-        return self
+        for key, law in (("reaction", self.reaction), ("cooling", self.cooling)):
+            if self.heating.is_absent and not law.is_absent:
+                message = f"is {law.name!r}, but heating is 'none'; allowed without heating: none"
+                yield (key,), message
 
 
 def _needs_pressure(entry: Any, reading: Reading) -> bool:

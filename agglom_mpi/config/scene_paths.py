@@ -8,8 +8,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from typing import Any, Final, NamedTuple, get_args, get_origin
 
-from pydantic import ValidationError
-
 from agglom_mpi.config.bounds import read_range
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.config.yaml_source import CampaignError, Problem, Source
@@ -281,8 +279,8 @@ def read_paths(source: Source, reading: Reading) -> PathEntries:
             ranges[path.name] = read_range(variables[path.name], path, reading.recorded)
             whole = with_number(whole, path, _middle(ranges[path.name]), reading)
     table = VariableTable(found)
-    with suppress(ValidationError):  # which is reported with all else
-        whole = SceneSection.model_validate(whole, context=reading)
+    with suppress(ValueError):  # which is reported with all else
+        whole = SceneSection.checked(whole, reading)
         if VOLUME_FRACTION.name in variables and _changes_volume(whole, ranges):
             table = VariableTable([*found, VOLUME_FRACTION])
         table = table.with_ranges({}, third_moment=whole.third_moment)

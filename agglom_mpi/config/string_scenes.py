@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from agglom_mpi.config.alternatives import SIZES
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.config.scene_paths import with_numbers
+from agglom_mpi.declaration.given_values import SIZES
 from agglom_mpi.simulation.engines import Engine
 from agglom_mpi.variables import VOLUME_FRACTION, VariableTable, size_ratio
 

@@ -3,7 +3,7 @@
 YAML 1.2, in which `1e8` is a number and `no` is a text.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
@@ -15,7 +15,7 @@ from ruamel.yaml.reader import ReaderError
 from ruamel.yaml.scanner import Scanner
 
 from agglom_mpi.declaration.bounded_reading import clipped, quoted_start, read_bounded
-from agglom_mpi.declaration.declared import FieldPath
+from agglom_mpi.declaration.declared import FieldError, FieldPath
 from agglom_mpi.errors import MissingLibraryError, UserError
 from agglom_mpi.file_kinds import HDF5_IS_NO_YAML, SIGNATURE, begins_as_hdf5
 from agglom_mpi.formatting import pluralise
@@ -99,6 +99,16 @@ class Source:
     def problem(self, path: FieldPath, message: str) -> Problem:
         """Return what is wrong with an entry, with its line; `message` follows the field."""
         return Problem(self.name, self.line(path), ".".join(map(str, path)), message)
+
+    def error(
+        self, found: FieldError, needs: Mapping[FieldPath, str] | None = None
+    ) -> CampaignError:
+        """Return the CampaignError of fields; `needs` says why some that are missing are needed."""
+        problems = []
+        for path, message in found.problems:
+            reason = (needs or {}).get(path) if path not in self.lines else None
+            problems.append(self.problem(path, "; ".join(filter(None, [message, reason]))))
+        return CampaignError(*problems)
 
     def value(self, path: FieldPath) -> Any:
         """Return the value of an entry as it was written."""

@@ -39,10 +39,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from agglom_mpi.config.arguments import read_count
+from agglom_mpi.config.arguments import count_argument
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
-from agglom_mpi.config.yaml_source import ArgumentError
 from agglom_mpi.coupling.inputs import check_temperatures, initial_particles, read_values
 from agglom_mpi.coupling.state import BoxParticles, State, homogenise, particles_of
 from agglom_mpi.formatting import format_duration, pluralise
@@ -146,10 +145,7 @@ class Box(metaclass=PublicFace, constructor=True):
             campaign = load_campaign(campaign)
         self._name = campaign.name
         string = campaign.parameters(parameters)
-        try:
-            sample = read_count(sample)
-        except ValueError as error:
-            raise ArgumentError.of(campaign.name, "sample", error) from None
+        sample = count_argument(campaign.name, "sample", sample)
         campaign.check_scales(string)
         scene = campaign.at(string).build(campaign.engine(engine))
         self._random = random_numbers(campaign, string, sample)

@@ -1,19 +1,16 @@
 """The choice of a component: a field of a campaign file, by name or with its numbers."""
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple, get_args
+from collections.abc import Callable, Mapping
+from types import NoneType
+from typing import Any, NamedTuple, get_args
 
 from agglom_mpi.declaration.components import Component, UnknownComponentError, class_named
 from agglom_mpi.declaration.declared import FieldError
 from agglom_mpi.declaration.own_modules import own_error
-from agglom_mpi.declaration.reading import PLAIN, Reading, names_own, reading_of
+from agglom_mpi.declaration.reading import PLAIN, Reading, names_own
 from agglom_mpi.declaration.units import quoted
 from agglom_mpi.declaration.users_code import users_code
 from agglom_mpi.errors import named_error
-
-if TYPE_CHECKING:
-    from pydantic import GetCoreSchemaHandler
-    from pydantic_core import CoreSchema
 
 
 class Choice(NamedTuple):
@@ -36,16 +33,12 @@ class Choice(NamedTuple):
     default: str = ""
     is_inner: bool = False
 
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: "GetCoreSchemaHandler"
-    ) -> "CoreSchema":
-        """Return the schema that reads the component of the class that an entry names."""
-        from pydantic_core import core_schema
-
-        schema = core_schema.with_info_plain_validator_function(
-            lambda entry, info: self.read(entry, reading_of(info))
-        )
-        return core_schema.nullable_schema(schema) if type(None) in get_args(source) else schema
+    def read_field(
+        self, value: Any, kind: Any, reading: Reading, inner: Callable[[Any], Any]
+    ) -> Component | None:
+        """Return the component of the class that an entry names; None where the type allows it."""
+        is_none = value is None and NoneType in get_args(kind)
+        return None if is_none else self.read(value, reading)
 
     def read(self, entry: Any, reading: Reading) -> Component:
         """Return the component of an entry of a file.

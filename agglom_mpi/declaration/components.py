@@ -7,11 +7,10 @@ class. Adding a component takes one class; nothing else lists it.
 """
 
 import pkgutil
-from collections.abc import Iterator, Mapping
-from functools import cache, partial
+from collections.abc import Callable, Iterator, Mapping
+from functools import cache
 from importlib import import_module
 from typing import (
-    TYPE_CHECKING,
     Annotated,
     Any,
     ClassVar,
@@ -24,18 +23,15 @@ from typing import (
 )
 
 from agglom_mpi.declaration import own_fields
-from agglom_mpi.declaration.declared import Declared, DeclaredField, Reads
+from agglom_mpi.declaration.declared import Declared, DeclaredField, read_value
 from agglom_mpi.declaration.field_types import WholeNumber, named
 from agglom_mpi.declaration.needed import missing_methods, needed
 from agglom_mpi.declaration.own_modules import OwnModule, own_module
 from agglom_mpi.declaration.reading import PLAIN, Reading, names_own
 from agglom_mpi.declaration.units import quoted, to_si
 from agglom_mpi.errors import UserError
+from agglom_mpi.formatting import in_unit
 from agglom_mpi.variables import Limits
-
-if TYPE_CHECKING:
-    from pydantic import GetCoreSchemaHandler
-    from pydantic_core import CoreSchema
 
 
 class UnknownComponentError(UserError, ValueError):
@@ -72,17 +68,14 @@ class In(NamedTuple):
         """The limits alone, in the unit."""
         return Limits(self.above, self.at_least, self.at_most, self.below)
 
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: "GetCoreSchemaHandler"
-    ) -> "CoreSchema":
-        """Return the schema that reads a number with a unit and checks its limits."""
-        from pydantic import Field
-
-        limits = Field(gt=self.above, ge=self.at_least, le=self.at_most, lt=self.below)
-        number: Any = Annotated[float, Reads(partial(to_si, unit=self.unit)), limits]
-        several = get_origin(source) is tuple
-        number = tuple.__class_getitem__((number,) * len(get_args(source))) if several else number
-        return handler.generate_schema(number)
+    def read_field(
+        self, value: Any, kind: Any, reading: Reading, inner: Callable[[Any], Any]
+    ) -> Any:
+        """Return a number with a unit within the limits, or a tuple of them."""
+        if get_origin(kind) is tuple:
+            several = tuple.__class_getitem__((Annotated[float, self],) * len(get_args(kind)))
+            return read_value(value, several, (), reading)
+        return _within(self, to_si(value, self.unit), value)
 
 
 class Setting(NamedTuple):
@@ -122,14 +115,21 @@ class Whole(NamedTuple):
         """The limits alone."""
         return Limits(at_least=self.at_least, at_most=self.at_most)
 
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: "GetCoreSchemaHandler"
-    ) -> "CoreSchema":
-        """Return the schema that reads a whole number and checks its limits."""
-        from pydantic import Field
+    def read_field(
+        self, value: Any, kind: Any, reading: Reading, inner: Callable[[Any], Any]
+    ) -> Any:
+        """Return a whole number within the limits."""
+        number = _within(self, read_value(value, WholeNumber, (), reading), value)
+        if self.multiple_of is not None and number % self.multiple_of:
+            raise ValueError(f"is {quoted(value)}; must be a multiple of {self.multiple_of}")
+        return number
 
-        limits = Field(ge=self.at_least, le=self.at_most, multiple_of=self.multiple_of)
-        return handler.generate_schema(Annotated[WholeNumber, limits])
+
+def _within(of: In | Whole, number: Any, value: Any) -> Any:
+    """Return a number; raise a ValueError that quotes the value if it breaks a limit."""
+    if broken := of.limits.broken_by(number):
+        raise ValueError(f"is {quoted(value)}; must be {in_unit(broken, of.unit)}")
+    return number
 
 
 class Component(Declared):

@@ -1,24 +1,20 @@
-"""Classes with declared fields. Pydantic checks their values, and is not loaded before.
+"""Classes with declared fields, and how the values that a file gives them are read.
 
 A subclass of `Declared` annotates its fields, with limits and meaning as metadata. Its instances
-are immutable. Given values are checked by a pydantic model of the fields, which is made when it
-is first needed; `recorded` takes values that were checked before. So a command that only reads
-recorded campaigns does not load pydantic.
+are immutable. `checked` reads given values, and names every field that is wrong; `recorded` takes
+values that were checked before.
 """
 
 import copyreg
 from abc import ABCMeta
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from functools import cache
+from collections.abc import Callable, Iterator, Mapping
 from typing import (
     TYPE_CHECKING,
-    Annotated,
     Any,
     ClassVar,
     Final,
     NamedTuple,
     Self,
-    TypeAlias,
     dataclass_transform,
     get_args,
     get_origin,
@@ -26,32 +22,15 @@ from typing import (
 )
 
 from agglom_mpi.declaration.own_modules import reduced_class
-from agglom_mpi.declaration.reading import Reading, reading_of
-
-if TYPE_CHECKING:
-    from pydantic import GetCoreSchemaHandler, TypeAdapter
-    from pydantic_core import CoreSchema
-
-FieldPath: TypeAlias = tuple[str | int, ...]
-"""Keys and list positions from the top of a file, or of a section, down to a field."""
+from agglom_mpi.declaration.reading import PLAIN, Reading, problems_at, read_value
+from agglom_mpi.declaration.reading import FieldError as FieldError
+from agglom_mpi.declaration.reading import FieldPath as FieldPath
+from agglom_mpi.declaration.reading import Problems as Problems
+from agglom_mpi.declaration.reading import raise_field_errors as raise_field_errors
+from agglom_mpi.declaration.spelling import suggestion
 
 LATER: Final = "added later"
 """Metadata of a field added after version 0.1.0: at its default it is not in the identity."""
-
-
-class FieldError(ValueError):
-    """Errors of fields, each with its path below the validated section."""
-
-    def __init__(self, *problems: tuple[FieldPath, str]) -> None:
-        super().__init__("; ".join(f"{'.'.join(map(str, path))}: {m}" for path, m in problems))
-        self.problems = problems
-
-
-def raise_field_errors(problems: Iterable[tuple[FieldPath, str]]) -> None:
-    """Raise a FieldError unless there are no problems."""
-    found = list(problems)
-    if found:
-        raise FieldError(*found)
 
 
 class Reads(NamedTuple):
@@ -63,34 +42,31 @@ class Reads(NamedTuple):
     read: Callable[..., Any]
     in_context: bool = False
 
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: "GetCoreSchemaHandler"
-    ) -> "CoreSchema":
-        """Return the schema of the field with the function before it."""
-        from pydantic_core import core_schema
-
-        if not self.in_context:
-            return core_schema.no_info_before_validator_function(self.read, handler(source))
-        return core_schema.with_info_before_validator_function(
-            lambda value, info: self.read(value, reading_of(info)), handler(source)
-        )
+    def read_field(
+        self, value: Any, kind: Any, reading: Reading, inner: Callable[[Any], Any]
+    ) -> Any:
+        """Return the value that the function returns, read by what stands before it."""
+        return inner(self.read(value, reading) if self.in_context else self.read(value))
 
 
-class Strict:
-    """Metadata of a field whose value is not converted to its type."""
+class Fits(NamedTuple):
+    """Metadata of a field: a function of its value and the `Reading` that yields what is wrong."""
 
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: "GetCoreSchemaHandler"
-    ) -> "CoreSchema":
-        """Return the strict schema of the field."""
-        schema: Any = handler(source)
-        return {**schema, "strict": True}
+    problems: Callable[[Any, Reading], Problems]
+
+    def read_field(
+        self, value: Any, kind: Any, reading: Reading, inner: Callable[[Any], Any]
+    ) -> Any:
+        """Return the value that is read by what stands before it, and fits."""
+        found = inner(value)
+        raise_field_errors(self.problems(found, reading))
+        return found
 
 
 class Meaning(NamedTuple):
     """Metadata of a field: what it is, as a message states it where the field is missing."""
 
-    text: str
+    meaning: str
 
 
 MISSING: Final = object()
@@ -109,9 +85,14 @@ class DeclaredField(NamedTuple):
         return self.default is MISSING
 
     @property
-    def description(self) -> str | None:
-        """Meaning of the field; None if its metadata do not state it."""
-        return next((each.text for each in self.metadata if isinstance(each, Meaning)), None)
+    def meaning(self) -> str:
+        """Meaning of the field; empty if its metadata do not state it."""
+        stated = (getattr(each, "meaning", "") for each in self.metadata)
+        return next(filter(None, stated), "")
+
+    def read(self, value: Any, reading: Reading) -> Any:
+        """Return the value of an entry of a file; raise a ValueError if it does not fit."""
+        return read_value(value, self.annotation, self.metadata, reading)
 
 
 class DeclaredType(ABCMeta):
@@ -152,16 +133,45 @@ class Declared(metaclass=DeclaredType):
             self.__dict__.update(self._made({}).__dict__)
 
     @classmethod
-    def checked(cls, values: Mapping[Any, Any], reading: Reading | None = None) -> Self:
-        """Return the instance of given values; raise a ValueError if they do not fit."""
-        return cls._adapter().validate_python(dict(values), context=reading)
+    def checked(cls, values: Mapping[Any, Any], reading: Reading = PLAIN) -> Self:
+        """Return the instance of given values.
+
+        Fields are read in their order, and find those before them in `reading.earlier`.
+
+        Raises
+        ------
+        FieldError
+            If they do not fit; with all that is wrong.
+        """
+        values, wrong = cls.prepared(values, reading)
+        problems, found = list(wrong), dict[str, Any]()
+        within = reading._replace(earlier=found)
+        for name, field in cls.model_fields.items():
+            if name in values:
+                try:
+                    found[name] = field.read(values[name], within)
+                except ValueError as error:
+                    problems += problems_at(name, error)
+            elif not field.is_required():
+                found[name] = field.default
+            else:
+                message = "; ".join(filter(None, ["is missing", field.meaning]))
+                problems.append(((name,), message))
+        for key in values:
+            if key not in cls.model_fields:
+                advice = suggestion(str(key), cls.model_fields)
+                problems.append(((key,), f"unknown key '{str(key)[:40]}'; {advice}"))
+        raise_field_errors(problems)
+        made = cls._made({name: found[name] for name in cls.model_fields if name in values})
+        raise_field_errors(made.problems())
+        return made
 
     @classmethod
-    @cache
-    def _adapter(cls) -> "TypeAdapter[Self]":
-        from pydantic import TypeAdapter
-
-        return TypeAdapter(cls)
+    def prepared(
+        cls, values: Mapping[Any, Any], reading: Reading
+    ) -> tuple[Mapping[Any, Any], Problems]:
+        """Return given values as their fields read them, and what is wrong with their keys."""
+        return values, ()
 
     @classmethod
     def _made(cls, given: Mapping[str, Any]) -> Self:
@@ -189,55 +199,21 @@ class Declared(metaclass=DeclaredType):
                 known[name] = tuple(value)
         return cls._made(known)
 
-    @classmethod
-    def __get_pydantic_core_schema__(
-        cls, source: Any, handler: "GetCoreSchemaHandler"
-    ) -> "CoreSchema":
-        """Return the schema with which pydantic makes an instance, or takes one as it is."""
-        from pydantic_core import core_schema
-
-        def read(value: Any, validate: Callable[[Any], Any]) -> Declared:
-            if isinstance(value, cls):
-                return value
-            model = validate(value)
-            made = cls._made({name: getattr(model, name) for name in cls.model_fields})
-            made.__dict__["model_fields_set"] = frozenset(model.model_fields_set)
-            raise_field_errors(made.problems())
-            return made
-
-        return core_schema.no_info_wrap_validator_function(
-            read,
-            handler.generate_schema(cls._model()),
-            serialization=core_schema.plain_serializer_function_ser_schema(cls.model_dump),
-        )
-
-    @classmethod
-    @cache
-    def _model(cls) -> Any:
-        """Return the pydantic model of the fields."""
-        from pydantic import ConfigDict, create_model
-
-        fields: dict[str, Any] = {}
-        for name, field in cls.model_fields.items():
-            hint: Any = field.annotation
-            for each in field.metadata:
-                hint = Annotated[hint, each]
-            fields[name] = (hint, ... if field.is_required() else field.default)
-        strict = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-        return create_model(cls.__name__, __config__=strict, __module__=cls.__module__, **fields)
-
     def problems(self) -> Iterator[tuple[FieldPath, str]]:
         """Yield fields that do not fit together: the path of each and what is wrong."""
         yield from ()
 
     def entries(self) -> Any:
         """Return all fields as plain values, without those marked `LATER` at their default."""
-        return recorded_entries(self, self.model_fields)
+        return {
+            name: plain(getattr(self, name))
+            for name, field in self.model_fields.items()
+            if LATER not in field.metadata or getattr(self, name) != field.default
+        }
 
     def model_dump(self) -> dict[str, Any]:
         """Return all fields, and those of their values, by name."""
-        values = {name: getattr(self, name) for name in self.model_fields}
-        return {k: v.model_dump() if isinstance(v, Declared) else v for k, v in values.items()}
+        return {k: v.model_dump() if isinstance(v, Declared) else v for k, v in self}
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None) -> Self:
         """Return a copy with some fields replaced, which are not checked."""
@@ -246,6 +222,10 @@ class Declared(metaclass=DeclaredType):
         copy.__dict__.update({name: self.__dict__[name] for name in kept}, **(update or {}))
         copy.__dict__["model_fields_set"] = self.model_fields_set | frozenset(update or {})
         return copy
+
+    def __iter__(self) -> Iterator[tuple[str, Any]]:
+        """Yield all fields by name, so that `dict(section)` has them."""
+        return ((name, getattr(self, name)) for name in self.model_fields)
 
     def _values(self) -> tuple[Any, ...]:
         """Return what instances are compared by: fields, and what was bound to them."""
@@ -266,13 +246,18 @@ class Declared(metaclass=DeclaredType):
         raise AttributeError(f"{type(self).__name__} is immutable; {name} cannot be deleted")
 
     def __repr__(self) -> str:
-        fields = ", ".join(f"{name}={getattr(self, name)!r}" for name in self.model_fields)
+        fields = ", ".join(f"{name}={value!r}" for name, value in self)
         return f"{type(self).__name__}({fields})"
 
 
 def _field(cls: type, name: str, hint: Any) -> DeclaredField:
-    metadata, default = getattr(hint, "__metadata__", ()), getattr(cls, name, MISSING)
-    return DeclaredField(hint.__origin__ if metadata else hint, metadata, default)
+    """Return a field, whose default stands where it is annotated or given anew."""
+    metadata = getattr(hint, "__metadata__", ())
+    for base in cls.__mro__:
+        if name in vars(base) or name in vars(base).get("__annotations__", ()):
+            default = vars(base).get(name, MISSING)
+            return DeclaredField(hint.__origin__ if metadata else hint, metadata, default)
+    raise AssertionError(name)
 
 
 def declared_in(annotation: Any) -> Iterator[type[Declared]]:
@@ -281,15 +266,6 @@ def declared_in(annotation: Any) -> Iterator[type[Declared]]:
         yield annotation
     for inner in get_args(annotation):
         yield from declared_in(inner)
-
-
-def recorded_entries(section: Any, fields: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the fields of a section as plain values, without those `LATER` at their default."""
-    return {
-        name: plain(getattr(section, name))
-        for name, field in fields.items()
-        if LATER not in field.metadata or getattr(section, name) != field.default
-    }
 
 
 def plain(value: Any) -> Any:

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any, Final
 
-from agglom_mpi.declaration.declared import Declared, Reads, Strict
+from agglom_mpi.declaration.declared import Declared, Reads
 from agglom_mpi.declaration.units import quoted
 
 MAX_EXACT: Final = 2**53
@@ -14,10 +14,10 @@ def _whole(value: Any) -> Any:
     return int(value) if exact else value
 
 
-WholeNumber = Annotated[int, Strict(), Reads(_whole)]
+WholeNumber = Annotated[int, Reads(_whole)]
 """An integer, which may be written `3e2`: no text, no `true`, no 100.5."""
 
-Flag = Annotated[bool, Strict()]
+Flag = bool
 """`true` or `false`: no 1, no `yes`."""
 
 

@@ -1,5 +1,9 @@
-"""Values of the variables as a file gives them: one by one, and as strings to begin with."""
+"""Values of the variables as a file gives them: one by one, and as strings to begin with.
 
+Of some keys, a section has exactly one.
+"""
+
+from collections.abc import Mapping
 from typing import Annotated, Any, Final
 
 from agglom_mpi.declaration.components import Whole
@@ -97,6 +101,29 @@ def component_of(name: str, table: VariableTable) -> str:
         known = dict.fromkeys([*table.names, VOLUME_FRACTION.name])
         raise ValueError(f"unknown variable; {suggestion(name, known)}")
     return name
+
+
+SIZES: Final = ("half_width", "grain_diameter", "grain_radius")
+"""Keys of a scene for its size; one of them is given."""
+
+
+FRACTIONS: Final = ("size_ratio", "volume_fraction")
+"""Keys of the variables for the filling of the box; one of them is given."""
+
+
+def one_of(
+    keys: tuple[str, ...], values: Mapping[Any, Any], other: str = ""
+) -> tuple[dict[Any, Any], list[tuple[FieldPath, str]]]:
+    """Return values with one of these keys at most, and problems of the others.
+
+    None of them is kept where `other` stands in their place.
+    """
+    given = [key for key in keys if key in values]
+    surplus = given if other else given[1:]
+    beside = other or "".join(given[:1])
+    message = f"is given beside {beside}; give one of {', '.join(keys)}"
+    kept = {key: value for key, value in values.items() if key not in surplus}
+    return kept, [((key,), message) for key in surplus]
 
 
 class EarlierCampaign(Declared):

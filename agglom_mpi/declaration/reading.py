@@ -1,18 +1,50 @@
 """How the text of a campaign is read: as it is today or was recorded, and with which own classes.
 
-A `Reading` is the context of pydantic's validation. Whoever maps the name of a component to its
-class, such as `components.class_named`, asks it for the classes of one's own.
+Whoever maps the name of a component to its class, such as `components.class_named`, asks a
+`Reading` for the classes of one's own.
 """
 
 import re
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeGuard
+from collections.abc import Iterable, Iterator, Mapping
+from math import isfinite
+from types import NoneType, UnionType
+from typing import (
+    Annotated,
+    Any,
+    Final,
+    Literal,
+    NamedTuple,
+    TypeAlias,
+    TypeGuard,
+    Union,
+    get_args,
+    get_origin,
+)
 
 from agglom_mpi.declaration.units import quoted
 from agglom_mpi.variables import TEN, VariableTable
 
-if TYPE_CHECKING:
-    from pydantic import ValidationInfo
+FieldPath: TypeAlias = tuple[str | int, ...]
+"""Keys and list positions from the top of a file, or of a section, down to a field."""
+
+Problems: TypeAlias = Iterable[tuple[FieldPath, str]]
+"""Fields that are wrong: the path of each, and a message that follows its name."""
+
+
+class FieldError(ValueError):
+    """Errors of fields, each with its path below the validated section."""
+
+    def __init__(self, *problems: tuple[FieldPath, str]) -> None:
+        super().__init__("; ".join(f"{'.'.join(map(str, path))}: {m}" for path, m in problems))
+        self.problems = problems
+
+
+def raise_field_errors(problems: Problems) -> None:
+    """Raise a FieldError unless there are no problems."""
+    found = list(problems)
+    if found:
+        raise FieldError(*found)
+
 
 OWN_NAME: Final = re.compile(r"([^\W\d]\w*)\.py:([^\W\d]\w*)")
 """Regular expression of the name of a component of one's own, `FILE.py:Class`."""
@@ -126,18 +158,126 @@ class Reading(NamedTuple):
         Variables of its strings.
     files
         Reads the files of sizes.
+    earlier
+        Fields of the mapping that is read which stand before the field, where they are right.
     """
 
     recorded: bool = False
     own: OwnComponents = NO_OWN
     variables: VariableTable = TEN
     files: NamedFiles = NO_FILES
+    earlier: Mapping[str, Any] = {}
 
 
 PLAIN: Final = Reading()
 """Reading of a text alone."""
 
 
-def reading_of(info: "ValidationInfo") -> Reading:
-    """Return how the text that is validated is read."""
-    return info.context if isinstance(info.context, Reading) else PLAIN
+def read_value(value: Any, kind: Any, metadata: tuple[Any, ...], reading: Reading) -> Any:
+    """Return a value as a type and its metadata read it, the last of these first.
+
+    Raises
+    ------
+    FieldError
+        If values within it do not fit.
+    ValueError
+        If it does not fit itself; the message follows the name of the field.
+    """
+    if not metadata:
+        return _of_type(value, kind, reading)
+    *before, last = metadata
+
+    def inner(found: Any) -> Any:
+        return read_value(found, kind, tuple(before), reading)
+
+    if not hasattr(last, "read_field"):
+        return inner(value)
+    return last.read_field(value, kind, reading, inner)
+
+
+_EXPECTED: Final = {
+    int: "a whole number",
+    float: "a number",
+    str: "a text; put it in quotes",
+    bool: "true or false",
+    dict: "a mapping",
+    list: "a list",
+    tuple: "a list",
+}
+
+
+def _of_type(value: Any, kind: Any, reading: Reading) -> Any:
+    """Return a value of a type, which reads the values within it."""
+    origin, inner = get_origin(kind), get_args(kind)
+    if origin is Annotated:
+        return read_value(value, kind.__origin__, kind.__metadata__, reading)
+    if origin in (Union, UnionType):
+        return _of_one_type(value, inner, reading)
+    if origin is Literal:
+        if not any(value == each and type(value) is type(each) for each in inner):
+            raise ValueError(f"is {quoted(value)}; allowed: {', '.join(map(str, inner))}")
+        return value
+    if origin in (tuple, list):
+        return origin(_entries(value, origin, inner, reading))
+    if origin is dict:
+        known = _instance(value, dict)
+        return dict(_read_all(((key, each, inner[1]) for key, each in known.items()), reading))
+    if hasattr(kind, "checked") and not isinstance(value, kind):  # it is declared
+        return kind.checked(_instance(value, dict), reading)
+    return value if kind is Any else _instance(value, kind)
+
+
+def _of_one_type(value: Any, kinds: tuple[Any, ...], reading: Reading) -> Any:
+    if value is None and NoneType in kinds:
+        return None
+    *others, last = (kind for kind in kinds if kind is not NoneType)
+    for kind in others:
+        try:
+            return _of_type(value, kind, reading)
+        except ValueError:
+            continue
+    return _of_type(value, last, reading)
+
+
+def _entries(value: Any, origin: Any, kinds: tuple[Any, ...], reading: Reading) -> Iterator[Any]:
+    """Yield the values of a list, all of one type or each of its own."""
+    known = list(value) if isinstance(value, tuple) else _instance(value, list)
+    if origin is list or Ellipsis in kinds:
+        kinds = (kinds[0],) * len(known)
+    if len(known) != len(kinds):
+        raise ValueError(f"is {quoted(value)}; must have {len(kinds)} entries")
+    entries = ((i, *each) for i, each in enumerate(zip(known, kinds, strict=True)))
+    return (found for _, found in _read_all(entries, reading))
+
+
+def _read_all(
+    entries: Iterable[tuple[str | int, Any, Any]], reading: Reading
+) -> list[tuple[str | int, Any]]:
+    """Return the values of entries, each a key, a value and its type, by key."""
+    found, problems = [], list[tuple[FieldPath, str]]()
+    for key, value, kind in entries:
+        try:
+            found.append((key, _of_type(value, kind, reading)))
+        except ValueError as error:
+            problems += problems_at(key, error)
+    raise_field_errors(problems)
+    return found
+
+
+def problems_at(key: str | int, error: ValueError) -> Iterator[tuple[FieldPath, str]]:
+    """Yield what is wrong with a field, or with those within it."""
+    if isinstance(error, FieldError):
+        yield from (((key, *path), message) for path, message in error.problems)
+    else:
+        yield (key,), str(error)
+
+
+def _instance(value: Any, kind: Any) -> Any:
+    """Return a value that is an instance of a type; raise a ValueError otherwise."""
+    is_number = kind is float and isinstance(value, int)
+    is_flag = isinstance(value, bool) and kind is not bool
+    if is_flag or not (is_number or isinstance(value, kind)):
+        raise ValueError(f"is {quoted(value)}; must be {_EXPECTED.get(kind, kind.__name__)}")
+    if kind is float and not isfinite(value):
+        raise ValueError(f"is {quoted(value)}; must be a finite number")
+    return float(value) if is_number else value

@@ -62,7 +62,7 @@ class RunProgress(NamedTuple):
     strings_open
         Strings that need more samples.
     in_flight
-        Samples that ranks simulate or have queued; the campaign file does not have this number.
+        Maximum number of samples that ranks simulate or have queued; not in the campaign file.
     failed
         Samples that failed, of all legs.
     remaining, may_end_sooner
@@ -93,48 +93,36 @@ Phrase = tuple[str, str]
 
 def phrases(progress: RunProgress) -> tuple[list[Phrase], list[Phrase], list[Phrase]]:
     """Return three groups of phrases: progress and time, quality of the best, rate."""
-    return _time_phrases(progress), _quality_phrases(progress), _rate_phrases(progress)
-
-
-def _time_phrases(progress: RunProgress) -> list[Phrase]:
-    found = [(f"{progress.done}/{progress.total} {progress.unit}", "bold")]
+    best, left = progress.best, progress.remaining
+    time = [(f"{progress.done}/{progress.total} {progress.unit}", "bold")]
     if progress.elapsed:
-        found.append((format_clock(progress.elapsed), ""))
-    if progress.remaining is not None:
-        bounded = progress.may_end_sooner or progress.remaining.is_bound
-        bound = "at most " if bounded else ""
-        found.append((f"left {bound}{progress.remaining}", ""))
-    return found
-
-
-def _quality_phrases(progress: RunProgress) -> list[Phrase]:
-    found: list[Phrase] = []
-    if (best := progress.best) is not None:
-        found.append((f"best {best}", "green"))
+        time.append((format_clock(progress.elapsed), ""))
+    if left is not None:
+        bound = "at most " if progress.may_end_sooner or left.is_bound else ""
+        time.append((f"left {bound}{left}", ""))
+    quality: list[Phrase] = []
+    if best is not None:
+        quality.append((f"best {best}", "green"))
         if best.source:
-            found.append((best.source, "green"))
+            quality.append((best.source, "green"))
         if math.isfinite(best.mean_of_top):
-            found.append((f"mean of top {best.mean_of_top:.3g}", ""))
+            quality.append((f"mean of top {best.mean_of_top:.3g}", ""))
     if progress.failed:
-        found.append((f"{pluralise(progress.failed, 'sample')} failed", "red"))
-    return found
-
-
-def _rate_phrases(progress: RunProgress) -> list[Phrase]:
-    found: list[Phrase] = []
+        quality.append((f"{pluralise(progress.failed, 'sample')} failed", "red"))
+    rate: list[Phrase] = []
     if progress.samples:
-        found.append((pluralise(progress.samples, "sample"), ""))
+        rate.append((pluralise(progress.samples, "sample"), ""))
     if progress.rate is not None:
-        found.append((format_rate(progress.rate), ""))
+        rate.append((format_rate(progress.rate), ""))
     if progress.busy is not None:
-        found.append((f"{progress.busy:.0%} busy", ""))
+        rate.append((f"{progress.busy:.0%} busy", ""))
     if progress.strings_open:
-        found.append((f"{pluralise(progress.strings_open, 'string')} open", ""))
+        rate.append((f"{pluralise(progress.strings_open, 'string')} open", ""))
     if progress.in_flight is not None:
-        found.append((f"{progress.in_flight} in flight", ""))
+        rate.append((f"{progress.in_flight} in flight", ""))
     if progress.note:
-        found.append((progress.note, "yellow"))
-    return found
+        rate.append((progress.note, "yellow"))
+    return time, quality, rate
 
 
 def log_line(progress: RunProgress) -> str:

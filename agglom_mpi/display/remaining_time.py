@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable
 from typing import Final, NamedTuple
 
-from agglom_mpi.statistics import t_95
+from agglom_mpi.statistics import RunningMean, t_95
 
 MIN_DURATIONS: Final = 3
 """Durations before there is a forecast: of two the 95 % interval is hundreds of times wider than
@@ -51,35 +51,18 @@ class RemainingTime(NamedTuple):
         return f"{format_rounded(self.seconds, step)} ± {format_rounded(error, step)}"
 
 
-class DurationStatistics:
-    """Mean and standard deviation of durations that are added one by one (Welford).
-
-    Attributes
-    ----------
-    count
-        Number of durations.
-    mean
-        Their mean, s.
-    """
+class DurationStatistics(RunningMean):
+    """Mean and standard deviation of durations in s that are added one by one."""
 
     def __init__(self, durations: Iterable[float] = ()) -> None:
-        self.count = 0
-        self.mean = 0.0
-        self._squares = 0.0
+        super().__init__()
         for duration in durations:
             self.add(duration)
-
-    def add(self, duration: float) -> None:
-        """Add a duration, s."""
-        self.count += 1
-        deviation = duration - self.mean
-        self.mean += deviation / self.count
-        self._squares += deviation * (duration - self.mean)
 
     @property
     def deviation(self) -> float:
         """Standard deviation, s; nan of fewer than two durations."""
-        return math.sqrt(self._squares / (self.count - 1)) if self.count > 1 else math.nan
+        return math.sqrt(self.squares / (self.count - 1)) if self.count > 1 else math.nan
 
 
 def remaining_in_turns(

@@ -134,46 +134,33 @@ class Table:
         texts = ([text.replace("|", "¦") for text in line] for line in lines)
         return "\n".join(f"| {' | '.join(line)} |" for line in texts)
 
-    def _layout(self) -> "_Layout":
-        lines = entries = [self.headings, *self.cells]
-        left = {place for place, column in enumerate(self.shown) if column.text or place == 0}
-        if self.upright:
-            lines, left = [list(line) for line in zip(*lines, strict=True)], {0}
-        widths = [max(map(cell_len, each)) for each in zip(*lines, strict=True)]
-        return _Layout(lines, entries, left, widths, self.gap)
+    @cached_property
+    def _lines(self) -> list[list[str]]:
+        """Headings and rows as the terminal shows them."""
+        entries = [self.headings, *self.cells]
+        return [list(line) for line in zip(*entries, strict=True)] if self.upright else entries
+
+    @cached_property
+    def _widths(self) -> list[int]:
+        return [max(map(cell_len, each)) for each in zip(*self._lines, strict=True)]
 
     def __rich_measure__(self, console: Console, options: ConsoleOptions) -> Measurement:
-        widths = self._layout().widths
-        return Measurement(1, max(1, sum(widths) + self.gap * (len(widths) - 1)))
+        return Measurement(1, max(1, sum(self._widths) + self.gap * (len(self._widths) - 1)))
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """Yield the lines of columns side by side as far as they fit.
+
+        The others follow below, in as many pieces as it takes, each with the first column again.
+        Where a column has no room beside the first one, each row is a paragraph.
+        """
         if self.title:
             yield Text(self.title, style="table.title", overflow="fold")
-        yield from self._layout().lines(console, options.max_width)
-
-
-class _Layout(NamedTuple):
-    """Headings and lines of texts, in columns side by side as far as they fit.
-
-    The others follow below, in as many pieces as it takes, each with the first column again. Where
-    a column has no room beside the first one, each of the `entries`, the rows of the table even of
-    an upright one, is a paragraph with a line for each cell.
-    """
-
-    texts: list[list[str]]
-    entries: list[list[str]]
-    left: set[int]
-    widths: list[int]
-    gap: int
-
-    def lines(self, console: Console, room: int) -> Iterator[Text]:
-        """Yield the lines of the table in a width."""
-        pieces = self._pieces(room)
+        pieces = self._pieces(options.max_width)
         if pieces is None:
-            yield from self._paragraphs(console, room)
+            yield from self._paragraphs(console, options.max_width)
             return
         for place, columns in enumerate(pieces):
-            headings, *rows = self.texts
+            headings, *rows = self._lines
             first = place == 0
             rows = [row for row in rows if first or any(row[i] for i in columns[1:])]
             if not first:
@@ -186,11 +173,11 @@ class _Layout(NamedTuple):
     def _pieces(self, room: int) -> list[list[int]] | None:
         """Return the columns of each piece of the table; None if one does not fit."""
         pieces = [[0]]
-        used = self.widths[0]
-        for column, width in enumerate(self.widths[1:], 1):
+        used = self._widths[0]
+        for column, width in enumerate(self._widths[1:], 1):
             if used + self.gap + width > room and len(pieces[-1]) > 1:
                 pieces.append([0])
-                used = self.widths[0]
+                used = self._widths[0]
             pieces[-1].append(column)
             used += self.gap + width
             if used > room:
@@ -198,16 +185,17 @@ class _Layout(NamedTuple):
         return pieces
 
     def _aligned(self, cell: str, column: int) -> str:
-        blanks = " " * (self.widths[column] - cell_len(cell))
-        return cell + blanks if column in self.left else blanks + cell
+        blanks = " " * (self._widths[column] - cell_len(cell))
+        left = column == 0 or (not self.upright and self.shown[column].text)
+        return cell + blanks if left else blanks + cell
 
     def _paragraphs(self, console: Console, room: int) -> Iterator[Text]:
         """Yield for each row its label, and below it each heading with its cell."""
-        (first, *headings), *rows = self.entries
+        first, *headings = self.headings
         if first:
             yield Text(first, style="table.header", overflow="fold")
         wide = max(map(cell_len, headings), default=0)
-        for label, *cells in rows:
+        for label, *cells in self.cells:
             yield Text(label, overflow="fold")
             for heading, cell in zip(headings, cells, strict=True):
                 if not cell:

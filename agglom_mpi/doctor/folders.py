@@ -13,21 +13,10 @@ from typing import Final
 from agglom_mpi.compilation.kernels import cache_folder
 from agglom_mpi.doctor.machine import Finding
 
-SHARED_FILE_SYSTEMS: Final = {
-    "lustre",
-    "gpfs",
-    "beegfs",
-    "nfs",
-    "nfs4",
-    "cifs",
-    "smb3",
-    "panfs",
-    "ceph",
-    "9p",
-}
-"""File systems shared by several machines."""
 INCOHERENT_FILE_SYSTEMS: Final = {"nfs", "nfs4", "cifs", "smb3", "9p"}
 """Shared file systems on which concurrent writes of two machines can mix."""
+SHARED_FILE_SYSTEMS: Final = INCOHERENT_FILE_SYSTEMS | {"lustre", "gpfs", "beegfs", "panfs", "ceph"}
+"""File systems shared by several machines."""
 SLOW_FSYNC: Final = 0.5
 """Minimum time of an fsync, s, that slows down campaigns of short generations."""
 LITTLE_SPACE: Final = 2**30

@@ -20,23 +20,26 @@ ANSWER_TIMEOUT: Final = 20.0
 
 def answer_of(
     words: Sequence[str], environment: Mapping[str, str], seconds: float = ANSWER_TIMEOUT
-) -> subprocess.CompletedProcess[str]:
-    """Return how a command ended, and what it printed.
-
-    Raises
-    ------
-    OSError, subprocess.TimeoutExpired
-        If it cannot be started, or does not end in that time.
-    """
-    return subprocess.run(
-        words,
-        env=dict(environment),
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        timeout=seconds,
-        check=False,
-    )
+) -> tuple[bool, str]:
+    """Return whether a command succeeds, and what it prints; of one that does not, why."""
+    try:
+        done = subprocess.run(
+            words,
+            env=dict(environment),
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            timeout=seconds,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return False, f"no answer in {seconds:.0f} s"
+    except OSError as error:
+        return False, str(error)
+    if done.returncode < 0:
+        return False, f"ended by signal {-done.returncode}"
+    printed = [done.stdout, done.stderr][:: 1 if done.returncode == 0 else -1]
+    return done.returncode == 0, next(filter(None, printed), "").strip()
 
 
 class Finding(NamedTuple):
@@ -153,16 +156,11 @@ def check_batch_system(environment: Mapping[str, str] = os.environ) -> Iterator[
         yield Finding("Slurm job", f"{job}: {tasks} tasks on {nodes} nodes")
     if shutil.which("srun", path=environment.get("PATH")) is None:
         return
-    try:
-        done = answer_of(["srun", "--mpi=list"], environment)
-    except (OSError, subprocess.TimeoutExpired) as error:
-        yield Finding("Slurm", f"srun gives no answer: {error}")
+    works, answer = answer_of(["srun", "--mpi=list"], environment)
+    if not works:
+        yield Finding("Slurm", f"srun is installed, but does not find a Slurm: {answer}")
         return
-    if done.returncode != 0:
-        yield Finding("Slurm", "srun is installed, but does not find a Slurm")
-        return
-    words = (done.stdout + done.stderr).split()
-    kinds = [kind for kind in ("pmix", "pmi2", "cray_shasta") if kind in words]
+    kinds = [kind for kind in ("pmix", "pmi2", "cray_shasta") if kind in answer.split()]
     found = f"srun --mpi={' or '.join(kinds)}" if kinds else "srun offers no MPI interface"
     yield Finding("Slurm", found, "" if kinds else "start ranks with mpirun in a batch script")
 
@@ -190,8 +188,7 @@ MPICH_LOSS: Final = (
 
 def check_nodes(environment: Mapping[str, str] = os.environ) -> Iterator[Finding]:
     """Yield how launchers notice that a node is lost, and networks that Open MPI must not use."""
-    launcher = find_launcher(environment)
-    version = "" if launcher is None else _output_of([launcher, "--version"], environment)
+    _, version = answer_of([find_launcher(environment) or "mpirun", "--version"], environment)
     if "HYDRA" in version:
         yield Finding("lost node", MPICH_LOSS)
     elif "Open MPI" in version or "OpenRTE" in version:
@@ -199,7 +196,7 @@ def check_nodes(environment: Mapping[str, str] = os.environ) -> Iterator[Finding
         found = ", ".join(local_networks())
         if found and "OMPI_MCA_btl_tcp_if_include" not in environment:
             yield Finding("networks", f"{found} in this machine alone", OPEN_MPI_NETWORK)
-    configuration = _output_of(["scontrol", "show", "config"], environment)
+    _, configuration = answer_of(["scontrol", "show", "config"], environment)
     limit = re.search(r"SlurmdTimeout\s*= (\d+ sec)", configuration)
     if limit:
         found = f"srun ends the job {limit[1]} or more after a node is lost (SlurmdTimeout)"
@@ -212,12 +209,3 @@ def local_networks(devices: Path = NETWORK_DEVICES) -> list[str]:
         return sorted(path.name for path in devices.iterdir() if LOCAL_NETWORKS.match(path.name))
     except OSError:
         return []
-
-
-def _output_of(words: list[str], environment: Mapping[str, str]) -> str:
-    """Return what a command prints; empty if it fails."""
-    try:
-        done = answer_of(words, environment)
-    except (OSError, subprocess.TimeoutExpired):
-        return ""
-    return done.stdout if done.returncode == 0 else ""

@@ -4,7 +4,6 @@ import os
 import re
 import shutil
 import signal
-import subprocess
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Final
@@ -42,8 +41,9 @@ def check_mpi(environment: Mapping[str, str] = os.environ) -> Iterator[Finding]:
     if promised is not None:
         yield Finding("launched as", f"{promised} ranks", "run it without mpirun to see more")
         return
-    alone = _output_of(python_command(MPI_PROBE), environment)
-    if not _is_probe_output(alone):
+    probe, clean = python_command(MPI_PROBE), without_rank_variables(environment)
+    loads, alone = answer_of(probe, clean, MPI_TIMEOUT)
+    if not loads or alone.count(";") != 2:
         found = f"cannot be loaded: {_main_line(alone)}"
         yield Finding("MPI library", found, _advice_on(alone), broken=True)
         return
@@ -53,55 +53,30 @@ def check_mpi(environment: Mapping[str, str] = os.environ) -> Iterator[Finding]:
     if launcher is None:
         yield Finding("mpirun", "not found", INSTALL_MPI, broken=True)
         return
-    yield _two_ranks(launcher, version, environment)
-
-
-def _two_ranks(launcher: str, version: str, environment: Mapping[str, str]) -> Finding:
-    output = _output_of([launcher, "-n", "2", *python_command(MPI_PROBE)], environment)
-    if not _is_probe_output(output):
-        return Finding(
-            "mpirun", f"{launcher} fails: {_main_line(output)}", _advice_on(output), broken=True
-        )
+    works, output = answer_of([launcher, "-n", "2", *probe], clean, MPI_TIMEOUT)
+    if not works or output.count(";") < 2:
+        found = f"{launcher} fails: {_main_line(output)}"
+        yield Finding("mpirun", found, _advice_on(output), broken=True)
+        return
     size, _, started = output.splitlines()[-1].split(";")
-    if size != "2":
+    if size == "2":
+        yield Finding("mpirun", f"{launcher}: 2 ranks find each other ({started})")
+    else:
         advice = f"put the mpirun of {version} first on PATH; {INSTALL_MPI}"
         found = f"{launcher} starts 2 processes that do not find each other"
-        return Finding("mpirun", found, advice, broken=True)
-    return Finding("mpirun", f"{launcher}: 2 ranks find each other ({started})")
-
-
-def _output_of(words: list[str], environment: Mapping[str, str]) -> str:
-    try:
-        done = answer_of(words, without_rank_variables(environment), MPI_TIMEOUT)
-    except subprocess.TimeoutExpired:
-        return f"no answer in {MPI_TIMEOUT:.0f} s"
-    except OSError as error:
-        return str(error)
-    if done.returncode < 0:
-        return f"ended by signal {-done.returncode}"
-    return (done.stdout if done.returncode == 0 else done.stderr or done.stdout).strip()
+        yield Finding("mpirun", found, advice, broken=True)
 
 
 _SIGNAL: Final = re.compile(r"\bsignal (\d+)")
 """How launchers name what ended a rank: `Bus error (signal 7)`, `on signal 7 (Bus error)`."""
 
 
-def signal_name(number: int) -> str:
-    """Return name and meaning of a signal: `SIGBUS (Bus error)`."""
-    try:
-        return f"{signal.Signals(number).name} ({signal.strsignal(number)})"
-    except ValueError:
-        return f"signal {number}"
-
-
-def _is_probe_output(output: str) -> bool:
-    return bool(output) and output.splitlines()[-1].count(";") == 2
-
-
 def _main_line(output: str) -> str:
     """Return the most informative line: a signal, the last of a traceback, else the first."""
     if ended := _SIGNAL.search(output):
-        return f"ended by {signal_name(int(ended[1]))}"
+        number = int(ended[1])
+        names = {each.value: each.name for each in signal.Signals}  # not those of real time
+        return f"ended by {names.get(number, f'signal {number}')} ({signal.strsignal(number)})"
     lines = [line.strip() for line in output.splitlines() if line.strip(" -*=")]
     if not lines:
         return "no answer"

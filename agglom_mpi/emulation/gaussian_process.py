@@ -118,8 +118,8 @@ class GaussianProcess:
         samples: NDArray[np.int64] | Floats,
         earlier: "GaussianProcess | None" = None,
     ) -> None:
-        self._covariance = covariance
-        self._points = points
+        self.covariance = covariance
+        self.points = points
         self._values = values
         self._centre, self._scale, self._standard = standardised(values)
         self._noise = covariance.noise / samples + JITTER
@@ -127,23 +127,13 @@ class GaussianProcess:
         self._weights = cho_solve((self._factor.root, True), self._standard)
 
     @property
-    def covariance(self) -> Covariance:
-        """Covariance of the standardised function."""
-        return self._covariance
-
-    @property
-    def points(self) -> Floats:
-        """Points of the data, shape (n, d)."""
-        return self._points
-
-    @property
     def sample_deviation(self) -> float:
         """Standard deviation of one sample."""
-        return self._scale * math.sqrt(self._covariance.noise)
+        return self._scale * math.sqrt(self.covariance.noise)
 
     def mean(self, points: Floats) -> Floats:
         """Return the posterior mean at points, shape (m, d), shape (m,) [RW 2.25]."""
-        return self._centre + self._scale * (self._between(points, self._points) @ self._weights)
+        return self._centre + self._scale * (self._between(points, self.points) @ self._weights)
 
     def means_of(self, values: Floats, points: Floats) -> Floats:
         """Return the posterior means for other values at the same points, as noisy as these.
@@ -162,7 +152,7 @@ class GaussianProcess:
         """
         standard = (values - self._centre) / self._scale
         weights = cho_solve((self._factor.root, True), standard.T)
-        return self._centre + self._scale * (self._between(points, self._points) @ weights).T
+        return self._centre + self._scale * (self._between(points, self.points) @ weights).T
 
     @property
     def noise_at_points(self) -> Floats:
@@ -182,26 +172,26 @@ class GaussianProcess:
 
     def mean_and_slope(self, point: Floats) -> tuple[float, Floats]:
         """Return the posterior mean at one point, shape (d,), and its gradient, shape (d,)."""
-        lengths = self._covariance.lengths
-        away = (point - self._points) / lengths
+        lengths = self.covariance.lengths
+        away = (point - self.points) / lengths
         r = np.sqrt((away**2).sum(axis=1))
-        value = self._covariance.variance * matern(r) @ self._weights
-        slopes = -self._covariance.variance * matern_slope(r)[:, None] * away / lengths
+        value = self.covariance.variance * matern(r) @ self._weights
+        slopes = -self.covariance.variance * matern_slope(r)[:, None] * away / lengths
         return self._centre + self._scale * float(value), self._scale * (self._weights @ slopes)
 
     def deviation(self, points: Floats) -> Floats:
         """Return the posterior standard deviation at points, shape (m, d), shape (m,)."""
-        return self._deviation(self._between(self._points, points))
+        return self._deviation(self._between(self.points, points))
 
     def mean_and_deviation(self, points: Floats) -> tuple[Floats, Floats]:
         """Return posterior mean and standard deviation at points, (m, d), each of shape (m,)."""
-        across = self._between(self._points, points)
+        across = self._between(self.points, points)
         return self._centre + self._scale * (self._weights @ across), self._deviation(across)
 
     def _deviation(self, across: Floats) -> Floats:
         """Return standard deviations by the covariances with the points of the data, (n, m)."""
         explained = solve_triangular(self._factor.root, across, lower=True)
-        variance = self._covariance.variance - (explained**2).sum(axis=0)
+        variance = self.covariance.variance - (explained**2).sum(axis=0)
         return self._scale * np.sqrt(np.maximum(variance, 0.0))
 
     def leave_one_out(self) -> Floats:
@@ -214,10 +204,10 @@ class GaussianProcess:
 
     def draw(self, points: Floats, number: int, random: np.random.Generator) -> Floats:
         """Draw functions from the posterior at m points, (m, d): shape (number, m) [RW 2.24]."""
-        across = self._between(self._points, points)
+        across = self._between(self.points, points)
         explained = solve_triangular(self._factor.root, across, lower=True)
         covariance = self._between(points, points) - explained.T @ explained
-        covariance[np.diag_indices_from(covariance)] += DRAW_JITTER * self._covariance.variance
+        covariance[np.diag_indices_from(covariance)] += DRAW_JITTER * self.covariance.variance
         root = cholesky(covariance, lower=True)
         values = across.T @ self._weights + random.normal(size=(number, len(points))) @ root.T
         return self._centre + self._scale * values
@@ -248,12 +238,12 @@ class GaussianProcess:
         update
             Their `drawn_update`, shape (n, k).
         """
-        standard = prior + self._between(points, self._points) @ update
+        standard = prior + self._between(points, self.points) @ update
         return self._centre + self._scale * standard
 
     def _factored(self, earlier: "GaussianProcess | None") -> CholeskyFactor:
-        known = 0 if earlier is None else len(earlier._points)
-        first, others = self._points[:known], self._points[known:]
+        known = 0 if earlier is None else len(earlier.points)
+        first, others = self.points[:known], self.points[known:]
         corner = self._between(others, others)
         corner[np.diag_indices_from(corner)] += self._noise[known:]
         if earlier is None:
@@ -261,8 +251,8 @@ class GaussianProcess:
         return extended(earlier._factor, self._between(first, others), corner)
 
     def _between(self, left: Floats, right: Floats) -> Floats:
-        lengths = self._covariance.lengths
-        return self._covariance.variance * matern(distances(left / lengths, right / lengths))
+        lengths = self.covariance.lengths
+        return self.covariance.variance * matern(distances(left / lengths, right / lengths))
 
 
 def standardised(values: Floats) -> tuple[float, float, Floats]:

@@ -1,7 +1,7 @@
 """Joint emulator of several numbers of a sample, with their correlated noise."""
 
 from collections.abc import Callable
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,9 @@ NORMAL_POINTS: Final = 256
 """Number of normally distributed points that a function of several numbers is averaged over."""
 MAX_POINTS_PER_BLOCK: Final = 1024
 """Maximum number of points whose probabilities are computed together."""
+
+JointFunctions: TypeAlias = Callable[[Floats], Floats]
+"""Functions drawn from the posterior of the quantities: their values at points, (m, p)."""
 
 
 class JointEmulator:
@@ -94,21 +97,14 @@ class JointEmulator:
 
     def mean_only(self, points: Floats) -> Floats:
         """Return the quantities of the expected numbers at points, (m, p), shape (m, q)."""
-        return self._quantities(self.mixed_means(points) @ self.mixing.T)
-
-    def mixed_means(self, points: Floats) -> Floats:
-        """Return the expected mixed numbers at points, (m, p), shape (m, k)."""
-        return np.column_stack([e.mean(points) for e in self.processes])
+        mixed = np.column_stack([e.mean(points) for e in self.processes])
+        return self._quantities(mixed @ self.mixing.T)
 
     def mixed(self, points: Floats) -> tuple[Floats, Floats]:
         """Return mean and standard deviation of the mixed numbers at points, (m, k) each."""
         found = [e.mean_and_deviation(points) for e in self.processes]
         means, deviations = zip(*found, strict=True)
         return np.column_stack(means), np.column_stack(deviations)
-
-    def first_mean(self, points: Floats) -> Floats:
-        """Return the expected value of the first process at points, (m, p), shape (m,)."""
-        return self.processes[0].mean(points)
 
     def noise(self, points: Floats) -> Floats:
         """Return the standard deviation of each number of one sample at points, shape (m, k)."""
@@ -133,25 +129,18 @@ class JointEmulator:
         ]
         return np.concatenate(found)
 
-    def draw(self, number: int, random: np.random.Generator) -> "JointFunctions":
-        """Draw joint functions of the quantities from the posterior."""
-        return JointFunctions(self, number, random)
+    def draw(self, number: int, random: np.random.Generator) -> JointFunctions:
+        """Draw n joint functions of the quantities from the posterior: (m, p) → (n, m, q)."""
+        functions = [e.draw(number, random) for e in self.processes]
+
+        def drawn(points: Floats) -> Floats:
+            numbers = np.stack([function(points) for function in functions], axis=-1)
+            return self._quantities(numbers @ self.mixing.T)
+
+        return drawn
 
     def _spread_quantities(self, points: Floats) -> Floats:
         """Return normally distributed quantities at points, (`NORMAL_POINTS`, m, q)."""
         means, deviations = self.mixed(points)
         numbers = means + self._normal[:, None, :] * deviations
         return self._quantities(numbers @ self.mixing.T)
-
-
-class JointFunctions:
-    """Joint functions of the quantities of an emulator, drawn from its posterior."""
-
-    def __init__(self, emulator: JointEmulator, number: int, random: np.random.Generator) -> None:
-        self._emulator = emulator
-        self._functions = [e.draw(number, random) for e in emulator.processes]
-
-    def __call__(self, points: Floats) -> Floats:
-        """Return the n functions at points, (m, p), shape (n, m, q)."""
-        numbers = np.stack([drawn(points) for drawn in self._functions], axis=-1)
-        return self._emulator._quantities(numbers @ self._emulator.mixing.T)

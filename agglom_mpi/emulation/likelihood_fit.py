@@ -6,7 +6,6 @@ subsets, for an emulator of many points. [RW] is Rasmussen and Williams 2006.
 """
 
 import math
-from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -105,59 +104,6 @@ def covariance_of(logarithms: Floats) -> Covariance:
     return Covariance(float(best[0]), best[1:-1], float(best[-1]))
 
 
-class Arithmetic(NamedTuple):
-    """Way to compute a likelihood; the formulas are the same, the last bits are not.
-
-    Attributes
-    ----------
-    exponentials
-        Returns the covariance of its logarithms, shape (d + 2,).
-    slopes
-        Returns the derivative D of the negative log likelihood by the covariance matrix [RW 5.9],
-        shape (n, n), from its Cholesky factor, (n, n), and the weights of the data, (n,). It may
-        differ from D by an antisymmetric matrix.
-    product
-        Returns the sum of the products of the elements of D and a symmetric matrix, (n, n).
-    """
-
-    exponentials: Callable[[Floats], Covariance]
-    slopes: Callable[[Floats, Floats], Floats]
-    product: Callable[[Floats, Floats], float]
-
-
-def _recorded_exponentials(logarithms: Floats) -> Covariance:
-    lengths = np.exp(logarithms[1:-1])
-    return Covariance(math.exp(logarithms[0]), lengths, math.exp(logarithms[-1]))
-
-
-def _whole_slopes(root: Floats, weights: Floats) -> Floats:
-    inverse = cho_solve((root, True), np.eye(len(root)), check_finite=False)
-    return np.asarray(0.5 * (inverse - np.outer(weights, weights)))
-
-
-def _whole_product(slopes: Floats, matrix: Floats) -> float:
-    return float((slopes * matrix).sum())
-
-
-def _half_slopes(root: Floats, weights: Floats) -> Floats:
-    # The lower half of the inverse, doubled, stands for both.
-    slopes, _ = lapack.dpotri(root, lower=1, overwrite_c=1)
-    slopes[np.diag_indices_from(slopes)] *= 0.5
-    slopes -= 0.5 * np.outer(weights, weights)
-    return np.asarray(slopes)
-
-
-def _half_product(slopes: Floats, matrix: Floats) -> float:
-    return float(np.vdot(slopes, matrix))
-
-
-RECORDED_ARITHMETIC: Final = Arithmetic(_recorded_exponentials, _whole_slopes, _whole_product)
-"""Arithmetic of searches, which are resumed and replayed to the last bit."""
-
-FAST_ARITHMETIC: Final = Arithmetic(covariance_of, _half_slopes, _half_product)
-"""Arithmetic of emulators: half of the inverse matrix, in a third of the time."""
-
-
 class FitData(NamedTuple):
     """Data of a fit.
 
@@ -171,22 +117,25 @@ class FitData(NamedTuple):
         Numbers of samples, or other numbers that the variance of the noise is inversely
         proportional to, shape (n,).
     prior
-    arithmetic
+    is_recorded
+        Whether to compute as searches do, which are resumed and replayed to the last bit. Emulators
+        use the lower half of the inverse matrix, in a third of the time: the formulas are the same,
+        the last bits are not.
     """
 
     squares: Floats
     values: Floats
     weights: Floats
     prior: LengthPrior
-    arithmetic: Arithmetic
+    is_recorded: bool
 
 
 def fit_data(
-    points: Floats, standard: Floats, weights: Floats, prior: LengthPrior, arithmetic: Arithmetic
+    points: Floats, standard: Floats, weights: Floats, prior: LengthPrior, is_recorded: bool
 ) -> FitData:
     """Return the data of a fit to standardised means, (n,), at points, (n, d)."""
     squares = np.asarray((points.T[:, :, None] - points.T[:, None, :]) ** 2)
-    return FitData(squares, np.asarray_chkfinite(standard), weights, prior, arithmetic)
+    return FitData(squares, np.asarray_chkfinite(standard), weights, prior, is_recorded)
 
 
 def negative_log_posterior(
@@ -203,7 +152,10 @@ def negative_log_posterior(
         Whether to compute the gradient, (d + 2,), which takes most of the time; otherwise it is
         empty.
     """
-    variance, lengths, noise = data.arithmetic.exponentials(logarithms)
+    variance, lengths, noise = covariance_of(logarithms)
+    if data.is_recorded:
+        variance, noise = math.exp(logarithms[0]), math.exp(logarithms[-1])
+        lengths = np.exp(logarithms[1:-1])
     squares = data.squares.reshape(len(lengths), -1)
     r = np.sqrt(lengths**-2.0 @ squares).reshape(data.squares.shape[1:])
     smooth = variance * matern(r)
@@ -215,10 +167,19 @@ def negative_log_posterior(
     value = 0.5 * data.values @ weights + np.log(np.diag(root)).sum() + prior
     if not gradient:
         return float(value), np.empty(0)
-    slopes = data.arithmetic.slopes(root, weights)
+    # Derivatives by the covariance matrix [RW 5.9], but for an antisymmetric matrix.
+    if data.is_recorded:
+        inverse = cho_solve((root, True), np.eye(len(root)), check_finite=False)
+        slopes = np.asarray(0.5 * (inverse - np.outer(weights, weights)))
+        by_variance = float((slopes * smooth).sum())
+    else:
+        slopes, _ = lapack.dpotri(root, lower=1, overwrite_c=1)
+        slopes[np.diag_indices_from(slopes)] *= 0.5
+        slopes -= 0.5 * np.outer(weights, weights)
+        by_variance = float(np.vdot(slopes, smooth))
     by_distance = slopes * (variance * matern_slope(r))
     parts = (
-        [data.arithmetic.product(slopes, smooth)],
+        [by_variance],
         squares @ by_distance.ravel() / lengths**2 + prior_slope,
         [slopes.diagonal() @ (noise / data.weights)],
     )
@@ -273,9 +234,7 @@ def fit_covariance(
     """
     _, _, standard = standardised(values)
     d = points.shape[1]
-    data = fit_data(
-        points, standard, samples.astype(np.float64), search_prior(d), RECORDED_ARITHMETIC
-    )
+    data = fit_data(points, standard, samples.astype(np.float64), search_prior(d), True)
     found = most_probable(first_guess(d), data, 100)
     if jumps:
         other = most_probable(first_guess(d, LITTLE_NOISE), data, 100)
@@ -334,6 +293,4 @@ class LargeFit(NamedTuple):
     def _data(self, some: NDArray[np.int64] | slice = slice(None)) -> FitData:
         _, _, standard = standardised(self.values)
         prior = emulator_prior(self.points.shape[1], self.groups)
-        return fit_data(
-            self.points[some], standard[some], self.weights[some], prior, FAST_ARITHMETIC
-        )
+        return fit_data(self.points[some], standard[some], self.weights[some], prior, False)

@@ -118,13 +118,13 @@ def calibrate(emulated: EmulatedSet, points: SetPoints) -> Calibration:
     for name, which in (("below it", expected < lower), ("above it", expected > upper)):
         if np.any(which & ~near):
             regions.append(region_of(name, scores[:, which & ~near]))
-    threshold = _threshold(lower, upper)
+    threshold = float(np.mean([end for end in (lower, upper) if np.isfinite(end)]))
     # The noise of samples is skewed, so its distribution is that of the scores near the set.
     known = np.sort(scores[0, near])
     below = np.searchsorted(known, (threshold - expected) / deviation) / len(known)
     reliability = _reliability(1.0 - below, means > threshold)
     width = HALF_INTERVAL * float(np.median(deviation[near])) / emulated.criterion.half_width
-    return Calibration(regions, reliability, float(threshold), width)
+    return Calibration(regions, reliability, threshold, width)
 
 
 def _bounds(emulated: EmulatedSet, points: SetPoints) -> tuple[float, float]:
@@ -133,15 +133,8 @@ def _bounds(emulated: EmulatedSet, points: SetPoints) -> tuple[float, float]:
         return emulated.criterion.bounds()
     likely = points.probability >= LIKELY_SHARE * points.probability.max()
     at = emulated.coordinates.of_strings(points.strings[likely])
-    values = emulated.emulator.first_mean(at)
+    values = emulated.emulator.processes[0].mean(at)
     return float(values.min()), float(values.max())
-
-
-def _threshold(lower: float, upper: float) -> float:
-    """Return the middle of two bounds, or the finite one."""
-    if np.isfinite(lower) and np.isfinite(upper):
-        return 0.5 * (lower + upper)
-    return upper if np.isfinite(upper) else lower
 
 
 def region_of(name: str, scores: Floats) -> Region:

@@ -60,7 +60,11 @@ def assumed_error(
     if quantity in errors:
         return errors[quantity]
     asked = QUANTITIES[quantity]
-    same = [datum for datum in measured if len(datum.values) == 1 and datum.kind.kind == asked.kind]
+    same = [
+        datum
+        for datum in measured
+        if len(datum.values) == 1 and datum.kind.errors_like == asked.errors_like
+    ]
     if not same:
         return asked.assumed_error
     is_relative = asked.assumed_error.is_relative

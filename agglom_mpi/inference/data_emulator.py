@@ -16,12 +16,9 @@ import numpy as np
 from agglom_mpi.config.coordinates import coordinates_of
 from agglom_mpi.emulation.emulator import merge_samples
 from agglom_mpi.emulation.gaussian_process import Floats
-from agglom_mpi.inference.draw_groups import Observed
-from agglom_mpi.inference.emulated_box import EmulatedBox, EmulatedStrings
-from agglom_mpi.inference.posterior_sampling import MAX_LOGARITHM_AWAY
-from agglom_mpi.inference.searched_box import SearchedBox
-from agglom_mpi.inference.stored_samples import StoredSamples
-from agglom_mpi.inference.string_values import StringValues
+from agglom_mpi.inference.posterior_sampling import MAX_LOGARITHM_AWAY, Observed
+from agglom_mpi.inference.searched_box import EmulatedBox, EmulatedStrings, SearchedBox
+from agglom_mpi.inference.stored_samples import StoredSamples, StringValues
 from agglom_mpi.measurements.datum import Datum
 from agglom_mpi.measurements.misfit import ResidualFrame, residual_frame
 from agglom_mpi.random_streams import DATA_POSTERIOR
@@ -81,6 +78,9 @@ class EmulatedData(EmulatedBox):
         self, box: SearchedBox, data: Sequence[Datum], values: StringValues, stored: StoredSamples
     ) -> None:
         self.data = tuple(data)
+        several = len(self.data) > 1
+        self.given = f"all {len(self.data)} measured data" if several else "the measured datum"
+        self.criterion_text = f"data: {', '.join(datum.name for datum in self.data)}"
         self.frame: ResidualFrame = residual_frame(self.data)
         points = coordinates_of(box.campaign).of_strings(values.strings)
         framed = values.values @ self.frame.basis
@@ -150,16 +150,16 @@ class EmulatedData(EmulatedBox):
 
         It has the probability that samples of a string do not fail as a factor.
         """
-        found = [
-            self.log_density_at(self.at(strings[i : i + MAX_DENSITIES_AT_ONCE]))
-            for i in range(0, len(strings), MAX_DENSITIES_AT_ONCE)
-        ]
-        return np.concatenate(found) if found else np.empty(0)
+        found = [np.empty(0)]
+        for i in range(0, len(strings), MAX_DENSITIES_AT_ONCE):
+            known = self.at(strings[i : i + MAX_DENSITIES_AT_ONCE])
+            factors = self.factors(known.deviations)
+            found.append(log_densities(self.away(known)[None], factors, known.failing)[0])
+        return np.concatenate(found)
 
-    def log_density_at(self, known: EmulatedStrings) -> Floats:
-        """Return the same of emulated strings, (n,)."""
-        away = self.measured - known.means @ self.emulator.mixing.T
-        return log_densities(away[None], self.factors(known.deviations), known.failing)[0]
+    def away(self, known: EmulatedStrings) -> Floats:
+        """Return the measured less the emulated components of strings, (n, k)."""
+        return np.asarray(self.measured - known.means @ self.emulator.mixing.T)
 
     def framed_residuals(self, strings: Floats) -> tuple[Floats, Floats]:
         """Return data less predictions of strings in the frame, and the covariances of these.
@@ -167,8 +167,7 @@ class EmulatedData(EmulatedBox):
         Shapes (n, p) and (n, p, p); components that are not emulated are included.
         """
         known = self.at(strings)
-        own = self.covariances(known.deviations)
-        away = (self.measured - known.means @ self.emulator.mixing.T) @ self.components.T
+        own, away = self.covariances(known.deviations), self.away(known) @ self.components.T
         rest = (self.left_out * self.left_out_variance) @ self.left_out.T + np.eye(len(self.centre))
         covariances = np.einsum(
             "ak,nkl,bl->nab", self.components, own, self.components, optimize=True
@@ -193,22 +192,10 @@ class EmulatedData(EmulatedBox):
     def _nearest(self) -> tuple[float, Floats]:
         """χ² of the best of some even points, and the largest deviation of each number there."""
         known = self.at(self.box.even_strings(COARSE_POINTS))
-        away = self.measured - known.means @ self.emulator.mixing.T
-        best = float(chi_squares(away[None], self.factors(known.deviations)).min())
+        best = float(chi_squares(self.away(known)[None], self.factors(known.deviations)).min())
         return best, known.deviations.max(axis=0)
 
     # What a posterior asks of what was measured
-
-    @property
-    def given(self) -> str:
-        """The measurement, in a few words."""
-        count = len(self.data)
-        return f"all {count} measured data" if count > 1 else "the measured datum"
-
-    @property
-    def criterion_text(self) -> str:
-        """Measured or wanted values that the draws are compatible with."""
-        return f"data: {', '.join(datum.name for datum in self.data)}"
 
     def entries(self) -> dict[str, Any]:
         """Return what was measured as plain values: nothing, as it stands with the predictions."""
@@ -226,10 +213,7 @@ class EmulatedData(EmulatedBox):
     def measurements(
         self, strings: Floats, random: np.random.Generator, given: bool
     ) -> list[Floats]:
-        """Return one further measurement of each datum for strings, (n, k): a list of (n, q).
-
-        `given` says whether the measured values are known.
-        """
+        """Return one further measurement of each datum for strings, (n, k): a list of (n, q)."""
         components, left_out = self.drawn_components(strings, random, given)
         components = components + random.normal(size=components.shape)
         left_out = left_out + random.normal(size=left_out.shape)
@@ -239,11 +223,7 @@ class EmulatedData(EmulatedBox):
     def drawn_components(
         self, strings: Floats, random: np.random.Generator, given: bool
     ) -> tuple[Floats, Floats]:
-        """Return components drawn at strings: emulated ones, (n, k), and those left out.
-
-        The error of the emulator at a string is the same for every measurement. Where the measured
-        data are `given`, they narrow it down, too.
-        """
+        """Return components drawn at strings: emulated ones, (n, k), and those left out."""
         known = self.at(strings)
         mean = known.means @ self.emulator.mixing.T
         own = self.covariances(known.deviations)

@@ -11,8 +11,12 @@ from agglom_mpi.inference.data_emulator import EmulatedData
 from agglom_mpi.inference.posterior import Posterior, PosteriorError
 from agglom_mpi.inference.posterior_sampling import PRIOR_POINTS, sample_posterior
 from agglom_mpi.inference.searched_box import SearchedBox
-from agglom_mpi.inference.stored_samples import MIN_STRINGS, stored_samples, why_not_emulated
-from agglom_mpi.inference.string_values import string_values
+from agglom_mpi.inference.stored_samples import (
+    MIN_STRINGS,
+    stored_samples,
+    string_values,
+    why_not_emulated,
+)
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
 if TYPE_CHECKING:
@@ -58,11 +62,12 @@ def posterior_of(emulated: EmulatedData) -> Posterior:
     prior = box.even_strings(PRIOR_POINTS)
     strings = emulated.near(prior)
     first = emulated.log_density(strings)
-    drawn = sample_posterior(emulated, box, strings, first, len(prior))
+    drawn = sample_posterior(emulated, strings, first, len(prior))
     if len(drawn.weights) < MIN_POINTS:
         raise PosteriorError(
             f"{box.campaign.name}: the data leave so little of the box that {len(drawn.weights)} "
             "points of it have any weight; pip install emcee for a Markov chain, or search a "
             "narrower box"
         )
-    return Posterior(emulated, drawn, calibrate_posterior(emulated, drawn))
+    calibration = calibrate_posterior(emulated, drawn)
+    return Posterior(**vars(drawn), of=emulated, calibration=calibration)

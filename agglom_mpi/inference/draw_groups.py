@@ -4,14 +4,15 @@ A group is an xarray Dataset. Its variables have the dimensions `chain` and `dra
 `attrs["units"]`, and equal weight: what ArviZ computes of draws needs no weights.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.errors import require_library
+from agglom_mpi.inference.posterior_sampling import Measurement, Observed
 from agglom_mpi.inference.searched_box import SearchedBox
 from agglom_mpi.version import __version__
 
@@ -31,28 +32,6 @@ DEFAULT_DRAWS: Final = 4000
 """Maximum number of draws of equal weight, unless another is asked for."""
 CHAINS: Final = 4
 """Number of chains of independent draws: ArviZ compares several, each with at least four draws."""
-
-
-class Observed(NamedTuple):
-    """A measured quantity.
-
-    Attributes
-    ----------
-    name
-        Name of its variable.
-    dimension
-        Name of the dimension of its q values.
-    values, errors
-        Measured values and their standard errors, shape (q,).
-    attributes
-        Attributes of the variable, such as its units.
-    """
-
-    name: str
-    dimension: str
-    values: Floats
-    errors: Floats
-    attributes: dict[str, Any]
 
 
 def set_groups(
@@ -116,12 +95,11 @@ def independent_draws(weights: Floats, most: int, seed: int) -> NDArray[np.int64
 
 
 def posterior_groups(
-    box: SearchedBox,
+    of: Measurement,
     strings: Floats,
     stats: Mapping[str, tuple[Floats, str]],
     attributes: Mapping[str, Any],
-    observed: Sequence[Observed],
-    measurements: Callable[[Floats, bool], list[Floats]],
+    random: np.random.Generator,
 ) -> Groups:
     """Return the groups of `set_groups`, and those of what was measured.
 
@@ -131,22 +109,20 @@ def posterior_groups(
 
     Parameters
     ----------
-    box, strings, stats, attributes
-        As for `set_groups`.
-    observed
+    of
         What was measured.
-    measurements
-        Returns one further measurement of each quantity for strings, (n, k): a list of (n, q). The
-        second argument says whether the measured values are known, which narrows the emulator's
-        error down, too.
+    strings, stats, attributes
+        As for `set_groups`.
+    random
+        Stream of the predicted measurements.
     """
-    groups = set_groups(box, strings, stats, attributes)
+    groups, observed = set_groups(of.box, strings, stats, attributes), list(of.observed())
     drawn = {
         "posterior_predictive": (strings, True),
-        "prior_predictive": (prior_strings(box), False),
+        "prior_predictive": (prior_strings(of.box), False),
     }
     for group, (some, given) in drawn.items():
-        values = measurements(some.reshape(-1, some.shape[-1]), given)
+        values = of.measurements(some.reshape(-1, some.shape[-1]), random, given)
         shape = (*some.shape[:2], -1)
         groups[group] = _measured(
             observed, [each.reshape(shape) for each in values], ("chain", "draw")

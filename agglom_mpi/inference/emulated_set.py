@@ -7,9 +7,8 @@ import numpy as np
 
 from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.formatting import ROUNDING
-from agglom_mpi.inference.emulated_box import EmulatedBox, EmulatedStrings
 from agglom_mpi.inference.posterior_sampling import PRIOR_POINTS
-from agglom_mpi.inference.searched_box import SearchedBox
+from agglom_mpi.inference.searched_box import EmulatedBox, EmulatedStrings, SearchedBox
 from agglom_mpi.inference.stored_samples import StoredSamples
 from agglom_mpi.random_streams import FEASIBLE_SET
 from agglom_mpi.search.criteria import Criterion
@@ -72,10 +71,6 @@ class EmulatedSet(EmulatedBox):
         """Return the quantities of the expected numbers at strings, (n, k), shape (n, q)."""
         return self.emulator.mean_only(self.coordinates.of_strings(strings))
 
-    def noise(self, strings: Floats) -> Floats:
-        """Return the standard deviations of the numbers of one sample at strings, shape (n, k)."""
-        return self.emulator.noise(self.coordinates.of_strings(strings))
-
     def at(self, strings: Floats) -> EmulatedStrings:
         """Return what is known of the quantities of strings, (n, k) in SI units."""
         points = self.coordinates.of_strings(strings)
@@ -90,20 +85,15 @@ class EmulatedSet(EmulatedBox):
 
     def probability(self, strings: Floats) -> Floats:
         """Return the probability that strings, (n, k), are members, (n,); nan outside the box."""
-        found = np.full(len(strings), np.nan)
-        inside = self.box.inside(strings)
-        found[inside] = self._probability_inside(strings[inside])
+        found, inside = np.full(len(strings), np.nan), self.box.inside(strings)
+        if inside.any():
+            points = self.coordinates.of_strings(strings[inside])
+            members = self.criterion.probability(self.emulator, points)
+            members = members * (1.0 - self.failing(points))
+            if self.box.campaign.relations.constraints:
+                members = np.where(self.box.allowed(strings[inside]), members, 0.0)
+            found[inside] = members
         return found
-
-    def _probability_inside(self, strings: Floats) -> Floats:
-        if not len(strings):
-            return np.empty(0)
-        points = self.coordinates.of_strings(strings)
-        found = self.criterion.probability(self.emulator, points)
-        found = found * (1.0 - self.failing(points))
-        if self.box.campaign.relations.constraints:
-            found = np.where(self.box.allowed(strings), found, 0.0)
-        return np.asarray(found)
 
     def near_best(self) -> Floats:
         """Return allowed strings, (n, k), at which the emulated mean may be nearest to members.

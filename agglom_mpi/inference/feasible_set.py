@@ -12,15 +12,16 @@ from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.errors import UserError, require_library
 from agglom_mpi.inference.calibration import Calibration, calibrate
 from agglom_mpi.inference.emulated_set import VOLUME_STREAM, EmulatedSet
-from agglom_mpi.inference.mean_posterior import mean_posterior
-from agglom_mpi.inference.nearest import NearestString, nearest_string
+from agglom_mpi.inference.measured_mean import mean_posterior
 from agglom_mpi.inference.posterior import Posterior
 from agglom_mpi.inference.searched_box import SearchedBox
 from agglom_mpi.inference.set_directions import SetVariable, set_directions, set_variables
 from agglom_mpi.inference.set_points import (
     INNER_PROBABILITY,
     OUTER_PROBABILITY,
+    NearestString,
     SetPoints,
+    nearest_string,
     spread_points,
 )
 from agglom_mpi.inference.stored_samples import (
@@ -141,7 +142,8 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
 
         For moments, (n, k), that of the k numbers of a sample that are emulated.
         """
-        return self._at(parameters, lambda strings: _flat(self.emulated.noise(strings)))
+        noise, at = self.emulated.emulator.noise, self.emulated.coordinates.of_strings
+        return self._at(parameters, lambda strings: _flat(noise(at(strings))))
 
     # The set
 
@@ -150,10 +152,10 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
         """Whether neither a point of the box nor the nearest string is a member with P ≥ 0.05."""
         return self.outer == 0.0 and self.nearest.probability < OUTER_PROBABILITY
 
-    @property
+    @cached_property
     def nearest(self) -> NearestString:
         """The string whose emulated mean comes nearest to what is asked for, and that mean."""
-        return self._nearest
+        return nearest_string(self.emulated)
 
     @property
     def failing(self) -> int:
@@ -204,10 +206,20 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
         volume = self.volume
         return float(unsure @ self.points.weights) / volume if volume > 0.0 else np.inf
 
-    @property
+    @cached_property
     def volume_error(self) -> float:
         """Standard error of `volume`: of the emulator, by joint draws, and of the points."""
-        return self._volume_error
+        points = self.points
+        unsure = (points.probability > UNCERTAIN_PROBABILITY) & (
+            points.probability < 1.0 - UNCERTAIN_PROBABILITY
+        )
+        at = self.emulated.coordinates.of_strings(points.strings[unsure])
+        stream = self.emulated.stream(VOLUME_STREAM)
+        members = self.criterion.drawn_members(self.emulated.emulator, at, stream)
+        own = float((members @ points.weights[unsure]).std()) if unsure.any() else 0.0
+        squares = float(points.probability**2 @ points.weights**2)
+        spread = squares - self.volume**2 / len(points.weights)
+        return float(np.hypot(own, np.sqrt(max(spread, 0.0))))
 
     def sample(self, n: int, seed: int = 0) -> "pd.DataFrame":
         """Draw n members: strings uniform in the box, each kept with its probability.
@@ -236,7 +248,7 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
             raise NoFeasibleSetError(f"{self._name}: {error}") from None
         return box.table(strings, probability=self.emulated.probability(strings))
 
-    @property
+    @cached_property
     def directions(self) -> "pd.DataFrame":
         """Directions in which what is compared changes over the set, the most active first.
 
@@ -246,12 +258,12 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
         is near, with their `cosine`. A direction of a single variable has the exponent 1.
         """
         require_library("pandas", "report", "tables")
-        return self._directions.copy()
+        return set_directions(self.emulated, self._members)
 
-    @property
+    @cached_property
     def variables(self) -> list[SetVariable]:
         """Each searched variable: its range in the set, and whether it is free or decided."""
-        return list(self._variables)
+        return set_variables(self.emulated, self._members)
 
     def posterior(self, measured: float | str, error: float | str) -> Posterior:
         """Return the posterior of the variables, given a measured mean and its standard error.
@@ -260,34 +272,6 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
         over what is allowed of the box, in the coordinates of the search.
         """
         return mean_posterior(self.emulated, measured, error)
-
-    # Computed once
-
-    @cached_property
-    def _nearest(self) -> NearestString:
-        return nearest_string(self.emulated)
-
-    @cached_property
-    def _directions(self) -> "pd.DataFrame":
-        return set_directions(self.emulated, self._members)
-
-    @cached_property
-    def _variables(self) -> list[SetVariable]:
-        return set_variables(self.emulated, self._members)
-
-    @cached_property
-    def _volume_error(self) -> float:
-        points = self.points
-        unsure = (points.probability > UNCERTAIN_PROBABILITY) & (
-            points.probability < 1.0 - UNCERTAIN_PROBABILITY
-        )
-        at = self.emulated.coordinates.of_strings(points.strings[unsure])
-        stream = self.emulated.stream(VOLUME_STREAM)
-        members = self.criterion.drawn_members(self.emulated.emulator, at, stream)
-        own = float((members @ points.weights[unsure]).std()) if unsure.any() else 0.0
-        squares = float(points.probability**2 @ points.weights**2)
-        spread = squares - self.volume**2 / len(points.weights)
-        return float(np.hypot(own, np.sqrt(max(spread, 0.0))))
 
     @property
     def _members(self) -> SetPoints:

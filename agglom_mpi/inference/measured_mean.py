@@ -1,26 +1,36 @@
-"""One measured mean: its density, given the string, and what predicts a further measurement."""
+"""One measured mean: its density, given the string, and the posterior of the variables."""
 
 import math
 from collections.abc import Iterator
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from agglom_mpi.config.arguments import read_error, read_number, shown
+from agglom_mpi.config.yaml_source import ArgumentError
 from agglom_mpi.emulation.gaussian_process import Floats
-from agglom_mpi.inference.draw_groups import Observed
-from agglom_mpi.inference.emulated_box import EmulatedStrings
 from agglom_mpi.inference.emulated_set import EmulatedSet
+from agglom_mpi.inference.posterior import Posterior, PosteriorError
+from agglom_mpi.inference.posterior_sampling import Observed, sample_posterior
+from agglom_mpi.inference.searched_box import EmulatedStrings
+
+if TYPE_CHECKING:
+    from agglom_mpi.config.campaign import Campaign
 
 MAX_AWAY: Final = 6.0
 """Distance from the measured mean, in standard deviations, beyond which a string has no weight."""
+MAX_AWAY_OF_NEAREST: Final = 4.0
+"""Maximum distance of the nearest mean in the box from the measured one, in standard deviations."""
+POSITIVE_QUANTITIES: Final = frozenset({"mean_radius_ratio", "mean"})
+"""Quantities that are positive, so that their error is a fraction of them."""
 
 
 class MeasuredMean:
-    """Density of a measured mean, given the string.
+    """A `Measurement` of the one number that a set compares.
 
-    It is what `EmulatedData` is for data, of the one number that a set compares. That number is
-    emulated as it is, by the emulator of the set, so it has formulas of its own. Its variance is
-    the square of the error plus that of the emulated mean; the noise of samples is in the error.
+    That number is emulated as it is, by the emulator of the set, so it has formulas of its own. Its
+    variance is the square of the error plus that of the emulated mean; the noise of samples is in
+    the error.
 
     Parameters
     ----------
@@ -34,8 +44,8 @@ class MeasuredMean:
 
     def __init__(self, emulated: EmulatedSet, measured: float, error: float) -> None:
         self.box, self.coordinates = emulated.box, emulated.coordinates
-        self.quantity, self.criterion_text = (
-            emulated.criterion.quantities[0],
+        [self.quantity], self.criterion_text = (
+            emulated.criterion.quantities,
             emulated.criterion.text,
         )
         self.measured, self.error = measured, error
@@ -43,7 +53,7 @@ class MeasuredMean:
         self._reach = MAX_AWAY * math.hypot(error, float(emulated.prior[1].deviations.max()))
 
     def log_density(self, strings: Floats) -> Floats:
-        """Return the logarithm of the density given strings, (n, k), but for a constant, (n,)."""
+        """Return the logarithm of the density of the mean given strings, (n, k): (n,)."""
         return self.log_density_at(self._emulated.at(strings))
 
     def log_density_at(self, at: EmulatedStrings) -> Floats:
@@ -75,11 +85,7 @@ class MeasuredMean:
     def measurements(
         self, strings: Floats, random: np.random.Generator, given: bool
     ) -> list[Floats]:
-        """Return one further measurement for strings, (n, k): a list of one (n, 1).
-
-        The error of the emulator at a string is the same for every measurement. Where the measured
-        mean is `given`, it narrows it down, too.
-        """
+        """Return one further measurement for strings, (n, k): a list of one (n, 1)."""
         known = self._emulated.at(strings)
         mean, deviation = known.means[:, 0], known.deviations[:, 0]
         if given:
@@ -87,3 +93,74 @@ class MeasuredMean:
             mean = mean + share * (self.measured - mean)
             deviation = self.error * np.sqrt(share)
         return [random.normal(mean, np.hypot(deviation, self.error))[:, None]]
+
+
+def mean_posterior(emulated: EmulatedSet, measured: float | str, error: float | str) -> Posterior:
+    """Return the posterior; see `FeasibleSet.posterior`.
+
+    Raises
+    ------
+    PosteriorError
+        If several numbers are compared, or the measured mean is nowhere in the box.
+    ArgumentError
+        If the measured mean or its error is impossible.
+    """
+    campaign, quantities = emulated.box.campaign, emulated.criterion.quantities
+    measured, error = measurement_of(campaign, quantities, measured, error)
+    strings, known = emulated.prior
+    mean, deviation = known.means[:, 0], known.deviations[:, 0]
+    away = np.abs(measured - mean) / np.hypot(error, deviation)
+    if away.min(initial=np.inf) > MAX_AWAY_OF_NEAREST:
+        raise PosteriorError(
+            f"measured is {measured:g} ± {error:g}, which no string of the box can give: by the "
+            f"emulator they reach {mean.min():.4g} to {mean.max():.4g}"
+        )
+    of = MeasuredMean(emulated, measured, error)
+    first = of.log_density_at(known)
+    drawn = sample_posterior(of, strings, first, len(strings))
+    return Posterior(**vars(drawn), of=of)
+
+
+def measurement_of(
+    campaign: "Campaign", quantities: tuple[str, ...], measured: float | str, error: float | str
+) -> tuple[float, float]:
+    """Return a measured value and its standard error, if the campaign can have a posterior of it.
+
+    Parameters
+    ----------
+    campaign
+    quantities
+        What its objective compares.
+    measured, error
+        As for `mean_posterior`.
+
+    Raises
+    ------
+    PosteriorError
+        If several numbers are compared.
+    ArgumentError
+        If one of them is impossible.
+    """
+    if len(quantities) > 1:
+        raise PosteriorError(
+            f"the objective compares {', '.join(quantities)}; a posterior needs a measured number "
+            "that is compared alone"
+        )
+    field: str = "measured"
+    is_radius = quantities[0] in POSITIVE_QUANTITIES
+    try:
+        value = read_number(measured)
+        if is_radius and value <= 0.0:
+            raise ValueError(f"is {shown(measured)}; must be greater than 0, a mean b/b0")
+        field = "error"
+        deviation = read_error(error, value, positive=is_radius)
+        field = "measured"
+        largest = campaign.most_grains ** (1.0 / 3.0)
+        if is_radius and value - MAX_AWAY_OF_NEAREST * deviation > largest:
+            raise ValueError(
+                f"is {shown(measured)}; {campaign.scene.particles} grains in one give "
+                f"{largest:.4g}, which is the most"
+            )
+    except ValueError as problem:
+        raise ArgumentError.of(campaign.name, field, problem) from None
+    return value, deviation

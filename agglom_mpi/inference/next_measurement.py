@@ -22,17 +22,19 @@ from agglom_mpi.inference.candidate_data import (
     read_errors,
     repeated,
 )
-from agglom_mpi.inference.candidate_emulator import CandidateEmulator, DataAtPoints, LinearQuantity
 from agglom_mpi.inference.data_emulator import EmulatedData
 from agglom_mpi.inference.expected_volume import (
     Candidate,
+    CandidateEmulator,
+    DataAtPoints,
     ExpectedVolume,
+    LinearQuantity,
     WeightedPoints,
     expected_volume,
 )
 from agglom_mpi.inference.posterior_sampling import BoxPart, WeightedStrings
 from agglom_mpi.inference.searched_box import SearchedBox
-from agglom_mpi.inference.string_values import string_values
+from agglom_mpi.inference.stored_samples import string_values
 from agglom_mpi.measurements.datum import Datum
 from agglom_mpi.measurements.quantities import AssumedError
 from agglom_mpi.random_streams import NEXT_MEASUREMENT, search_stream
@@ -212,7 +214,7 @@ def dense_points(of: EmulatedData, drawn: WeightedStrings) -> tuple[Floats, Weig
     part = BoxPart.around(places, drawn.weights[counted], PART_MARGIN, MIN_MARGIN)
     allowed = allowed_share(box.campaign).value if box.campaign.relations.constraints else 1.0
     share = part.volume / allowed
-    wanted = REGION_POINTS * share / drawn.region if drawn.region > 0.0 else MAX_POINTS
+    wanted = REGION_POINTS * share / drawn.volume if drawn.volume > 0.0 else MAX_POINTS
     count = 1 << math.ceil(math.log2(min(max(wanted, MIN_POINTS), MAX_POINTS)))
     strings = part.even_strings(box, count)
     logarithms = of.log_density(strings)
@@ -228,10 +230,10 @@ def _repetitions(
     """Yield a repetition of each datum with half of its error."""
     for datum, columns in zip(of.data, of.frame.columns, strict=True):
         matrix = of.frame.roots[columns] @ of.components @ of.emulator.mixing
-        linear = LinearQuantity.of_data(matrix, len(points.weights))
         # Along its own directions the errors of the datum are independent and 1; those of the
         # repetition are independent of all others.
-        candidate = data.expected(linear, REPEATED_ERROR**2 * np.eye(len(matrix)))
+        error_of_numbers = REPEATED_ERROR**2 * np.eye(len(matrix))
+        candidate = data.expected(LinearQuantity(matrix), error_of_numbers)
         after, resolved = _expected(of.box, points, candidate)
         value = error = math.nan
         if len(datum.values) == 1:

@@ -21,12 +21,12 @@ from agglom_mpi.inference.draw_groups import (
     posterior_groups,
     root_attributes,
 )
-from agglom_mpi.inference.measured_mean import MeasuredMean
 from agglom_mpi.inference.next_measurement import NextMeasurements, next_measurements
 from agglom_mpi.inference.posterior_sampling import (
     CENTRAL,
     MIN_SIZE,
     REPORTED_QUANTILES,
+    Measurement,
     WeightedStrings,
 )
 from agglom_mpi.inference.predictive import PredictedDatum, predict_data
@@ -50,8 +50,8 @@ class PosteriorError(UserError, ValueError):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Posterior:
-    """Weighted strings that stand for the posterior.
+class Posterior(WeightedStrings):
+    """Weighted strings that stand for the posterior; see `WeightedStrings` for their attributes.
 
     `open_campaign(path).posterior()` returns that of all data of a campaign, with its check and its
     predictions; `feasible_set(tolerance).posterior(measured, error)` that of a measured mean.
@@ -60,8 +60,6 @@ class Posterior:
     ----------
     of
         What was measured, with the emulator and the search box.
-    drawn
-        The strings.
     calibration
         Whether such posteriors contain the truth as often as they claim, by made-up data; None of a
         measured mean, whose set is calibrated.
@@ -69,8 +67,7 @@ class Posterior:
         The campaign file with the samples; None of a posterior that was put together without one.
     """
 
-    of: EmulatedData | MeasuredMean
-    drawn: WeightedStrings
+    of: Measurement
     calibration: DataCalibration | None = None
     file: "CampaignData | None" = None
 
@@ -85,31 +82,6 @@ class Posterior:
     @property
     def _name(self) -> str:
         return str(self.of.box.campaign.name)
-
-    @property
-    def strings(self) -> Floats:
-        """Strings in SI units, shape (n, k)."""
-        return self.drawn.strings
-
-    @property
-    def weights(self) -> Floats:
-        """Weights of the strings, whose sum is 1, shape (n,)."""
-        return self.drawn.weights
-
-    @property
-    def effective_size(self) -> float:
-        """Number of independent strings that would be as informative."""
-        return self.drawn.effective_size
-
-    @property
-    def method(self) -> str:
-        """Either `importance weights` or `chain`."""
-        return self.drawn.method
-
-    @property
-    def volume(self) -> float:
-        """Share of the allowed part of the box in the smallest region with 90 % of the weight."""
-        return self.drawn.region
 
     @property
     def warning(self) -> str:
@@ -179,8 +151,8 @@ class Posterior:
         effective size, which no number of draws can raise, is an attribute of `posterior`.
         """
         draws, seed = self.of.box.count("draws", draws, least=1), self.of.box.count("seed", seed)
-        if self.drawn.walkers:
-            chosen = np.arange(len(self.weights)).reshape(-1, self.drawn.walkers).T
+        if self.walkers:
+            chosen = np.arange(len(self.weights)).reshape(-1, self.walkers).T
         else:
             chosen = in_chains(independent_draws(self.weights, draws, seed))
         meaning = "weight of the string before it was drawn; the draws need no weights"
@@ -190,15 +162,9 @@ class Posterior:
             "method": self.method,
             "warning": self.warning,
         }
+        stats = {"weight": (self.weights[chosen], meaning)}
         random = np.random.default_rng([seed, 1])
-        return posterior_groups(
-            self.of.box,
-            self.strings[chosen],
-            {"weight": (self.weights[chosen], meaning)},
-            attributes,
-            list(self.of.observed()),
-            lambda strings, given: self.of.measurements(strings, random, given),
-        )
+        return posterior_groups(self.of, self.strings[chosen], stats, attributes, random)
 
     @property
     def given(self) -> str:
@@ -232,7 +198,7 @@ class Posterior:
 
     @cached_property
     def _predictions(self) -> tuple[list[PredictedDatum], float]:
-        return predict_data(self.emulated_data, self.drawn)
+        return predict_data(self.emulated_data, self)
 
     @property
     def emulated_data(self) -> EmulatedData:
@@ -287,7 +253,7 @@ class Posterior:
                 f"{self._name}: {self.misfit_text}; what a further measurement would give is not "
                 "known before the data, their errors, the box or the laws of the scene are mended"
             )
-        return next_measurements(self.file, self.emulated_data, self.drawn, errors)
+        return next_measurements(self.file, self.emulated_data, self, errors)
 
     # The variables
 

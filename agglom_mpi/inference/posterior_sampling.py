@@ -1,15 +1,18 @@
 """Strings that stand for a posterior, whatever was measured.
 
-The density of the data, a `Likelihood`, weighs even points of the prior, which is uniform over
+The density of what was measured weighs even points of the prior, which is uniform over
 what is allowed of the box. Where too few of them count there are more, in a smaller part of the
 box along the principal axes of what has weight. If they still do not suffice, Markov chains are
 run.
 """
 
-from typing import Final, NamedTuple, Protocol, Self
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple, Protocol, Self
 
 import numpy as np
 
+from agglom_mpi.config.coordinates import Coordinates
 from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.inference.expected_volume import REGION_WEIGHT, region_volumes
 from agglom_mpi.inference.searched_box import SearchedBox
@@ -40,22 +43,75 @@ REGION_POINTS: Final = 1 << 13
 """Number of even points that measure the volume of the region of a chain."""
 
 
-class Likelihood(Protocol):
-    """Density of what was measured, as a function of the string."""
+class Observed(NamedTuple):
+    """A measured quantity.
+
+    Attributes
+    ----------
+    name
+        Name of its variable.
+    dimension
+        Name of the dimension of its q values.
+    values, errors
+        Measured values and their standard errors, shape (q,).
+    attributes
+        Attributes of the variable, such as its units.
+    """
+
+    name: str
+    dimension: str
+    values: Floats
+    errors: Floats
+    attributes: dict[str, Any]
+
+
+class Measurement(Protocol):
+    """What was measured, data or a mean, and what strings predict for it.
+
+    Attributes
+    ----------
+    box
+        The search box.
+    coordinates
+        Those of the emulator.
+    given
+        The measurement, in a few words.
+    criterion_text
+        Measured or wanted values that draws are compatible with.
+    """
+
+    box: SearchedBox
+    coordinates: Coordinates
+    given: str
+    criterion_text: str
 
     def log_density(self, strings: Floats) -> Floats:
         """Return the logarithm of the density of the data given strings, (n, k): (n,).
 
         A constant may be left out; -inf excludes a string.
         """
-        ...
 
     def near(self, strings: Floats) -> Floats:
         """Return those of strings, (n, k), that may have any weight, found at little cost."""
-        ...
+
+    def entries(self) -> dict[str, Any]:
+        """Return what was measured as plain values, unless it stands with the predictions."""
+
+    def observed(self) -> Iterator[Observed]:
+        """Yield each measured quantity for an ArviZ file."""
+
+    def measurements(
+        self, strings: Floats, random: np.random.Generator, given: bool
+    ) -> list[Floats]:
+        """Return one further measurement of each quantity for strings, (n, k): a list of (n, q).
+
+        The error of the emulator at a string is the same for every measurement. Where the measured
+        values are `given`, they narrow it down, too.
+        """
 
 
-class WeightedStrings(NamedTuple):
+@dataclass(frozen=True, eq=False, repr=False)
+class WeightedStrings:
     """Strings that stand for a posterior.
 
     Attributes
@@ -70,8 +126,8 @@ class WeightedStrings(NamedTuple):
         `importance weights` or `chain`.
     walkers
         Number of walkers of the chain, which alternate in the strings; 0 without a chain.
-    region
-        Share of the allowed part of the box that the smallest region with 90 % of the weight has.
+    volume
+        Share of the allowed part of the box in the smallest region with 90 % of the weight.
     """
 
     strings: Floats
@@ -79,7 +135,7 @@ class WeightedStrings(NamedTuple):
     effective_size: float
     method: str
     walkers: int
-    region: float
+    volume: float
 
 
 class BoxPart(NamedTuple):
@@ -139,23 +195,21 @@ class BoxPart(NamedTuple):
 
 
 def sample_posterior(
-    likelihood: Likelihood, box: SearchedBox, strings: Floats, logarithms: Floats, prior: int
+    of: Measurement, strings: Floats, logarithms: Floats, prior: int
 ) -> WeightedStrings:
     """Return strings that stand for the posterior.
 
     Parameters
     ----------
-    likelihood
-        What was measured.
-    box
-        The search box, over which the prior is uniform.
+    of
+        What was measured; the prior is uniform over its box.
     strings, logarithms
         Those of the first points of the prior that may have weight, shape (n, k), with their
         log-densities, (n,).
     prior
         Number of all first points: the allowed ones of `PRIOR_POINTS` even points of the box.
     """
-    count, total = PRIOR_POINTS, float(prior)
+    box, count, total = of.box, PRIOR_POINTS, float(prior)
     part: BoxPart | None = None
     while True:
         weights = np.exp(logarithms - logarithms.max(initial=-np.inf))
@@ -170,12 +224,10 @@ def sample_posterior(
             count *= 2 if size > 0.5 * SUFFICIENT_SIZE else 4
         some = box.even_strings(count) if part is None else part.even_strings(box, count)
         total = len(some) if part is None else count / part.volume
-        strings = likelihood.near(some)
-        logarithms = likelihood.log_density(strings)
-    if size < MIN_SIZE:
-        chain = _chain(likelihood, box, strings, weights)
-        if chain is not None:
-            return chain
+        strings = of.near(some)
+        logarithms = of.log_density(strings)
+    if size < MIN_SIZE and (chain := _chain(of, strings, weights)) is not None:
+        return chain
     region = float(region_volumes(weights[None], 1.0 / total)[0])
     some = weights > 1e-12 * weights.max()
     weights = weights[some] / weights[some].sum()
@@ -199,22 +251,20 @@ def effective_size(weights: Floats) -> float:
     return float(weights.sum()) ** 2 / squares if squares > 0.0 else 0.0
 
 
-def _chain(
-    likelihood: Likelihood, box: SearchedBox, strings: Floats, weights: Floats
-) -> WeightedStrings | None:
+def _chain(of: Measurement, strings: Floats, weights: Floats) -> WeightedStrings | None:
     """Return a posterior by an ensemble of Markov chains; None without the library emcee."""
     try:
         import emcee
     except ImportError:
         return None
-    space, d = box.space, len(box.names)
+    box, space, d = of.box, of.box.space, len(of.box.names)
     walkers = max(MIN_WALKERS, WALKERS_PER_VARIABLE * d)
 
     def log_density(points: Floats) -> Floats:
         inside = ((points >= 0.0) & (points <= 1.0)).all(axis=1)
         found = np.full(len(points), -np.inf)
         chosen = space.from_unit(np.clip(points[inside], 0.0, 1.0))
-        values = likelihood.log_density(chosen)
+        values = of.log_density(chosen)
         found[inside] = np.where(box.allowed(chosen), values, -np.inf)
         return found
 
@@ -228,14 +278,10 @@ def _chain(
     time = float(np.max(sampler.get_autocorr_time(quiet=True, tol=0)))
     size, equal = len(drawn) / time, np.full(len(drawn), 1.0 / len(drawn))
     least = float(np.quantile(densities, 1.0 - REGION_WEIGHT))
-    region = _chain_region(likelihood, box, drawn, least)
-    return WeightedStrings(space.from_unit(drawn), equal, size, "chain", walkers, region)
-
-
-def _chain_region(likelihood: Likelihood, box: SearchedBox, drawn: Floats, least: float) -> float:
-    """Return the share of what is allowed of the box with a log-density of `least` or more."""
+    # The share of what is allowed of the box with a log-density of `least` or more.
     part = BoxPart.around(drawn)
-    near = likelihood.near(part.even_strings(box, REGION_POINTS))
-    count = float(np.sum(likelihood.log_density(near) >= least))
+    near = of.near(part.even_strings(box, REGION_POINTS))
+    count = float(np.sum(of.log_density(near) >= least))
     allowed = len(box.allowed_even_strings(REGION_POINTS)) / REGION_POINTS or 1.0
-    return count / REGION_POINTS * part.volume / allowed
+    region = count / REGION_POINTS * part.volume / allowed
+    return WeightedStrings(space.from_unit(drawn), equal, size, "chain", walkers, region)

@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.formatting import value_with_prefix
-from agglom_mpi.measurements.census import Census
+from agglom_mpi.measurements.census import Census, SampleSums
 from agglom_mpi.measurements.quantities import PARTICLE_WEIGHTS, QUANTITIES, MeasuredQuantity
-from agglom_mpi.measurements.sample_sums import SampleSums
 
 Floats = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from agglom_mpi.declaration.components import Component
 from agglom_mpi.declaration.needed import needed
 from agglom_mpi.formatting import in_unit, value_with_prefix
-from agglom_mpi.measurements.sample_sums import SampleSums, left_out_sums
+from agglom_mpi.measurements.census import SampleSums, left_out_sums
 
 Floats = NDArray[np.float64]
 
@@ -121,7 +121,7 @@ class MeasuredQuantity(Component):
         return np.clip(values, 0.0, self.most)
 
     @property
-    def kind(self) -> str:
+    def errors_like(self) -> str:
         """Name of all quantities whose measurements have similar errors."""
         return "length" if self.unit == "m" else self.name
 

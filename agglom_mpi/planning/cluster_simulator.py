@@ -10,7 +10,11 @@ from typing import Final, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.judge import Judge, samples_needed
+from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.planning.forecast import FREE, MAX_SIMULATED, Forecast, MessageCosts
+from agglom_mpi.scheduling.estimators import RANGE_SECONDS
+from agglom_mpi.scheduling.interface import ReturnedPart
 from agglom_mpi.scheduling.scheduler import Scheduler
 from agglom_mpi.search.decisions import Decision, StringEvaluated, StringsProposed
 from agglom_mpi.search.inversion import Inversion
@@ -24,11 +28,43 @@ PROGRESS_MESSAGES: Final = 500
 
 
 class SampleInFlight(NamedTuple):
-    """A sample in flight on a simulated rank, with its time in s; `needed`: not withdrawn."""
+    """A sample in flight on a simulated rank.
+
+    Attributes
+    ----------
+    string, sample
+        Its numbers.
+    seconds
+        Its time, s.
+    needed
+        Whether it is not withdrawn.
+    ends
+        Whether it is the last one of its task.
+    leaves_out
+        Whether those after it in the task were left out.
+    begin
+        Time in s that the rank takes before it: it is the first one of its task.
+    """
 
     string: int
+    sample: int
     seconds: float
     needed: bool = True
+    ends: bool = False
+    leaves_out: bool = False
+    begin: float = 0.0
+
+
+def returned_parts(samples: Iterable[SampleInFlight]) -> Iterator[ReturnedPart]:
+    """Yield what a rank returns of its tasks."""
+    task: list[SampleInFlight] = []
+    for sample in samples:
+        task.append(sample)
+        if sample.ends:
+            done = sum(each.needed for each in task)
+            left_out = sample.leaves_out or done < len(task)
+            yield ReturnedPart(sample.string, task[0].sample, done, left_out)
+            task.clear()
 
 
 class SimulatedRank:
@@ -54,7 +90,8 @@ class SimulatedRank:
     def end(self) -> float:
         """Time at which the first batch is finished, s."""
         received, samples = self.batches[0]
-        return max(self.free_at, received) + sum(sample.seconds for sample in samples)
+        spent = sum(sample.begin + sample.seconds for sample in samples)
+        return max(self.free_at, received) + spent
 
     def take(self) -> list[SampleInFlight]:
         """Remove and return the first batch, which is finished."""
@@ -75,7 +112,7 @@ class SimulatedRank:
         for received, samples in self.batches:
             end = max(end, received)
             for place, sample in enumerate(samples):
-                end += sample.seconds
+                end += sample.begin + sample.seconds
                 yield samples, place, end
 
 
@@ -109,6 +146,15 @@ class DrawnSamples:
         """Return rows, (count,), of samples from `first` on."""
         self.draw(first + count)
         return self._rows[0][first : first + count]
+
+    def needed(self, first: int, count: int, judge: Judge) -> int:
+        """Return how many of `count` samples from `first` on a judge asks for."""
+        taken = 0
+        while taken < count and not judge.state["decided"][0]:
+            rows = self.rows(first + taken, min(count - taken, max(BLOCK, taken)))
+            completed = rows["state"] == COMPLETED
+            taken += samples_needed(judge, completed, rows["mean_radius_ratio"])
+        return taken
 
     def draw(self, count: int) -> None:
         """Draw the first `count` samples, if they are not yet."""
@@ -286,10 +332,7 @@ class ClusterSimulator:
             self._expect(rank)
         for rank, tasks in scheduler.assignments(now):
             now = self._serve(now, self._costs.message)
-            columns = (tasks[name].tolist() for name in ("string", "first", "count"))
-            samples = [
-                sample for piece in zip(*columns, strict=True) for sample in self._samples(*piece)
-            ]
+            samples = [sample for task in tasks for sample in self._samples(task)]
             self._ranks[rank].put(now + self._costs.latency, samples)
             if len(self._ranks[rank].batches) == 1:
                 self._expect(rank)
@@ -309,12 +352,11 @@ class ClusterSimulator:
         scheduler.heartbeat(rank, now)
         scheduler.batch_sizer.learn([sample.seconds for sample in done])
         parts = 0
-        for part, _ in scheduler.returned(rank, [sample.needed for sample in samples]):
-            taken, samples = samples[: part.size], samples[part.size :]
-            count = sum(sample.needed for sample in taken)
-            if count:
+        for part in returned_parts(samples):
+            scheduler.returned(rank, part)
+            if part.size:
                 parts += 1
-                rows = self._drawn[part.string].rows(part.first, count)
+                rows = self._drawn[part.string].rows(part.first, part.size)
                 self.path.record(self.inversion.complete(part.string, part.first, rows))
             scheduler.update(part.string)
         self._simulated += len(done)
@@ -325,17 +367,25 @@ class ClusterSimulator:
         self._learnt = self._served
         return now
 
-    def _samples(self, string: int, first: int, count: int) -> list[SampleInFlight]:
-        """Return `count` samples of a string from `first` on."""
+    def _samples(self, task: np.void) -> list[SampleInFlight]:
+        """Return the samples of a task, a record of `task_type`, that its rank simulates."""
+        string, first, count = (int(task[name]) for name in ("string", "first", "count"))
         drawn = self._drawn.get(string)
         if drawn is None:
             parameters = self.inversion.parameters(string)
             drawn = self._drawn[string] = DrawnSamples(self._workload, parameters)
+        most = count
+        if task["judged"]:
+            count = drawn.needed(first, count, self.inversion.judge(string, task["means"], count))
         drawn.draw(first + count)
         self._assigned += count
         if self._assigned > MAX_SIMULATED:
             raise TooManySamples
-        return [SampleInFlight(string, seconds) for seconds in drawn.seconds[first : first + count]]
+        seconds = drawn.seconds[first : first + count]
+        samples = [SampleInFlight(string, first + i, each) for i, each in enumerate(seconds)]
+        samples[0] = samples[0]._replace(begin=RANGE_SECONDS)
+        samples[-1] = samples[-1]._replace(ends=True, leaves_out=count < most)
+        return samples
 
     def _count_in_flight(self, end: float) -> None:
         """Count the work done by time `end` on batches that are still in flight."""

@@ -2,8 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable
-from threading import Timer
+from collections.abc import Callable, Iterator
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -20,7 +19,7 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.scene import MAX_PARTICLES
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.outcome import COMPLETED
-from agglom_mpi.planning.pilot import simulate_task, task_of
+from agglom_mpi.planning.pilot import simulate_for, task_of
 from agglom_mpi.planning.workload import PilotSamples
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.task_runner import SampleRunner
@@ -146,28 +145,28 @@ def advise_grains(
     runner = SampleRunner(InversionExperiment(campaign), 0)
     string = _best(campaign, pilot)
     show("simulating one string in larger volumes")
-    alarm = Timer(SHARE * seconds, runner.abort_flag.stop)
-    begun, rounds = time.monotonic(), 0
-    parts: dict[int, list[np.ndarray]] = {volume: [] for volume in VOLUMES}
-    alarm.start()
-    try:
-        while rounds < MAX_ROUNDS and not runner.abort_flag.stopped:
+    limit, begun = SHARE * seconds, time.monotonic()
+
+    def tasks() -> Iterator[np.void]:
+        for done in range(MAX_ROUNDS):
             spent = time.monotonic() - begun
-            if rounds and spent * (rounds + 1) / rounds > SHARE * seconds:
-                break
+            if done and spent * (done + 1) / done > limit:
+                return
             for volume in VOLUMES:
                 number = number_in_volume(0, volume)
-                task = task_of(number, rounds * ROUND, ROUND, pilot.parameters[string])
-                parts[volume].append(simulate_task(runner, task).results)
-            rounds += not runner.abort_flag.stopped
-    finally:
-        alarm.cancel()
+                yield task_of(number, done * ROUND, ROUND, pilot.parameters[string])
+
+    parts = [message.results for message in simulate_for(limit, runner, tasks())]
+    rounds = (len(parts) - runner.abort_flag.stopped) // len(VOLUMES)  # the last one may be cut
     if not rounds:
         return None
-    means = [_means(campaign, volume, parts[volume][:rounds]) for volume in VOLUMES]
-    known = [each for each in means if each is not None]
-    if len(known) < len(VOLUMES):
-        return None
+    known: list[VolumeMeans] = []
+    for place, volume in enumerate(VOLUMES):
+        rows = concatenated(parts[place :: len(VOLUMES)][:rounds], parts[0].dtype)
+        means = means_of_rows(rows, volume, volume * campaign.scene.particles)
+        if means is None:
+            return None
+        known.append(means)
     # A line detects a shift with a seventh of the samples that a parabola takes.
     fit = growth_of_many(known, order=1)
     answer = DEFAULT_SAMPLES if campaign.final is None else campaign.final.samples
@@ -184,8 +183,3 @@ def _best(campaign: Campaign, pilot: PilotSamples) -> int:
     strings = np.unique(done["string"])
     values = [float(done["objective"][done["string"] == string].mean()) for string in strings]
     return int(strings[int(np.nanargmin(values))]) if np.isfinite(values).any() else int(strings[0])
-
-
-def _means(campaign: Campaign, volume: int, parts: list[np.ndarray]) -> VolumeMeans | None:
-    rows = concatenated(parts, parts[0].dtype)
-    return means_of_rows(rows, volume, volume * campaign.scene.particles)

@@ -137,6 +137,17 @@ class Forecast(NamedTuple):
         return 1.0 - self.used / self.simulated
 
     @property
+    def samples_per_second(self) -> float:
+        """Samples that rank 0 takes per second, used or not."""
+        return self.simulated / self.seconds
+
+    @property
+    def walltime(self) -> float:
+        """Advised time of a request to a batch system, s."""
+        seconds = WALLTIME_MARGIN * (self.seconds + self.again) + START_SECONDS
+        return ROUND_SECONDS * math.ceil(seconds / ROUND_SECONDS)
+
+    @property
     def limit(self) -> str:
         """The limit that alone takes longest: `WORK`, `CHAIN` or `MASTER`."""
         alone = {
@@ -174,24 +185,6 @@ class PilotSummary(NamedTuple):
     differences: tuple[str, ...]
 
 
-class Saturation(NamedTuple):
-    """Fewest ranks of a forecast that fill rank 0's time, and the samples per s that it takes."""
-
-    ranks: int
-    samples_per_second: float
-
-
-class Advice(NamedTuple):
-    """Advised request to a batch system: number of ranks, and time in s.
-
-    `needed` is the share of the ranks' time that is spent on samples which decisions use.
-    """
-
-    ranks: int
-    walltime: float
-    needed: float
-
-
 class ForecastReport(NamedTuple):
     """Forecasts of a campaign for several numbers of ranks.
 
@@ -220,21 +213,13 @@ class ForecastReport(NamedTuple):
     grains: "GrainAdvice | None" = None
 
     @property
-    def saturation(self) -> Saturation | None:
-        """Saturation of rank 0 by the first row that shows it; None if none does."""
+    def saturation(self) -> Forecast | None:
+        """The forecast of the fewest ranks that fill rank 0's time; None if none do."""
         full = [f for f in self.forecasts if f.master >= SATURATED]
-        if not full:
-            return None
-        first = min(full, key=lambda f: f.ranks)
-        return Saturation(first.ranks, first.simulated / first.seconds)
+        return min(full, key=lambda f: f.ranks, default=None)
 
     @property
-    def advice(self) -> Advice | None:
-        """The most ranks that are well used, by their row; None if there is no such row."""
+    def advice(self) -> Forecast | None:
+        """The forecast of the most ranks that are well used; None if none are."""
         used = [f for f in self.forecasts if f.needed >= WELL_USED]
-        if not used:
-            return None
-        best = max(used, key=lambda f: f.ranks)
-        seconds = WALLTIME_MARGIN * (best.seconds + best.again) + START_SECONDS
-        walltime = ROUND_SECONDS * math.ceil(seconds / ROUND_SECONDS)
-        return Advice(best.ranks, walltime, best.needed)
+        return max(used, key=lambda f: f.ranks, default=None)

@@ -9,7 +9,13 @@ from rich.console import Group, RenderableType
 
 from agglom_mpi.display.table import Column, Table
 from agglom_mpi.formatting import format_duration, pluralise
-from agglom_mpi.planning.forecast import MAX_SIMULATED, WELL_USED, ForecastReport, PilotSummary
+from agglom_mpi.planning.forecast import (
+    MAX_SIMULATED,
+    WELL_USED,
+    Forecast,
+    ForecastReport,
+    PilotSummary,
+)
 from agglom_mpi.planning.workload import LEAST_SAMPLES
 from agglom_mpi.stopwatch import BUSY_RATIO
 
@@ -38,8 +44,8 @@ def to_json(report: ForecastReport) -> str:
         "costs": report.costs._asdict(),
         "forecasts": _records(report),
         "not_forecast": report.not_forecast,
-        "saturation": report.saturation and report.saturation._asdict(),
-        "advice": report.advice and report.advice._asdict(),
+        "saturation": _named(report.saturation, "ranks", "samples_per_second"),
+        "advice": _named(report.advice, "ranks", "walltime", "needed"),
         "finite_size": report.grains and report.grains.as_dict(),
     }
     return json.dumps(content, indent=2)
@@ -67,11 +73,13 @@ def forecast_table(report: ForecastReport) -> RenderableType:
 
 def _records(report: ForecastReport) -> list[dict[str, Any]]:
     """Return the forecasts as plain values."""
-    properties = ("bound", "reached", "needed", "wasted", "limit")
-    return [
-        forecast._asdict() | {name: getattr(forecast, name) for name in properties}
-        for forecast in report.forecasts
-    ]
+    names = (*Forecast._fields, "bound", "reached", "needed", "wasted", "limit")
+    return [{name: getattr(each, name) for name in names} for each in report.forecasts]
+
+
+def _named(forecast: Forecast | None, *names: str) -> dict[str, float] | None:
+    """Return numbers of a forecast by name; None where there is none."""
+    return forecast and {name: getattr(forecast, name) for name in names}
 
 
 def _heading(report: ForecastReport) -> list[str]:

@@ -20,11 +20,12 @@ from agglom_mpi.planning.forecast import MessageCosts
 from agglom_mpi.runtime.coordinator import Coordinator
 from agglom_mpi.runtime.experiment import Experiment
 from agglom_mpi.runtime.file_setup import prepare
-from agglom_mpi.runtime.messages import RankMessage
+from agglom_mpi.runtime.messages import PART, RankMessage
 from agglom_mpi.runtime.silence import GoneRanks
 from agglom_mpi.runtime.stop_request import StopRequest
 from agglom_mpi.runtime.worker_pool import WorkerPool
 from agglom_mpi.scheduling.estimators import ROUND_TRIP_SECONDS
+from agglom_mpi.search.ensemble import judge_of
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.storage.checksums import checksums
 from agglom_mpi.storage.schema import samples_schema
@@ -87,6 +88,8 @@ class InstantRanks:
 
     Parameters
     ----------
+    experiment
+        What is simulated.
     workload
         Results of the samples.
     inversion
@@ -109,6 +112,7 @@ class InstantRanks:
 
     def __init__(
         self,
+        experiment: Experiment,
         workload: Workload,
         inversion: Inversion,
         dtype: np.dtype,
@@ -120,6 +124,7 @@ class InstantRanks:
         self.missing, self.deserted = set[int](), set[int]()
         self.gone = GoneRanks()
         self.costs: list[PollCost] = []
+        self._experiment = experiment
         self._workload = workload
         self._inversion = inversion
         self._dtype = dtype
@@ -147,8 +152,8 @@ class InstantRanks:
         """Return the results of some batches."""
         self._stop_clock()
         held = [self._held.popleft() for _ in range(min(ARRIVED_TOGETHER, len(self._held)))]
-        messages = [RankMessage(rank, self._results(rank, tasks)) for rank, tasks in held]
-        parts = sum(len(tasks) for _, tasks in held)
+        messages = [self._report(rank, tasks) for rank, tasks in held]
+        parts = sum(len(message.parts) for message in messages)
         self._brought = len(messages), parts, sum(len(message.results) for message in messages)
         if not held:
             time.sleep(1e-3)  # a search proposes in a thread of its own
@@ -163,23 +168,32 @@ class InstantRanks:
         if self._brought[0]:
             self.costs.append(PollCost(spent, *self._brought, generations))
 
-    def _results(self, rank: int, tasks: NDArray[np.void]) -> NDArray[np.void]:
-        """Return rows of the samples of a batch, with the checksums that a rank gives them."""
-        columns = (tasks[name].tolist() for name in ("string", "first", "count"))
-        found = [self._part(task, *numbers) for task, *numbers in zip(tasks, *columns, strict=True)]
+    def _report(self, rank: int, tasks: NDArray[np.void]) -> RankMessage:
+        """Return the samples of a batch, with the checksums that a rank gives them."""
+        parts = np.zeros(len(tasks), PART)
+        found = [self._rows(task, part) for task, part in zip(tasks, parts, strict=True)]
         rows = fitted(np.concatenate(found), self._dtype)
         rows["rank"] = rank
         rows["seconds"] = rows["cpu_seconds"] = SHORT_SECONDS
         rows["crc"] = checksums(rows)
-        return rows
+        return RankMessage(rank, rows, parts)
 
-    def _part(self, task: np.void, string: int, first: int, count: int) -> NDArray[np.void]:
-        """Return rows, (count,), of consecutive samples of a string."""
+    def _rows(self, task: np.void, part: np.void) -> NDArray[np.void]:
+        """Return rows of the samples of a task, and fill the record of what is done of it."""
+        string, first, count = (int(task[name]) for name in ("string", "first", "count"))
         drawn = self._drawn.get(string)
         if drawn is None:
             drawn = self._drawn[string] = DrawnSamples(self._workload, task["parameters"].copy())
-        rows = drawn.rows(first, count).copy()
-        rows["string"], rows["sample"] = string, np.arange(first, first + count)
+        size = count
+        if task["judged"]:
+            campaign = self._experiment.setup(string).campaign
+            objective = campaign.objective_at(task["parameters"])
+            judge = judge_of(campaign.ensemble, objective, task["means"], count)
+            size = drawn.needed(first, count, judge)
+        rows = drawn.rows(first, size).copy()
+        rows["string"], rows["sample"] = string, np.arange(first, first + size)
+        part["string"], part["first"], part["size"] = string, first, size
+        part["left_out"] = size < count
         return rows
 
 
@@ -260,7 +274,7 @@ def poll_costs(
                 samples_schema(file.sizes.quantities, file.sizes.census).dtype,
             )
             coordinator.replay(StopRequest())
-            pool = InstantRanks(workload, inversion, dtype, ranks, drawn)
+            pool = InstantRanks(experiment, workload, inversion, dtype, ranks, drawn)
             coordinator.run(cast(WorkerPool, pool), _Limit(inversion, pool))
     measured = pool.costs[WARM_UP_POLLS:]
     return measured if len(measured) >= LEAST_POLLS else pool.costs

@@ -1,7 +1,7 @@
 """Pilot samples: random strings simulated here for a short time."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from threading import Timer
 from typing import Final
 
@@ -51,30 +51,25 @@ def run_pilot(
     runner = SampleRunner(InversionExperiment(campaign), 0)
     show("loading the simulation")
     runner.warm_up(announce or show)
-    # A timer thread, because a single sample may take longer than the time limit.
-    alarm = Timer(seconds, runner.abort_flag.stop)
-    alarm.start()
     begin, rows = time.monotonic(), 0
     strings: list[NDArray[np.float64]] = []
     finished: list[RankMessage] = []
-    try:
-        for string, first, count in pilot_tasks(
-            campaign.max_strings, campaign.ensemble.max_samples
-        ):
+
+    def tasks() -> Iterator[np.void]:
+        most = campaign.max_strings, campaign.ensemble.max_samples
+        for string, first, count in pilot_tasks(*most):
             if string == len(strings):
                 strings.append(_random_string(campaign, string))
-            finished.append(simulate_task(runner, task_of(string, first, count, strings[string])))
-            rows += len(finished[-1].results)
-            spent = time.monotonic() - begin
-            done = f"{pluralise(rows, 'sample')} of {pluralise(len(strings), 'string')}"
-            show(f"simulating: {done}, {spent:.0f} s")
-            if runner.abort_flag.stopped:
-                break
-    finally:
-        alarm.cancel()
+            yield task_of(string, first, count, strings[string])
+
+    for message in simulate_for(seconds, runner, tasks()):
+        finished.append(message)
+        rows += len(message.results)
+        done = f"{pluralise(rows, 'sample')} of {pluralise(len(strings), 'string')}"
+        show(f"simulating: {done}, {time.monotonic() - begin:.0f} s")
     if not rows:
-        message = f"no sample is done within {seconds:g} s; allow more with --seconds"
-        raise CampaignError(Problem(campaign.name, None, "", message))
+        why = f"no sample is done within {seconds:g} s; allow more with --seconds"
+        raise CampaignError(Problem(campaign.name, None, "", why))
     return PilotSamples(merged(0, finished).results, np.array(strings))
 
 
@@ -110,9 +105,20 @@ def task_of(string: int, first: int, count: int, parameters: NDArray[np.float64]
     return task[0]
 
 
-def simulate_task(runner: SampleRunner, record: np.void) -> RankMessage:
-    """Simulate the samples of a task, as many as the time allows."""
-    task = runner.begin(record)
-    while task.simulate_next():
-        pass
-    return task.collect()
+def simulate_for(
+    seconds: float, runner: SampleRunner, tasks: Iterable[np.void]
+) -> Iterator[RankMessage]:
+    """Yield the results of tasks until the time is up; the last ones may then be incomplete."""
+    # A timer thread, because a single sample may take longer than the time limit.
+    alarm = Timer(seconds, runner.abort_flag.stop)
+    alarm.start()
+    try:
+        for record in tasks:
+            task = runner.begin(record)
+            while task.simulate_next():
+                pass
+            yield task.collect()
+            if runner.abort_flag.stopped:
+                return
+    finally:
+        alarm.cancel()

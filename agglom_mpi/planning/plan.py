@@ -5,7 +5,7 @@ import math
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from rich.console import Console
@@ -35,81 +35,79 @@ LOG: Final = logging.getLogger(__name__)
 """Receives lines on what is compiled, where no terminal shows them."""
 
 
-class PlanOptions(NamedTuple):
-    """Options of `agglom plan`, as `cli/plan.py` declares them.
-
-    `source` is a campaign file with samples; None simulates pilot samples for `seconds`.
-    """
-
-    campaign: str
-    ranks: tuple[int, ...]
-    seconds: float
-    source: str | None = None
-    generations: int | None = None
-    allow_code: bool = False
-
-
-def plan(options: PlanOptions) -> ForecastReport:
+def plan(
+    path: str,
+    ranks: tuple[int, ...],
+    seconds: float,
+    source: str | None = None,
+    generations: int | None = None,
+    allow_code: bool = False,
+) -> ForecastReport:
     """Return the forecasts for a campaign; a terminal shows the progress.
+
+    Parameters
+    ----------
+    path
+        Name of the campaign.
+    ranks
+        Numbers of ranks to forecast for.
+    seconds
+        Time to spend on pilot samples, s.
+    source
+        Campaign file with samples; None simulates pilot samples.
+    generations
+        Number of generations, if it is not that of the campaign.
+    allow_code
+        Whether code that the campaign names may run.
 
     Raises
     ------
     CampaignError, NotACampaign, OSError
         If the campaign or the file with samples cannot be used.
     """
-    campaign = load_campaign(options.campaign, options.allow_code)
-    if options.generations is not None:
-        campaign = campaign.with_generations(options.generations)
+    campaign = load_campaign(path, allow_code)
+    if generations is not None:
+        campaign = campaign.with_generations(generations)
     log_narrow(campaign)
     check_search_library(campaign)
-    given = warm_start(campaign, Path(campaign.file_name)).strings
+    experiment = InversionExperiment(
+        campaign, warm_start(campaign, Path(campaign.file_name)).strings
+    )
     console = Console(stderr=True)
     with console.status("") as status:  # only a terminal shows it
-        announce = status.update if console.is_terminal else LOG.info
-        samples = pilot_samples(campaign, options, status.update, announce)
-        experiment = InversionExperiment(campaign, given)
-        report = forecast_all(experiment, samples, options, status.update)
-        if options.source is not None:
-            return report
-        from agglom_mpi.planning.finite_size_pilot import advise_grains  # loads the kernels
+        if source is not None:
+            status.update("reading samples")
+            samples = read_recorded_samples(source, campaign)
+            return forecast_all(experiment, samples, path, ranks, status.update)
+        # Imported here: both load the kernels.
+        from agglom_mpi.planning.finite_size_pilot import advise_grains
+        from agglom_mpi.planning.pilot import run_pilot
 
-        grains = advise_grains(campaign, samples, options.seconds, status.update)
+        announce = status.update if console.is_terminal else LOG.info
+        samples = run_pilot(campaign, seconds, status.update, announce)
+        report = forecast_all(experiment, samples, path, ranks, status.update)
+        grains = advise_grains(campaign, samples, seconds, status.update)
         return report._replace(grains=grains)
 
 
-def pilot_samples(
-    campaign: Campaign,
-    options: PlanOptions,
-    show: Callable[[str], None],
-    announce: Callable[[str], None],
-) -> PilotSamples:
-    """Return samples read from the file `options.source`, or else simulated now.
-
-    `show` is called with lines on the progress, `announce` with lines on what is compiled.
-    """
-    if options.source is not None:
-        show("reading samples")
-        return read_recorded_samples(options.source, campaign)
-    from agglom_mpi.planning.pilot import run_pilot  # loads the kernels
-
-    return run_pilot(campaign, options.seconds, show, announce)
-
-
 def forecast_all(
-    experiment: Experiment, samples: PilotSamples, options: PlanOptions, show: Callable[[str], None]
+    experiment: Experiment,
+    samples: PilotSamples,
+    path: str,
+    numbers: tuple[int, ...],
+    show: Callable[[str], None],
 ) -> ForecastReport:
-    """Return the forecasts for all numbers of ranks in `options`."""
+    """Return the forecasts for some numbers of ranks of a campaign, whose name is `path`."""
     from agglom_mpi.planning.message_costs import measured_costs  # loads the kernels
 
     campaign = experiment.campaign
     workload = EmpiricalWorkload(samples, campaign)
     costs = measured_costs(experiment, workload, show)
-    pilot = pilot_summary(samples, options.source)
-    report = ForecastReport(campaign, options.campaign, pilot, costs, [], [])
-    part = FORECAST_SAMPLES / (1 + len(options.ranks))
+    report = ForecastReport(campaign, path, pilot_summary(samples), costs, [], [])
+    part = FORECAST_SAMPLES / (1 + len(numbers))
     known = samples_needed(experiment, workload, part)
     most = part if known else math.inf
-    for ranks in options.ranks:
+    for ranks in numbers:
         inversion, lag = experiment.inversion(restore=None), campaign.search.lag
         cluster = ClusterSimulator(inversion, workload, ranks, costs, lag, known)
         try:
@@ -168,12 +166,12 @@ def reestimation_seconds(
     return max(sum(seconds) * sum(volumes) / ranks, max(seconds, default=0.0) * max(volumes))
 
 
-def pilot_summary(pilot: PilotSamples, source: str | None) -> PilotSummary:
-    """Return number and times of pilot samples; `source` is the file they were read from."""
+def pilot_summary(pilot: PilotSamples) -> PilotSummary:
+    """Return number and times of pilot samples."""
     rows = pilot.rows
     seconds = time_on_free_core(rows)
     return PilotSummary(
-        source,
+        pilot.source,
         len(rows),
         len(np.unique(rows["string"])),
         int((rows["state"] == FAILED).sum()),

@@ -31,11 +31,14 @@ class PilotSamples(NamedTuple):
         Their strings in SI units, shape (m, 10); `rows["string"]` is an index into them.
     differences
         Entries of their campaign that differ, as texts.
+    source
+        Campaign file that they were read from; None if they were simulated for the forecast.
     """
 
     rows: NDArray[np.void]
     parameters: NDArray[np.float64]
     differences: tuple[str, ...] = ()
+    source: str | None = None
 
 
 class _Pool(NamedTuple):
@@ -152,14 +155,10 @@ def read_recorded_samples(path: str, campaign: Campaign) -> PilotSamples:
     rows["string"] = np.searchsorted(strings["string"], rows["string"])
     table = campaign.variables
     parameters = table.of_other(parameters_of(strings), file.variables)
-    return PilotSamples(rows, parameters, tuple(_differences(file.identity, campaign.identity())))
-
-
-def _differences(then: dict[str, object], now: dict[str, object]) -> list[str]:
-    """Return the entries of scene and variables that differ between two identities, as texts."""
-    keys = [key for key in {**now, **then} if key.split(".")[0] in ("scene", "variables")]
-    return [
+    then, now = file.identity, campaign.identity()
+    differences = tuple(
         f"{key} was {then.get(key, 'absent')}, is {now.get(key, 'absent')}"
-        for key in keys
-        if then.get(key) != now.get(key)
-    ]
+        for key in {**now, **then}
+        if key.split(".")[0] in ("scene", "variables") and then.get(key) != now.get(key)
+    )
+    return PilotSamples(rows, parameters, differences, path)

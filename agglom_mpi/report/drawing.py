@@ -146,3 +146,43 @@ def legend_below(ax: Any, columns: int = 2) -> None:
         frameon=False,
         fontsize="small",
     )
+
+
+def figure_legend(figure: Any, axes: Any, columns: int) -> None:
+    """Put a legend of all axes under a figure, each label once."""
+    entries: dict[str, Any] = {}
+    for ax in axes:
+        handles, labels = ax.get_legend_handles_labels()
+        entries |= dict(zip(labels, handles, strict=True))
+    style = {"loc": "outside lower center", "frameon": False, "fontsize": "small"}
+    figure.legend(entries.values(), entries.keys(), ncols=columns, **style)
+
+
+def panels(figure: Any, count: int, columns: int, label: str = "") -> Any:
+    """Return the axes of a number of panels in rows, (count,), below which a `label` stands once.
+
+    Axes with a label share their abscissa.
+    """
+    columns = min(count, columns)
+    shape = -(-count // columns), columns
+    axes = figure.subplots(*shape, sharex=bool(label), squeeze=False).ravel()
+    for unused in axes[count:]:
+        unused.remove()
+    for ax in axes[max(0, count - columns) : count] if label else ():
+        ax.set_xlabel(label)
+        ax.xaxis.set_tick_params(labelbottom=True)
+    return axes[:count]
+
+
+def draw_band(ax: Any, x: Any, middle: Any, ends: Any, colour: str, **line: Any) -> None:
+    """Draw a curve, (n,), and the band between its two `ends`, (2, n)."""
+    ax.plot(x, middle, color=colour, **line)
+    ax.fill_between(x, *ends, color=colour, alpha=0.18, linewidth=0)
+
+
+def draw_estimate(ax: Any, x: float, estimate: Any, colour: str, label: str | None) -> None:
+    """Draw the `Estimate` of a string on fresh samples with its 95 % interval."""
+    value = estimate.objective
+    style = {"marker": "D", "markersize": 4, "capsize": 3, "linestyle": "none"}
+    bars = [[value - estimate.lower], [estimate.upper - value]]
+    ax.errorbar(x, value, bars, color=colour, label=label, **style)

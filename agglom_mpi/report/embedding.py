@@ -60,15 +60,13 @@ class EmbeddedFigure(NamedTuple):
 def embedded(directory: Path, drawing: Drawing) -> EmbeddedFigure:
     """Return a figure that was written into a directory as the page holds it."""
     content, source = (directory / f"{drawing.name}.svg").read_bytes(), ""
-    svg = inline_svg(content.decode(), drawing)
+    svg, width = inline_svg(content.decode(), drawing), drawing.size[0]
     if len(content) > MAX_SVG_BYTES:
         image = base64.b64encode((directory / f"{drawing.name}.png").read_bytes()).decode()
         svg, source = "", f"data:image/png;base64,{image}"
-    width = drawing.size[0]
-    pixels = round(PIXELS_PER_INCH * width)
     scrolled = round(SCROLLED_PIXELS_PER_INCH * width) if width >= SCROLLED else 0
-    is_wide = width >= WIDE
-    return EmbeddedFigure(drawing.name, drawing.caption, svg, source, pixels, scrolled, is_wide)
+    pixels = round(PIXELS_PER_INCH * width), scrolled
+    return EmbeddedFigure(drawing.name, drawing.caption, svg, source, *pixels, width >= WIDE)
 
 
 def inline_svg(text: str, drawing: Drawing) -> str:

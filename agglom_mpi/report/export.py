@@ -1,12 +1,12 @@
 """A campaign file in other forms, as `agglom export` writes it: a copy, tables, netCDF, JSON."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from agglom_mpi.analysis.finite_size_tables import limits_table, volumes_table
-from agglom_mpi.analysis.tables import table_of, with_units
+from agglom_mpi.analysis.finite_size import limits_table, volumes_table
+from agglom_mpi.analysis.tables import TABLES, with_units
 from agglom_mpi.errors import UserError, require_library
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.storage.compact import write_compact
@@ -19,13 +19,6 @@ if TYPE_CHECKING:
 
     from agglom_mpi.report.paraview import FrameSelection, SelectedSample
     from agglom_mpi.report.set_files import SetRequest
-
-TABLES: Final = ("generations", "estimates", "strings", "samples")
-"""In an order in which no row of a growing file is read before those that refer to it."""
-
-
-OF_VOLUMES: Final = {"limits": limits_table, "volumes": volumes_table}
-"""Further tables of campaigns that estimate their best strings in several control volumes."""
 
 
 class ExportError(UserError, ValueError):
@@ -91,38 +84,47 @@ def export(
         As from `write_compact`; before anything is written, if any of the files is there already.
     """
     compact, directory, selection = exports.compact, exports.tables, exports.selection
-    inferred = exports.arviz is not None or exports.json is not None
-    of_search = selection is not None or inferred
+    netcdf = exports.xarray is not None or exports.arviz is not None
+    of_search = selection or exports.arviz is not None or exports.json is not None
     file = (read_inversion if of_search else read_campaign)(source, allow_code)
     file.with_unused = with_unused
+    # Imported below: each form has libraries that are of no use to the others.
     if exports.draws is not None:
-        _refuse_tolerance(file, exports.draws)
+        from agglom_mpi.report.set_files import DEFAULT_TOLERANCE, is_of_data
+
+        if exports.draws.tolerance != DEFAULT_TOLERANCE and is_of_data(file, exports.draws):
+            message = "--tolerance is for a feasible set; of measured data the posterior is written"
+            raise ExportError(f"{file.path}: {message}")
+    targets = [path for path in (compact, exports.xarray, exports.arviz, exports.json) if path]
     if directory is not None:
         require_library("pandas", "report", "tables")
         require_directory(directory)
-    targets = [directory / f"{n}.csv" for n in names_of(file)] if directory is not None else []
-    targets += [path for path in (exports.xarray, exports.arviz, exports.json) if path is not None]
-    if compact is not None:
-        targets.insert(0, compact)
+        targets += [directory / f"{name}.csv" for name in tables_of(file)]
     samples: list[SelectedSample] = []
     if selection is not None:
-        # Imported here: the campaign's text and the compiler are of no use to the other forms.
         from agglom_mpi.report.paraview import select_samples, write_samples
 
         samples = select_samples(file, selection)
-    for target in [*targets, *(sample.path for sample in samples)]:
+    for target in [*targets, *(path for *_, path in samples)]:
         require_absent(target)
-    netcdf = _netcdf_files(file, exports)
+    if netcdf:
+        from agglom_mpi.report.netcdf import require_netcdf, write_netcdf
+
+        require_netcdf()
+        if exports.draws is not None:
+            exports.draws.check(file)
     if compact is not None:
         copied = write_compact(source, compact)
-        sizes = _sizes(compact, source)
         strings, rows = pluralise(copied.strings, "string"), pluralise(copied.samples, "sample")
+        taken = source.stat().st_blocks * 512  # without its holes
+        sizes = f"{compact.stat().st_size / 1e6:.3g} MB of {taken / 1e6:.3g} MB on disc"
         yield f"{compact}: {strings}, {rows}, {sizes}"
         if copied.damaged:
             yield f"{compact}: {pluralise(copied.damaged, 'damaged row')}, copied unchanged"
     if directory is not None:
         yield from write_tables(file, directory)
-    yield from netcdf
+    if netcdf:
+        yield from write_netcdf(file, exports.xarray, exports.arviz, exports.draws)
     if exports.json is not None:
         from agglom_mpi.report.set_files import write_json
 
@@ -131,28 +133,6 @@ def export(
     if selection is not None:
         yield from write_samples(file, samples, selection.frames)
     yield from (*filter(None, [code_note(file)]), *file.unused_notes)
-
-
-def _refuse_tolerance(file: CampaignData, draws: "SetRequest") -> None:
-    """Refuse a tolerance where the posterior of measured data is written, which has none."""
-    from agglom_mpi.report.set_files import DEFAULT_TOLERANCE, is_of_data
-
-    if draws.tolerance != DEFAULT_TOLERANCE and is_of_data(file, draws):
-        message = "--tolerance is for a feasible set; of measured data the posterior is written"
-        raise ExportError(f"{file.path}: {message}")
-
-
-def _netcdf_files(file: CampaignData, exports: Exports) -> Iterator[str]:
-    """Return lines on the netCDF files, which are written with them; refuse what cannot be."""
-    if exports.xarray is None and exports.arviz is None:
-        return iter(())
-    # Imported here: the other forms need neither xarray nor what makes a feasible set.
-    from agglom_mpi.report.netcdf import require_netcdf, write_netcdf
-
-    require_netcdf()
-    if exports.draws is not None:
-        exports.draws.check(file)
-    return write_netcdf(file, exports.xarray, exports.arviz, exports.draws)
 
 
 def require_directory(path: Path) -> None:
@@ -167,25 +147,18 @@ def require_directory(path: Path) -> None:
         raise ExportError(f"{path}: is no directory")
 
 
-def names_of(file: CampaignData) -> tuple[str, ...]:
-    """Return the names of the tables of a file: more where it has samples of several volumes.
+def tables_of(file: CampaignData) -> Mapping[str, Callable[[CampaignData], "pd.DataFrame"]]:
+    """Return what makes each table that is written of a file, by name.
 
-    Without its code that may not run, it has none of estimates.
+    No row of a growing file is read before those that refer to it. Tables of volumes are written
+    where it has samples in several, that of estimates not without code of its own that may not run.
     """
+    tables = {name: make for name, make in TABLES.items() if name != "variables"}
     if code_note(file):
-        return tuple(name for name in TABLES if name != "estimates")
-    return (*OF_VOLUMES, *TABLES) if file.volumes else TABLES
-
-
-def _table(file: CampaignData, name: str) -> "pd.DataFrame":
-    make = OF_VOLUMES.get(name)
-    return table_of(file, name) if make is None else make(file)
-
-
-def _sizes(copy: Path, original: Path) -> str:
-    """Return the size of a copy, and the space that the original takes without its holes."""
-    taken = original.stat().st_blocks * 512
-    return f"{copy.stat().st_size / 1e6:.3g} MB of {taken / 1e6:.3g} MB on disc"
+        del tables["estimates"]
+    elif file.volumes:
+        tables = {"limits": limits_table, "volumes": volumes_table, **tables}
+    return tables
 
 
 def write_tables(file: CampaignData, directory: Path) -> Iterator[str]:
@@ -202,7 +175,8 @@ def write_tables(file: CampaignData, directory: Path) -> Iterator[str]:
     OSError
         If they cannot be written.
     """
-    tables = {directory / f"{name}.csv": with_units(_table(file, name)) for name in names_of(file)}
+    made = tables_of(file).items()
+    tables = {directory / f"{name}.csv": with_units(make(file)) for name, make in made}
     directory.mkdir(parents=True, exist_ok=True)
     with ExitStack() as files:
         for path, table in tables.items():

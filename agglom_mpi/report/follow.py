@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from agglom_mpi.analysis.ranking import ranks_itself
-from agglom_mpi.display.progress import Best, RunProgress
+from agglom_mpi.display.progress import RunProgress, best_of
 from agglom_mpi.display.remaining_time import (
     DurationStatistics,
     RemainingTime,
@@ -95,8 +95,12 @@ class FileProgress:
 
     def new_generations(self) -> list[GenerationSummary]:
         """Return the generations since the last call; at first the last generation alone."""
-        new = self.data.generation_rows()[self._shown :]
+        new = self._generations(self._shown)
         self._shown += len(new)
+        return new
+
+    def _generations(self, first: int) -> list[GenerationSummary]:
+        """Return the generations from a place among them on."""
         return [
             GenerationSummary(
                 int(row["generation"]),
@@ -109,7 +113,7 @@ class FileProgress:
                 int(row["samples_used"]),
                 ranks_itself(self.data),
             )
-            for row in new
+            for row in self.data.generation_rows()[first:]
         ]
 
     def read(self, now: float) -> RunProgress:
@@ -134,7 +138,7 @@ class FileProgress:
             elapsed=elapsed,
             samples=len(samples),
             failed=int((samples["state"] == FAILED).sum()) + len(data.timed_out),
-            best=self._best(),
+            best=best_of(last[0]) if (last := self._generations(-1)) else None,
         )
         if len(ours):
             busy = float(ours["seconds"].sum()) / (elapsed * leg["ranks"])
@@ -144,14 +148,6 @@ class FileProgress:
             note = silence_note(changed, now, killed=live_status(data).state != "running")
             progress = progress._replace(note=note, remaining=None)
         return progress
-
-    def _best(self) -> Best | None:
-        if not len(self.data.generation_rows()):
-            return None
-        row = self.data.generation_rows()[-1]
-        names = ("best_string", "best_objective", "best_standard_error", "mean_of_top")
-        best = Best(*(row[name].item() for name in names))
-        return best._replace(estimated=ranks_itself(self.data))
 
     def _in_phase(self, progress: RunProgress, ours: np.ndarray, elapsed: float) -> RunProgress:
         """Return the progress of the search or, once it is over, of the stage after it."""

@@ -1,6 +1,6 @@
 """NetCDF files that xarray and ArviZ read: draws of a posterior, and all samples as a Dataset."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -18,7 +18,7 @@ from agglom_mpi.inference.draw_groups import (
     root_attributes,
     set_groups,
 )
-from agglom_mpi.inference.feasible_set import FeasibleSet, feasible_set
+from agglom_mpi.inference.feasible_set import feasible_set
 from agglom_mpi.report.set_files import SetRequest, is_of_data
 from agglom_mpi.storage.files import atomic_file
 from agglom_mpi.storage.lock import live_status
@@ -151,15 +151,33 @@ def write_netcdf(
         Path of the file with draws; None: do not write it.
     request
         Which draws; None: those of a feasible set with the default tolerance.
+
+    Raises
+    ------
+    FileExistsError
+        If there is such a file already.
+    NoFeasibleSetError, PosteriorError
+        If there are no draws, with the reason.
+    OSError
+        If a file cannot be written.
     """
+    import xarray as xr
+
     if xarray is not None:
         arrays = sample_arrays(data)
-        write_arrays(xarray, arrays)
+        encoding = {
+            name: COMPRESSION
+            for name, values in arrays.data_vars.items()
+            if values.ndim == 2 and values.dtype != object
+        }
+        _write(xarray, arrays.to_netcdf(engine=ENGINE, encoding=encoding))
         strings, samples = arrays.sizes["string"], int(arrays["present"].sum())
         yield f"{xarray}: {pluralise(strings, 'string')}, {pluralise(samples, 'sample')}"
     if arviz is not None:
-        groups, attributes = draw_groups(data, request or SetRequest())
-        write_groups(arviz, groups, attributes)
+        groups, attributes = _draw_groups(data, request or SetRequest())
+        tree = xr.DataTree.from_dict(dict(groups))
+        tree.attrs.update(attributes)
+        _write(arviz, tree.to_netcdf(engine=ENGINE))
         posterior = groups["posterior"]
         draws = pluralise(posterior.sizes["chain"] * posterior.sizes["draw"], "draw")
         yield f"{arviz}: {draws} of {posterior.attrs['draws_are']}"
@@ -167,68 +185,27 @@ def write_netcdf(
             yield f"warning: {posterior.attrs['warning']}"
 
 
-def draw_groups(data: "CampaignData", request: SetRequest) -> tuple[Groups, dict[str, Any]]:
+@single_threaded
+def _draw_groups(data: "CampaignData", request: SetRequest) -> tuple[Groups, dict[str, Any]]:
     """Return the groups of draws, and the attributes of the file.
 
     They are draws of the posterior if the campaign has data or a measured mean is given, and else
     members of the feasible set, drawn uniformly in the box and kept with their probability.
-
-    Raises
-    ------
-    NoFeasibleSetError, PosteriorError
-        If there are none, with the reason.
     """
     if is_of_data(data, request):
-        posterior = data.derived(data_posterior)
-        return single_threaded(posterior.groups)(), posterior.attributes()
+        of_data = data.derived(data_posterior)
+        return of_data.groups(), of_data.attributes()
     found = feasible_set(data, request.tolerance)
-    return _drawn(found, request), root_attributes(
-        found.emulated.box.campaign, found.criterion.text
-    )
-
-
-@single_threaded
-def _drawn(found: FeasibleSet, request: SetRequest) -> Groups:
-    posterior = request.posterior_of(found)
-    return members(found) if posterior is None else posterior.groups()
-
-
-def members(found: FeasibleSet) -> Groups:
-    """Return the groups of members of a set, of equal weight."""
+    box, text = found.emulated.box, found.criterion.text
+    if (posterior := request.posterior_of(found)) is not None:
+        return posterior.groups(), root_attributes(box.campaign, text)
     drawn = found.sample(DEFAULT_DRAWS)
     probability = in_chains(drawn.pop("probability").to_numpy())
     stats = {"probability": (probability, "probability that the string is a member")}
-    strings = in_chains(found.emulated.box.strings(drawn))
-    text = "members of the feasible set, uniform in the box; no measured mean is given"
-    attributes = {"draws_are": text, "criterion": found.criterion.text}
-    return set_groups(found.emulated.box, strings, stats, attributes)
-
-
-def write_groups(path: Path, groups: Groups, attributes: Mapping[str, Any]) -> None:
-    """Write Datasets as the groups of a netCDF file; complete under its name, or absent.
-
-    Raises
-    ------
-    FileExistsError
-        If there is such a file already.
-    OSError
-        If it cannot be written.
-    """
-    import xarray as xr
-
-    tree = xr.DataTree.from_dict(dict(groups))
-    tree.attrs.update(attributes)
-    _write(path, tree.to_netcdf(engine=ENGINE))
-
-
-def write_arrays(path: Path, arrays: "xr.Dataset") -> None:
-    """Write a Dataset as a netCDF file; errors as for `write_groups`."""
-    encoding = {
-        name: COMPRESSION
-        for name, values in arrays.data_vars.items()
-        if values.ndim == 2 and values.dtype != object
-    }
-    _write(path, arrays.to_netcdf(engine=ENGINE, encoding=encoding))
+    about = "members of the feasible set, uniform in the box; no measured mean is given"
+    attributes = {"draws_are": about, "criterion": text}
+    groups = set_groups(box, in_chains(box.strings(drawn)), stats, attributes)
+    return groups, root_attributes(box.campaign, text)
 
 
 def _write(path: Path, content: memoryview) -> None:

@@ -12,14 +12,12 @@ from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.errors import require_library
 from agglom_mpi.formatting import pluralise, printable
 from agglom_mpi.inference.data_posterior import data_posterior
-from agglom_mpi.inference.feasible_set import FeasibleSet
 from agglom_mpi.report.export import require_directory
 from agglom_mpi.report.figures.figure import FigureOptions
-from agglom_mpi.report.next_summary import PosteriorRequest
 from agglom_mpi.report.sample_particles import RESIMULATION_SECONDS, all_stored
 from agglom_mpi.report.sections.published import Published
 from agglom_mpi.report.sections.section import Page
-from agglom_mpi.report.set_files import SetRequest, write_files
+from agglom_mpi.report.set_files import PosteriorRequest, SetRequest
 from agglom_mpi.storage.files import replace_file
 from agglom_mpi.storage.lock import live_status
 from agglom_mpi.storage.reader import CampaignData
@@ -107,10 +105,7 @@ def _computed(
         directory.mkdir(parents=True, exist_ok=True)
         options = options._replace(posterior=found, further=posterior.found(found))
     if feasible_set is not None:
-        found_set = FeasibleSet(file, feasible_set.tolerance)
-        mean = feasible_set.posterior_of(found_set)
-        directory.mkdir(parents=True, exist_ok=True)
-        write_files(feasible_set, found_set, mean)
+        found_set, mean = feasible_set.found(file, directory)
         options = options._replace(feasible_set=found_set, mean_posterior=mean)
     return options
 

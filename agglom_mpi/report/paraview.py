@@ -13,13 +13,13 @@ from agglom_mpi.analysis.resimulation import (
     mistaken,
     recorded_parameters,
     recorded_sample,
+    simulated_again,
 )
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.simulation.frames import Frames
 from agglom_mpi.storage.files import atomic_file, new_file
 from agglom_mpi.storage.reader import CampaignData
-from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
 if TYPE_CHECKING:
     import h5py
@@ -66,12 +66,8 @@ class FrameSelection(NamedTuple):
     frames: int | None = None
 
 
-class SelectedSample(NamedTuple):
-    """A sample to write for ParaView, and the path of its file."""
-
-    string: int
-    sample: int
-    path: Path
+SelectedSample = tuple[int, int, Path]
+"""String and number of a sample to write for ParaView, and the path of its file."""
 
 
 def select_samples(file: CampaignData, selection: FrameSelection) -> list[SelectedSample]:
@@ -85,34 +81,25 @@ def select_samples(file: CampaignData, selection: FrameSelection) -> list[Select
     target = selection.target
     if target.suffix != SUFFIX:
         raise mistaken(target, "--paraview", f"must end in {SUFFIX}, by which ParaView knows it")
-    string = _best(file) if selection.string is None else selection.string
+    string = selection.string
+    if string is None:
+        if not (order := rank_strings(file).order):
+            raise mistaken(file.path, "--string", "is missing, and none is judged yet")
+        string = order[0]
     recorded_parameters(file, string)  # raises if there are none
     samples = list(dict.fromkeys(selection.samples))
     for sample in samples:
         recorded_sample(file, string, sample)
-    framed = [sample for other, sample in file.particles.framed() if other == string]
-    samples = samples or framed or [_first_completed(file, string)]
+    samples = samples or [sample for other, sample in file.particles.framed() if other == string]
+    if not samples:
+        rows = file.sample_rows(string)
+        samples = rows["sample"][rows["state"] == COMPLETED][:1].tolist()
+        if not samples:
+            raise mistaken(file.path, "--string", f"is {string}, of which no sample was completed")
     if len(samples) == 1:
-        return [SelectedSample(string, samples[0], target)]
+        return [(string, samples[0], target)]
     stem = f"{target.stem}_{string}"
-    return [SelectedSample(string, k, target.with_stem(f"{stem}_{k}")) for k in samples]
-
-
-def _best(file: CampaignData) -> int:
-
-    order = rank_strings(file).order
-    if not order:
-        raise mistaken(file.path, "--string", "is missing, and none is judged yet")
-    return order[0]
-
-
-def _first_completed(file: CampaignData, string: int) -> int:
-
-    rows = file.sample_rows(string)
-    completed = rows["sample"][rows["state"] == COMPLETED]
-    if not len(completed):
-        raise mistaken(file.path, "--string", f"is {string}, of which no sample was completed")
-    return int(completed[0])
+    return [(string, k, target.with_stem(f"{stem}_{k}")) for k in samples]
 
 
 def write_samples(
@@ -136,11 +123,10 @@ def write_samples(
     OSError
         As from `write_vtkhdf`.
     """
-    for selected in samples:
-        string, sample, path = selected
+    for string, sample, path in samples:
         stored = file.particles.frames(string, sample) if frames is None else None
         if stored is None:
-            shown, source = _resimulated(file, selected, frames or FRAMES)
+            shown, source = _resimulated(file, string, sample, frames or FRAMES)
         else:
             shown, source = stored, "as stored"
         write_vtkhdf(path, shown, f"{file.title}: string {string}, sample {sample}")
@@ -149,19 +135,14 @@ def write_samples(
         yield f"{path}: string {string}, sample {sample}, {pictures}, {megabytes}"
 
 
-def _resimulated(file: CampaignData, selected: SelectedSample, frames: int) -> tuple[Frames, str]:
+def _resimulated(file: CampaignData, string: int, sample: int, frames: int) -> tuple[Frames, str]:
     """Return frames of a resimulated sample, and a text on their origin."""
-    from agglom_mpi.verbs.simulate import simulate
-
-    campaign, row = recorded_campaign(file), recorded_sample(file, selected.string, selected.sample)
-    number = campaign.first_sample(selected.string) + selected.sample
-    parameters = recorded_parameters(file, selected.string)
     try:
-        outcome = simulate(campaign, parameters, number, frames=frames)
+        outcome = simulated_again(file, string, sample, frames)
     except RuntimeError as error:
         raise mistaken(file.path, "--sample", f"cannot be shown: {error}") from error
     assert outcome.frames is not None
-    agrees = is_same(row, outcome.record, file.sizes.version)
+    agrees = is_same(recorded_sample(file, string, sample), outcome.record, file.sizes.version)
     return outcome.frames, f"simulated again, {AGREEMENT[agrees]}"
 
 

@@ -1,19 +1,29 @@
-"""Posteriors of a campaign as text: of a measured mean, and of all its data."""
+"""Posteriors of a campaign, and what to measure next, as text."""
 
+from collections.abc import Callable, Iterable
 from typing import Any, Final
 
 import numpy as np
 from rich.console import Group, RenderableType
 
-from agglom_mpi.analysis.shown_units import shown_unit, unit_of_datum
+from agglom_mpi.analysis.shown_units import shown_unit, unit_of_datum, unit_of_variable
 from agglom_mpi.display.table import Column, Facts, Table
-from agglom_mpi.formatting import axis_label, format_digits, format_percent, in_unit, label_of
+from agglom_mpi.formatting import (
+    axis_label,
+    format_digits,
+    format_percent,
+    in_unit,
+    label_of,
+    pluralise,
+)
 from agglom_mpi.inference.measured_mean import MeasuredMean
-from agglom_mpi.inference.nearest import quantity_name
+from agglom_mpi.inference.next_measurement import NextMeasurement, NextMeasurements
 from agglom_mpi.inference.posterior import Posterior
 from agglom_mpi.inference.posterior_sampling import CENTRAL, REPORTED_QUANTILES
 from agglom_mpi.inference.predictive import PredictedDatum
 from agglom_mpi.inference.searched_box import SearchedBox
+from agglom_mpi.inference.set_points import quantity_name
+from agglom_mpi.variables import Variable
 
 SHOWN_PAIRS: Final = 6
 """Number of pairs of variables whose correlations are shown."""
@@ -34,55 +44,66 @@ def measure_text(box: SearchedBox) -> str:
 
 
 def posterior_text(posterior: Posterior) -> RenderableType:
-    """Return the posterior of a measured mean as text and tables."""
-    of = posterior.of
-    assert isinstance(of, MeasuredMean)
-    quantity, measured = quantity_name(of.quantity), f"{of.measured:g} ± {of.error:g}"
-    lines: list[RenderableType] = [
-        f"posterior, given a measured {quantity} of {measured}",
-        f"prior {measure_text(of.box)}; {_size(posterior)}",
-        *_tables(posterior),
-    ]
-    if posterior.warning:
-        lines.append(f"warning: {posterior.warning}")
-    return Group(*lines)
+    """Return the posterior of a measured mean, or of all data, as text and tables.
 
-
-def data_posterior_text(posterior: Posterior) -> RenderableType:
-    """Return the posterior of all data as text and tables; its verdict stands above the numbers."""
+    The verdict on the posterior of data stands above its numbers.
+    """
+    of, size = (
+        posterior.of,
+        (
+            f"effective size {posterior.effective_size:,.0f} of {len(posterior.weights):,} "
+            f"({posterior.method})"
+        ),
+    )
+    warning = [f"warning: {posterior.warning}"] if posterior.warning else []
+    if isinstance(of, MeasuredMean):
+        quantity, measured = quantity_name(of.quantity), f"{of.measured:g} ± {of.error:g}"
+        return Group(
+            f"posterior, given a measured {quantity} of {measured}",
+            f"prior {measure_text(of.box)}; {size}",
+            *_tables(posterior),
+            *warning,
+        )
     share = format_percent(posterior.volume, 3)
     facts = [
-        ("prior", measure_text(posterior.of.box)),
-        ("strings", _size(posterior)),
+        ("prior", measure_text(of.box)),
+        ("strings", size),
         ("share of the box", f"{share} has 90 % of the posterior"),
     ]
     if posterior.calibration is not None:
         facts.append(("check", posterior.calibration.text))
-    lines: list[RenderableType] = [f"posterior, given {posterior.given}", Facts(facts)]
-    if posterior.warning:
-        lines.append(f"warning: {posterior.warning}")
-    rows = [_compared(each, posterior.of.box.campaign.text) for each in posterior.predictions]
-    lines += [*_tables(posterior), Table(DATA_COLUMNS, rows)]
-    if len(posterior.predictions) > 1:
-        lines.append(f"all data together: p = {posterior.p_value:.2g}")
-    return Group(*lines)
+    rows = [_compared(each, of.box.campaign.text) for each in posterior.predictions]
+    data = [*_tables(posterior), Table(DATA_COLUMNS, rows)]
+    if len(rows) > 1:
+        data.append(f"all data together: p = {posterior.p_value:.2g}")
+    return Group(f"posterior, given {posterior.given}", Facts(facts), *warning, *data)
 
 
-def _size(posterior: Posterior) -> str:
-    return (
-        f"effective size {posterior.effective_size:,.0f} of {len(posterior.weights):,} "
-        f"({posterior.method})"
-    )
+def variable_rows(
+    text: str, variables: Iterable[Any], cells: Callable[[Any, float], dict[str, Any]]
+) -> list[dict[str, Any]]:
+    """Return a row for each searched variable with its range, in the unit that a campaign writes.
+
+    `cells` makes more cells of a variable and the factor of its unit.
+    """
+    rows = []
+    for each in variables:
+        factor, unit = unit_of_variable(text, each)
+        searched = f"{each.lower / factor:.4g} to {each.upper / factor:.4g}"
+        row = {"variable": axis_label(each.name, unit), "searched": searched}
+        rows.append(row | cells(each, factor))
+    return rows
 
 
-def _tables(posterior: Posterior) -> list[RenderableType]:
+def _tables(posterior: Posterior) -> list[Any]:
     """Return the table of the variables, and that of the largest partial correlations."""
-    rows, text = [], posterior.of.box.campaign.text
-    for each in posterior.of.box.own:
-        factor, unit = shown_unit(text, each.name, each.unit, each.upper)
-        quantiles = (value / factor for value in posterior.quantiles(each.name))
-        row = {"variable": axis_label(each.name, unit), "width": posterior.contraction[each.name]}
-        rows.append(row | dict(zip(map(str, REPORTED_QUANTILES), quantiles, strict=True)))
+
+    def cells(variable: Variable, factor: float) -> dict[str, Any]:
+        quantiles = zip(REPORTED_QUANTILES, posterior.quantiles(variable.name), strict=True)
+        row = {str(share): value / factor for share, value in quantiles}
+        return row | {"width": posterior.contraction[variable.name]}
+
+    rows = variable_rows(posterior.of.box.campaign.text, posterior.of.box.own, cells)
     names = [label_of(name) for name in posterior.of.box.names]
     plain, partial = posterior.correlations, posterior.partial_correlations
     pairs = [(i, j) for i in range(len(names)) for j in range(i)]
@@ -127,3 +148,44 @@ def _compared(predicted: PredictedDatum, text: str) -> dict[str, Any]:
     shown = " to ".join(format_digits(float(end), digits) for end in (low, high))
     measured = f"{value:.{digits}g} ± {error:.2g}"
     return row | {"measured": in_unit(measured, unit), "predicted": in_unit(shown, unit)}
+
+
+MAX_MEASUREMENTS: Final = 12
+"""Maximum number of measurements in the table of the terminal."""
+
+
+def next_text(found: NextMeasurements, text: str) -> RenderableType:
+    """Return the measurements that leave least of the box as a table, in units of the campaign."""
+    volume = format_digits(100.0 * found.volume, 3)
+    heading = (
+        f"what to measure next: 90 % of the posterior fill {volume} % of the box; expected share "
+        "after one more measurement"
+    )
+    rows = [
+        {
+            "measurement": each.name,
+            "value": _value(each, text),
+            "error": each.error_text,
+            "volume": each.volume_text,
+        }
+        for each in found.ranked[:MAX_MEASUREMENTS]
+    ]
+    left = len(found.ranked) - MAX_MEASUREMENTS
+    more = [f"and {pluralise(left, 'measurement')} that would leave more"] if left > 0 else []
+    return Group(heading, Table(NEXT_COLUMNS, rows), *more)
+
+
+NEXT_COLUMNS: Final = (
+    Column("measurement"),
+    Column("value", "expected value"),
+    Column("error"),
+    Column("volume", "share of the box"),
+)
+
+
+def _value(each: NextMeasurement, text: str) -> str:
+    """Return the value that is expected; nothing for shares of sizes."""
+    if len(each.datum.values) > 1:
+        return ""
+    factor, unit = shown_unit(text, each.datum.quantity, each.datum.kind.unit, each.predicted)
+    return in_unit(f"{each.predicted / factor:.4g}", unit)

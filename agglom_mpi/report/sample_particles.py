@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.analysis.estimates import objective_of
-from agglom_mpi.analysis.resimulation import is_same
+from agglom_mpi.analysis.resimulation import is_same, simulated_again
 from agglom_mpi.analysis.tables import time_on_free_core
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.outcome import COMPLETED, summaries
@@ -139,33 +139,28 @@ def final_radii(
     kind = (
         "fresh" if rows["sample"][0] >= data.fresh_from else "all" if data.with_unused else "used"
     )
-    stored, radii = _stored_radii(data, string, rows[:MAX_SAMPLES])
-    if radii:
-        return _pooled(data, stored, radii, f"as stored of {kind} samples")
+    if data.attributes.get("final_particles"):
+        first = grain_radius(*_scene_and_value(data, string))
+        found = [data.particles.final(string, int(k)) for k in rows["sample"][:MAX_SAMPLES]]
+        if any(stored := [particles is not None for particles in found]):
+            radii = [each.radii / first for each in found if each is not None]
+            own = rows[: len(found)][np.array(stored)]
+            return _distribution(data, own, radii, f"as stored of {kind} samples")
     count = _affordable_samples(data, rows, seconds)
     if not count:
         reason = "particles are not stored, and to simulate again takes too long"
-        return _mean_radii(data, rows, reason)
+        return _distribution(data, rows, None, reason)
     try:
-        radii, same = _resimulated_radii(data, string, rows[:count])
+        outcomes = [simulated_again(data, string, int(k)) for k in rows["sample"][:count]]
     except (CampaignError, RuntimeError) as error:
-        return _mean_radii(data, rows, f"samples cannot be simulated again ({error})")
+        return _distribution(data, rows, None, f"samples cannot be simulated again ({error})")
+    radii, version = [outcome.radii for outcome in outcomes], data.sizes.version
+    pairs = zip(rows[:count], outcomes, strict=True)
+    same = all(is_same(row, outcome.record, version) for row, outcome in pairs)
     source = "simulated again, identical to the recorded ones"
     if not same:
         source = "simulated again by other sources, not identical to the recorded ones"
-    return _pooled(data, rows[:count], radii, f"{kind} samples, {source}")
-
-
-def _stored_radii(
-    data: CampaignData, string: int, rows: np.ndarray
-) -> tuple[np.ndarray, list[Floats]]:
-    """Return the rows whose particles are stored, and the radii b/b0 of each."""
-    if not data.attributes.get("final_particles"):
-        return rows[:0], []
-    found = [data.particles.final(string, int(sample)) for sample in rows["sample"]]
-    first = grain_radius(*_scene_and_value(data, string))
-    is_stored = np.array([particles is not None for particles in found], bool)
-    return rows[is_stored], [each.radii / first for each in found if each is not None]
+    return _distribution(data, rows[:count], radii, f"{kind} samples, {source}")
 
 
 def _scene_and_value(data: CampaignData, string: int) -> tuple[Any, dict[str, float]]:
@@ -191,45 +186,20 @@ def _affordable_samples(data: CampaignData, rows: np.ndarray, seconds: float) ->
     return int(min(len(rows), MAX_SAMPLES, count))
 
 
-def _resimulated_radii(
-    data: CampaignData, string: int, rows: np.ndarray
-) -> tuple[list[Floats], bool]:
-    """Return the radii of resimulated samples, and whether all equal the recorded ones."""
-    from agglom_mpi.verbs.simulate import simulate
-
-    campaign = recorded_campaign(data)
-    parameters, first = data.parameters[string], campaign.first_sample(string)
-    outcomes = [simulate(campaign, parameters, first + int(row["sample"])) for row in rows]
-    same = all(
-        is_same(row, each.record, data.sizes.version)
-        for row, each in zip(rows, outcomes, strict=True)
-    )
-    return [outcome.radii for outcome in outcomes], same
-
-
-def _pooled(
-    data: CampaignData, rows: np.ndarray, radii: list[Floats], source: str
-) -> RadiusDistribution:
-    """Return the radii of the particles of samples, one array each, as one distribution."""
-    return _distribution(data, rows, np.concatenate(radii), False, source)
-
-
-def _mean_radii(data: CampaignData, rows: np.ndarray, source: str) -> RadiusDistribution:
-    """Return the mean radii of samples; the moments are still those of the particles."""
-    return _distribution(data, rows, rows["mean_radius_ratio"].copy(), True, source)
-
-
 def _distribution(
-    data: CampaignData, rows: np.ndarray, values: Floats, of_means: bool, source: str
+    data: CampaignData, rows: np.ndarray, radii: list[Floats] | None, source: str
 ) -> RadiusDistribution:
+    """Return the radii of the particles of samples, an array for each sample, as one distribution.
+
+    None: the mean radius of each sample; the moments are still those of the particles.
+    """
     pool = PooledMoments()
     for summary in summaries(rows):
         pool.add(summary.particles, summary.mean_radius_ratio, summary.central_moments)
-    mean = float(rows["mean_radius_ratio"].mean())
-    string = int(rows["string"][0])
-    return RadiusDistribution(
-        string, values, len(rows), of_means, mean, pool.central, source, target_ratio(data)
-    )
+    means, string = rows["mean_radius_ratio"].copy(), int(rows["string"][0])
+    values = means if radii is None else np.concatenate(radii)
+    numbers = len(rows), radii is None, float(means.mean()), pool.central
+    return RadiusDistribution(string, values, *numbers, source, target_ratio(data))
 
 
 def frames_of(
@@ -262,22 +232,13 @@ def frames_of(
         )
     sample = int(rows["sample"][0])
     try:
-        frames = _resimulated_frames(data, string, sample)
+        end = end_time(*recorded_campaign(data).at(data.parameters[string]))
+        outcome = simulated_again(data, string, sample, end * np.array(FRAME_TIMES))
     except (CampaignError, RuntimeError) as error:
         raise FramesUnavailableError(str(error)) from error
-    width = half_width(*_scene_and_value(data, string))
-    return SampleFrames(string, sample, frames, "simulated again", width)
-
-
-def _resimulated_frames(data: CampaignData, string: int, sample: int) -> Frames:
-    from agglom_mpi.verbs.simulate import simulate
-
-    campaign, parameters = recorded_campaign(data), data.parameters[string]
-    end = end_time(*campaign.at(parameters))
-    number = campaign.first_sample(string) + sample
-    outcome = simulate(campaign, parameters, number, frames=end * np.array(FRAME_TIMES))
     assert outcome.frames is not None
-    return outcome.frames
+    width = half_width(*_scene_and_value(data, string))
+    return SampleFrames(string, sample, outcome.frames, "simulated again", width)
 
 
 def informative_frames(frames: Frames) -> list[int]:

@@ -10,7 +10,7 @@ from agglom_mpi.errors import require_library
 from agglom_mpi.formatting import without_nan
 from agglom_mpi.inference.data_posterior import data_posterior
 from agglom_mpi.inference.feasible_set import FeasibleSet
-from agglom_mpi.inference.mean_posterior import measurement_of
+from agglom_mpi.inference.measured_mean import measurement_of
 from agglom_mpi.inference.tolerances import recorded_objective, tolerance_of
 from agglom_mpi.report.set_summary import grid_table, set_as_dict, set_text
 from agglom_mpi.storage.files import atomic_file, require_absent, require_writable_folder
@@ -19,6 +19,7 @@ from agglom_mpi.storage.recorded_campaign import recorded_campaign
 if TYPE_CHECKING:
     import pandas as pd
 
+    from agglom_mpi.inference.next_measurement import NextMeasurements
     from agglom_mpi.inference.posterior import Posterior
     from agglom_mpi.storage.reader import CampaignData
 
@@ -73,6 +74,62 @@ class SetRequest(NamedTuple):
             return None
         return found.posterior(self.measured, self.error)
 
+    def found(
+        self, data: "CampaignData", made: Path | None = None
+    ) -> "tuple[FeasibleSet, Posterior | None]":
+        """Return the set and the posterior that is asked for; write the files, if it is known.
+
+        The folder `made` is made for them.
+        """
+        found = FeasibleSet(data, self.tolerance)
+        posterior = self.posterior_of(found)
+        if made is not None:
+            made.mkdir(parents=True, exist_ok=True)
+        if self.grid is not None and found.calibration.passed:
+            write_table(self.grid, grid_table(found))
+        if self.draws is not None and posterior is not None:
+            write_table(self.draws, posterior.draws)
+        return found, posterior
+
+
+class PosteriorRequest(NamedTuple):
+    """Options of a report on the posterior of all data.
+
+    Attributes
+    ----------
+    what_next
+        Whether to show what to measure next.
+    table
+        CSV file to write with all measurements that could be made; None: do not.
+    """
+
+    what_next: bool = False
+    table: Path | None = None
+
+    def check(self, made: Path | None = None) -> None:
+        """Refuse a file that cannot be written, before anything is computed.
+
+        Parameters
+        ----------
+        made
+            A folder that will be made for files to be written into.
+
+        Raises
+        ------
+        OSError
+            If the file exists already, or its folder cannot be written.
+        """
+        check_new(self.table, made)
+
+    def found(self, posterior: "Posterior") -> "NextMeasurements | None":
+        """Return what to measure next, if that is asked for, and write the table."""
+        if not self.what_next:
+            return None
+        found = posterior.next_measurements()
+        if self.table is not None:
+            write_table(self.table, found.table)
+        return found
+
 
 @single_threaded
 def set_report(data: "CampaignData", request: SetRequest, as_json: bool, **further: Any) -> Any:
@@ -89,16 +146,9 @@ def set_report(data: "CampaignData", request: SetRequest, as_json: bool, **furth
     """
     require_library("pandas", "report", "feasible sets")
     request.check(data)
-    found = FeasibleSet(data, request.tolerance)
-    posterior = request.posterior_of(found)
-    write_files(request, found, posterior)
+    found, posterior = request.found(data)
     if as_json:
-        return json.dumps(
-            without_nan(set_as_dict(found, posterior) | further),
-            indent=2,
-            ensure_ascii=False,
-            allow_nan=False,
-        )
+        return _json(set_as_dict(found, posterior) | further)
     return set_text(found, posterior)
 
 
@@ -111,27 +161,20 @@ def write_json(path: Path, data: "CampaignData", request: SetRequest | None) -> 
         If there is none, with the reason.
     """
     if is_of_data(data, request):
-        found = {"posterior": data.derived(data_posterior).as_dict()}
-        text = json.dumps(without_nan(found), indent=2, ensure_ascii=False, allow_nan=False)
+        text = _json({"posterior": data.derived(data_posterior).as_dict()})
     else:
         text = set_report(data, request or SetRequest(), as_json=True)
     with atomic_file(path) as temporary:
         temporary.write_text(f"{text}\n", encoding="utf-8")
 
 
+def _json(values: dict[str, Any]) -> str:
+    return json.dumps(without_nan(values), indent=2, ensure_ascii=False, allow_nan=False)
+
+
 def is_of_data(data: "CampaignData", request: SetRequest | None) -> bool:
     """Return whether the posterior of a campaign's data is meant: no measured mean is given."""
     return data.sizes.census is not None and (request is None or request.measured is None)
-
-
-def write_files(request: SetRequest, found: FeasibleSet, posterior: "Posterior | None") -> None:
-    """Write the CSV files that are asked for, where the set is known."""
-    if not found.calibration.passed:
-        return
-    if request.grid is not None:
-        write_table(request.grid, grid_table(found))
-    if request.draws is not None and posterior is not None:
-        write_table(request.draws, posterior.draws)
 
 
 def check_new(path: Path | None, made: Path | None) -> None:

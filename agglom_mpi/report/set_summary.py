@@ -5,15 +5,15 @@ from typing import TYPE_CHECKING, Any, Final
 
 from rich.console import Group, RenderableType
 
-from agglom_mpi.analysis.shown_units import shown_unit
 from agglom_mpi.config.allowed_share import allowed_share
 from agglom_mpi.display.table import Column, Facts, Table
-from agglom_mpi.formatting import axis_label, format_percent, value_with_error, without_nan
+from agglom_mpi.formatting import format_percent, value_with_error, without_nan
 from agglom_mpi.inference.emulated_set import BOX_POINTS
 from agglom_mpi.inference.feasible_set import FeasibleSet
-from agglom_mpi.inference.set_directions import name_ends, rounded
+from agglom_mpi.inference.set_directions import SetVariable, name_ends, rounded
 from agglom_mpi.inference.set_points import INNER_PROBABILITY, OUTER_PROBABILITY
-from agglom_mpi.report.posterior_summary import measure_text, posterior_text
+from agglom_mpi.report.posterior_summary import measure_text, posterior_text, variable_rows
+from agglom_mpi.variables import Variable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -61,28 +61,31 @@ def _rests_on(of: FeasibleSet) -> str:
 
 
 def _shares(of: FeasibleSet) -> Facts:
-    rows: list[tuple[str, str]] = []
+    box, rows = of.emulated.box, list[tuple[str, str]]()
     if of.empty:
-        rows.append(("the set", empty_text(of)))
-        rows.append(("nearest", f"{of.nearest.reached}, {_probability(of.nearest.probability)}"))
+        probability = of.nearest.probability
+        shown = f"P < {MIN_SHOWN_PROBABILITY:g}"
+        if probability >= MIN_SHOWN_PROBABILITY:
+            shown = f"P = {probability:.2g}"
+        rows += [("the set", empty_text(of)), ("nearest", f"{of.nearest.reached}, {shown}")]
     else:
         share = value_with_error(100.0 * of.volume, 100.0 * of.volume_error)
-        rows.append(("share of the box", f"{share} %; {measure_text(of.emulated.box)}"))
+        rows.append(("share of the box", f"{share} %; {measure_text(box)}"))
     if of.allowed < 1.0:
         shares = "" if of.empty else "; shares refer to the allowed part"
-        allowed = allowed_share(of.emulated.box.campaign)
-        rows.append(("constraints", f"allow {allowed} of the box{shares}"))
+        rows.append(("constraints", f"allow {allowed_share(box.campaign)} of the box{shares}"))
     if not of.empty:
         rows.append((f"  surely (P ≥ {INNER_PROBABILITY:g})", format_percent(of.inner, 3)))
         rows.append((f"  possibly (P ≥ {OUTER_PROBABILITY:g})", format_percent(of.outer, 3)))
     if of.volume > 0.0 and not of.empty:
-        rows.append(
-            (
-                "expected error",
-                f"{format_percent(of.expected_error, 3)} of the set's volume is wrongly in or out "
-                f"of P ≥ 0.5; {samples_to_halve(of):,} more samples{_taken_by(of)} would halve it",
-            )
+        # The search that would take these samples is named where it is not that of the campaign.
+        is_other = box.campaign.objective.is_magnitude and not box.campaign.search.looks_for_a_set
+        search = " of a search with aim: set" if is_other else ""
+        error = (
+            f"{format_percent(of.expected_error, 3)} of the set's volume is wrongly in or out of "
+            f"P ≥ 0.5; {samples_to_halve(of):,} more samples{search} would halve it"
         )
+        rows.append(("expected error", error))
     if of.criterion.maximum is not None:
         rows.append(("maximum", f"mean b/b0 {value_with_error(*of.criterion.maximum)}"))
     if of.failing:
@@ -91,14 +94,6 @@ def _shares(of: FeasibleSet) -> Facts:
     if of.favours_low_objectives:
         rows.append(("samples", BIASED_CHOICE))
     return Facts(rows)
-
-
-def _taken_by(of: FeasibleSet) -> str:
-    """Return the search that would take these samples, where it is not that of the campaign."""
-    campaign = of.emulated.box.campaign
-    if not campaign.objective.is_magnitude or campaign.search.looks_for_a_set:
-        return ""
-    return " of a search with aim: set"
 
 
 def empty_text(of: FeasibleSet) -> str:
@@ -112,26 +107,16 @@ def empty_text(of: FeasibleSet) -> str:
     )
 
 
-def _probability(value: float) -> str:
-    """Return a probability that is nearly 0 as a text."""
-    return (
-        f"P = {value:.2g}" if value >= MIN_SHOWN_PROBABILITY else f"P < {MIN_SHOWN_PROBABILITY:g}"
-    )
-
-
 def _nearest_table(of: FeasibleSet) -> Table:
     """Return a table of the nearest string and the searched ranges."""
-    rows, text = [], of.emulated.box.campaign.text
-    for each in of.emulated.box.own:
-        factor, unit = shown_unit(text, each.name, each.unit, each.upper)
-        rows.append(
-            {
-                "variable": axis_label(each.name, unit),
-                "searched": f"{each.lower / factor:.4g} to {each.upper / factor:.4g}",
-                "nearest at": of.nearest.parameters[each.name] / factor,
-                "end": f"{end} end" if (end := of.nearest.ends.get(each.name)) else "",
-            }
-        )
+
+    def cells(variable: Variable, factor: float) -> dict[str, Any]:
+        end = of.nearest.ends.get(variable.name)
+        at = of.nearest.parameters[variable.name] / factor
+        return {"nearest at": at, "end": f"{end} end" if end else ""}
+
+    box = of.emulated.box
+    rows = variable_rows(box.campaign.text, box.own, cells)
     columns = Column("variable"), Column("searched"), Column("nearest at", format=".4g")
     return Table((*columns, Column("end", "", text=True)), rows)
 
@@ -149,21 +134,12 @@ SET_COLUMNS: Final = (
 
 
 def _variable_table(of: FeasibleSet) -> Table:
-    rows, text = [], of.emulated.box.campaign.text
-    for each in of.variables:
-        factor, unit = shown_unit(text, each.name, each.unit, each.upper)
-        ends = (each.lower, each.upper), (each.least, each.most)
-        searched, possible = ((low / factor, high / factor) for low, high in ends)
-        rows.append(
-            {
-                "variable": axis_label(each.name, unit),
-                "searched": f"{searched[0]:.4g} to {searched[1]:.4g}",
-                "possible": f"{possible[0]:.3g} to {possible[1]:.3g}",
-                **{name: getattr(each, name) / factor for name in ("low", "median", "high")},
-                "kept": each.kept,
-                "free": each.free,
-            }
-        )
+    def cells(variable: SetVariable, factor: float) -> dict[str, Any]:
+        possible = f"{variable.least / factor:.3g} to {variable.most / factor:.3g}"
+        row = {name: getattr(variable, name) / factor for name in ("low", "median", "high")}
+        return row | {"possible": possible, "kept": variable.kept, "free": variable.free}
+
+    rows = variable_rows(of.emulated.box.campaign.text, of.variables, cells)
     return Table(SET_COLUMNS, rows)
 
 

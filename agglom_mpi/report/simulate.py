@@ -1,10 +1,10 @@
 """One parameter string simulated, and what `agglom simulate` prints and writes of it."""
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -26,11 +26,8 @@ from agglom_mpi.physics.scales import half_width
 from agglom_mpi.simulation.frames import Frames
 from agglom_mpi.simulation.sample import Outcome
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
-from agglom_mpi.verbs.estimate import StringEstimate, estimate_of
+from agglom_mpi.verbs.estimate import estimate_of
 from agglom_mpi.verbs.simulate import changes_until, simulate
-
-if TYPE_CHECKING:
-    from agglom_mpi.storage.reader import CampaignData
 
 OBJECTIVE_LEFT_OUT: Final = "objective left out: a function is never run from a campaign file"
 PARTICLES: Final = "particles.vtkhdf"
@@ -75,29 +72,6 @@ class SimulationRequest(NamedTuple):
     """Whether what is unlikely in a YAML campaign is an error."""
 
 
-class SelectedString(NamedTuple):
-    """The string that is simulated.
-
-    Attributes
-    ----------
-    campaign
-    parameters
-        Shape (k,), SI units.
-    first_sample
-        Number of its first sample in the campaign's random streams.
-    recorded
-        Row of the recorded sample that is simulated again, if there is one.
-    format_version
-        Of the file that it is recorded in.
-    """
-
-    campaign: Campaign
-    parameters: npt.NDArray[np.float64]
-    first_sample: int = 0
-    recorded: np.void | None = None
-    format_version: int = 0
-
-
 def simulate_string(
     request: SimulationRequest, as_json: bool, show: Callable[[str], None] = lambda line: None
 ) -> tuple[str, int]:
@@ -119,112 +93,100 @@ def simulate_string(
     if request.out is not None:
         require_output(request.out)
         request = request._replace(sample=request.sample or 0)
-    if is_hdf5(request.source):
-        selected = _recorded_string(request)
-    else:
-        selected = _set_string(request)
-        selected.campaign.check_scales(selected.parameters)
-        warn(selected.campaign.warnings(request.settings), request.strict, show)
-    campaign, parameters, first, recorded, version = selected
+    campaign, parameters, first, recorded, version = (
+        _recorded_string(request) if is_hdf5(request.source) else _set_string(request, show)
+    )
     samples = range(request.samples) if request.sample is None else [request.sample]
-    numbers = [first + sample for sample in samples]
     engine, frames = campaign.engine(request.engine), request.frames
-    completed, failures = _simulate(selected, numbers, engine, frames)
-    outcomes = list(completed.values())
-    if not outcomes:
-        return (json.dumps({"failed": failures[0]}) if as_json else failures[0]), FAILURE
-    estimate = estimate_of(campaign, parameters, outcomes, len(failures))
-    code = FINISHED
-    for line in [
-        *few_left(estimate.particles_left.value, campaign.scene.particles),
-        *_early_changes(selected, completed, engine),
-    ]:
-        show(f"warning: {line}")
-    extra: dict[str, Any] = {"reasons": failures[:1]} if failures else {}
-    if campaign.user_function is not None and not _calls_function(campaign):
-        extra["note"] = OBJECTIVE_LEFT_OUT
-    if recorded is not None and request.engine is None:
-        same = is_same_sample(recorded, outcomes[0], version, _calls_function(campaign))
-        extra["replay"] = AGREEMENT[same]
-        code = FINISHED if same else FAILURE
-    if request.out is not None:
-        extra["files"] = _write_frames(request, campaign, parameters, outcomes[0])
-    if as_json:
-        return json.dumps(estimate.as_dict() | extra, indent=2), code
-    return _as_text(estimate, extra), code
-
-
-def _calls_function(campaign: Campaign) -> bool:
-    """Return whether the objective is a function that may be called."""
-    return campaign.user_function is not None and campaign.user_function.source is not None
-
-
-def _simulate(
-    selected: SelectedString, numbers: Sequence[int], engine: Any, frames: int | None
-) -> tuple[dict[int, Outcome], list[str]]:
-    """Simulate samples; return the completed ones by their numbers, and why others failed."""
-    campaign, parameters = selected.campaign, selected.parameters
-    completed, failures = {}, []
+    completed: dict[int, Outcome] = {}
+    failures: list[str] = []
     with suppress(RuntimeError):
-        simulate(campaign, parameters, numbers[0], engine, frames)  # compiles, not to be timed
-    for number in numbers:
+        simulate(campaign, parameters, first + samples[0], engine, frames)  # compiles, not timed
+    for number in (first + sample for sample in samples):
         try:
             completed[number] = simulate(campaign, parameters, number, engine, frames)
         except RuntimeError as error:
             failures.append(str(error))
-    return completed, failures
+    outcomes = list(completed.values())
+    if not outcomes:
+        return (json.dumps({"failed": failures[0]}) if as_json else failures[0]), FAILURE
+    estimate = estimate_of(campaign, parameters, outcomes, len(failures))
+    for line in [
+        *few_left(estimate.particles_left.value, campaign.scene.particles),
+        *_early_changes(campaign, parameters, completed, engine),
+    ]:
+        show(f"warning: {line}")
+    code, extra = FINISHED, dict[str, Any]()
+    function = campaign.user_function
+    if failures:
+        extra["reasons"] = failures[:1]
+    if function is not None and function.source is None:
+        extra["note"] = OBJECTIVE_LEFT_OUT
+    if recorded is not None and request.engine is None:
+        is_called = function is not None and function.source is not None
+        same = is_same_sample(recorded, outcomes[0], version, is_called)
+        extra["replay"], code = AGREEMENT[same], FINISHED if same else FAILURE
+    if request.out is not None and outcomes[0].frames is not None:
+        string = "" if request.string is None else f"string {request.string}, "
+        title = f"{campaign.title}: {string}sample {request.sample}"
+        width = half_width(*campaign.at(parameters))
+        extra["files"] = write_frames(request.out, outcomes[0].frames, width, title)
+    if as_json:
+        return json.dumps(estimate.as_dict() | extra, indent=2), code
+    lines = [str(estimate), *extra.get("reasons", [])]
+    lines += [extra[name] for name in ("note", "replay") if name in extra]
+    return "\n".join([*lines, *extra.get("files", [])]), code
 
 
 def _early_changes(
-    selected: SelectedString, completed: Mapping[int, Outcome], engine: Any
+    campaign: Campaign,
+    parameters: npt.NDArray[np.float64],
+    completed: Mapping[int, Outcome],
+    engine: Any,
 ) -> list[str]:
     """Return a line if all changes of the first samples are early; looks until one is not."""
     first = list(completed.items())[:EARLY_SAMPLES]
     changes = 0
     for number, outcome in first:
         total = outcome.merges + outcome.breakups
-        early = changes_until(selected.campaign, selected.parameters, number, EARLY, engine)
-        if early < total:
+        if changes_until(campaign, parameters, number, EARLY, engine) < total:
             return []
         changes += total
     return early_changes(changes, len(first)) if changes else []
 
 
-def _set_string(request: SimulationRequest) -> SelectedString:
+Selected = tuple[Campaign, npt.NDArray[np.float64], int, np.void | None, int]
+"""A string to simulate: its campaign, its parameters, (k,), in SI units, the number of its first
+sample in the random streams, and the row of the recorded sample that is simulated again with the
+format version of its file; None and 0 without one."""
+
+
+def _set_string(request: SimulationRequest, show: Callable[[str], None]) -> Selected:
     """Return the string that the settings of a YAML campaign make."""
     if request.string is not None:
         message = "needs a campaign file FILE.h5, not a YAML file"
         raise mistaken(request.source, "--string", message)
     campaign = load_campaign(request.source, request.allow_code)
-    return SelectedString(campaign, campaign.parameters(request.settings))
+    parameters = campaign.parameters(request.settings)
+    campaign.check_scales(parameters)
+    warn(campaign.warnings(request.settings), request.strict, show)
+    return campaign, parameters, 0, None, 0
 
 
-def _recorded_string(request: SimulationRequest) -> SelectedString:
+def _recorded_string(request: SimulationRequest) -> Selected:
     """Return the recorded string of a campaign file."""
     from agglom_mpi.storage.reader import read_inversion
 
+    string, sample = request.string, request.sample
     file = read_inversion(request.source, request.allow_code)
     campaign = recorded_campaign(file)
     if request.settings:
         message = "is for YAML files; a recorded string is as it is"
         raise mistaken(request.source, "--set", message)
-    parameters = recorded_parameters(file, request.string)
-    first = campaign.first_sample(request.string or 0)
-    row = _recorded_row(request, file)
-    return SelectedString(campaign, parameters, first, row, file.sizes.version)
-
-
-def _recorded_row(request: SimulationRequest, file: "CampaignData") -> np.void | None:
-    if request.sample is None or request.string is None:
-        return None
-    return recorded_sample(file, request.string, request.sample)
-
-
-def _as_text(estimate: StringEstimate, extra: dict[str, Any]) -> str:
-    """Return an estimate and the remarks on it as lines for the terminal."""
-    lines = [str(estimate), *extra.get("reasons", [])]
-    lines += [extra[name] for name in ("note", "replay") if name in extra]
-    return "\n".join([*lines, *extra.get("files", [])])
+    parameters, row = recorded_parameters(file, string), None
+    if sample is not None and string is not None:
+        row = recorded_sample(file, string, sample)
+    return campaign, parameters, campaign.first_sample(string or 0), row, file.sizes.version
 
 
 def require_output(directory: Path) -> None:
@@ -244,20 +206,6 @@ def require_output(directory: Path) -> None:
     require_directory(directory)
     for name in FILES:
         require_absent(directory / name)
-
-
-def _write_frames(
-    request: SimulationRequest,
-    campaign: Campaign,
-    parameters: npt.NDArray[np.float64],
-    outcome: Outcome,
-) -> list[str]:
-    """Write the frames of an outcome, and return the paths of their files."""
-    assert request.out is not None
-    assert outcome.frames is not None
-    string = "" if request.string is None else f"string {request.string}, "
-    title = f"{campaign.title}: {string}sample {request.sample}"
-    return write_frames(request.out, outcome.frames, half_width(*campaign.at(parameters)), title)
 
 
 def write_frames(directory: Path, frames: Frames, half_width: float, title: str) -> list[str]:

@@ -6,6 +6,7 @@ from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agglom_mpi.analysis.failed_samples import no_result
 from agglom_mpi.analysis.replay import stored_outcomes
@@ -18,7 +19,7 @@ from agglom_mpi.runtime.failures import FailureLog, HangingSamples
 from agglom_mpi.runtime.messages import RankMessage, merged, storable
 from agglom_mpi.runtime.post_stages import FrameStage, PostStage, ReestimationStage
 from agglom_mpi.runtime.recorder import ProgressListener, RunRecorder, decided_again
-from agglom_mpi.runtime.returned_samples import ReturnedSamples, first_returns
+from agglom_mpi.runtime.returned_samples import RankPart, first_returns, rank_parts
 from agglom_mpi.runtime.silence import RankWatch
 from agglom_mpi.runtime.stop_request import StopRequest
 from agglom_mpi.runtime.worker_pool import WorkerPool
@@ -290,15 +291,15 @@ class Coordinator:
         if not together.empty:
             self._store(messages, together)
             self._hanging.learn(together.results)
-        if len(together.results):
-            returned = ReturnedSamples.of(messages, together.results)
-            # Before the search has ended nobody has fresh samples.
-            finished = self.inversion.finished
-            searched, fresh = returned.split(self._fresh[0]) if finished else (returned, None)
-            if searched is not None:
-                self._complete(searched)
-            if fresh is not None:
-                self._complete_fresh(fresh)
+        if len(together.parts):
+            self.recorder.tally.count_left_out(together.parts)
+            returned = rank_parts(messages)
+            fresh = [each for each in returned if each.part.first >= self._fresh[0]]
+            if len(fresh) < len(returned):
+                searched = [each for each in returned if each.part.first < self._fresh[0]]
+                self._complete(searched, together.results)
+            if fresh:
+                self._complete_fresh(fresh, together.results)
         for message in messages:
             for rows in message.frames:
                 if self.frame_stage.store(rows):
@@ -309,27 +310,29 @@ class Coordinator:
     def _store(self, messages: Sequence[RankMessage], together: RankMessage) -> None:
         """Store the samples of messages, except what a rank writes itself."""
         if self._writer.parallel:
-            for rank, rows, _, final, *_ in messages:
-                self.recorder.store_samples(storable(rows), final, rank or None)
+            for each in messages:
+                rows = storable(each.results)
+                self.recorder.store_samples(rows, each.final_particles, each.rank or None)
         else:
             self.recorder.store_samples(storable(together.results), together.final_particles)
 
-    def _complete(self, returned: ReturnedSamples) -> None:
+    def _complete(self, returned: Sequence[RankPart], rows: NDArray[np.void]) -> None:
         """Make the decisions that follow from samples, unless other ranks were first."""
-        found = first_returns(self._scheduler, returned)
-        if len(found.skipped):
-            self.recorder.tally.count_skipped(found.skipped)
+        found = first_returns(self._scheduler, returned, rows)
         if found.parts:
             self.recorder.count(found.rows)
             if not self._failures.incomplete:
                 self.recorder.record(self.inversion.complete_all(found.rows, found.parts))
             self._failures.add_samples(found.rows)
-        for string in found.strings:
+        decides = not (self.inversion.finished or self._failures.incomplete)
+        for string, is_ended in found.strings.items():
+            if is_ended and decides and self.inversion.progress(string) is not None:
+                raise RuntimeError(f"a rank left out samples of string {string}, which needs more")
             self._scheduler.update(string)
 
-    def _complete_fresh(self, returned: ReturnedSamples) -> None:
+    def _complete_fresh(self, returned: Sequence[RankPart], rows: NDArray[np.void]) -> None:
         """Take fresh samples, which decide nothing."""
-        rows = first_returns(self.reestimation.scheduler, returned).rows
+        rows = first_returns(self.reestimation.scheduler, returned, rows).rows
         self.recorder.tally.count_fresh(rows)
         if not self._failures.incomplete:
             self.reestimation.take(rows)

@@ -42,7 +42,7 @@ class PendingSends:
 
 
 TASKS: Final = 1  # to a worker: tasks to simulate, of `scheduling.interface.task_type`
-RESULTS: Final = 2  # from a worker: results of samples, rows of `/samples`
+RESULTS: Final = 2  # from a worker: parts of its tasks and their rows, of `packed_results`
 FAILURE: Final = 3  # from a worker: the traceback of a sample, `FAILED_SAMPLE`
 STOP: Final = 4  # to a worker: its exit code, int32; from a worker: `GOODBYE`
 WRITTEN: Final = 5  # from a worker: number of samples that it has written since the last, int64
@@ -58,10 +58,14 @@ PROGRAM: Final = 12  # from a worker, first of all: its program, as in `programs
 RESULT: Final = sample_dtype
 """Record of a simulated sample whose objective has no quantities, a row of `/samples`."""
 
-NOT_NEEDED: Final = 255
-"""The `reason` of a sample that was left out, as its string was cancelled."""
-
-_NOT_FINAL: Final = frozenset((FailureReason.TIMED_OUT, NOT_NEEDED))
+PART: Final = np.dtype(
+    [
+        *(("string", "i8"), ("first", "i8"), ("size", "i8"), ("left_out", "i8")),
+        *(("seconds", "f8"), ("cpu_seconds", "f8")),
+    ]
+)
+"""What a rank has done of a task: its samples from `first` on, whether it leaves out all others,
+and the time in s of one that was begun and not needed any more."""
 
 FAILED_SAMPLE: Final = np.dtype(
     [
@@ -95,6 +99,7 @@ GOODBYE: Final = np.dtype([("database_seconds", "f8")])
 """Last message of a rank that has stopped: time that it spent on the campaign file, in s."""
 
 NO_RESULTS: Final = np.zeros(0, RESULT)
+NO_PARTS: Final = np.zeros(0, PART)
 NO_FAILURES: Final = np.zeros(0, FAILED_SAMPLE)
 
 
@@ -108,6 +113,8 @@ class RankMessage(NamedTuple):
     rank: int
     results: NDArray[np.void] = NO_RESULTS
     """Rows of `/samples` in execution order, (n,)."""
+    parts: NDArray[np.void] = NO_PARTS
+    """The parts of tasks that they are, one after the other, of `PART`, (m,)."""
     failures: NDArray[np.void] = NO_FAILURES
     """Records of `FAILED_SAMPLE`, (n,)."""
     final_particles: NDArray[np.void] | None = None
@@ -127,13 +134,13 @@ class RankMessage(NamedTuple):
 
     @property
     def empty(self) -> bool:
-        """Whether the message reports no samples."""
+        """Whether the message reports nothing that was simulated or left out."""
         return (
-            not (len(self.results) or len(self.failures) or self.frames)
+            not (len(self.parts) or len(self.failures) or self.frames)
             and self.final_particles is None
         )
 
-    def records(self) -> Iterator[tuple[int, NDArray[np.void]]]:
+    def records(self) -> Iterator[tuple[int, NDArray[Any]]]:
         """Yield the messages, each a tag and records, (n,), that report samples to rank 0.
 
         Final particles come before the results that they belong to, and each frame alone, as it
@@ -146,8 +153,8 @@ class RankMessage(NamedTuple):
         for rows in self.frames:
             for frame in rows.reshape(-1, 1):
                 yield FRAMES, frame
-        if len(self.results):
-            yield RESULTS, self.results
+        if len(self.parts):
+            yield RESULTS, packed_results(self.parts, self.results)
 
 
 def merged(rank: int, messages: Sequence[RankMessage]) -> RankMessage:
@@ -157,24 +164,36 @@ def merged(rank: int, messages: Sequence[RankMessage]) -> RankMessage:
     return RankMessage(
         rank,
         concatenated(results, results[0].dtype if results else RESULT),
+        concatenated([each.parts for each in messages if len(each.parts)], PART),
         concatenated([each.failures for each in messages if len(each.failures)], FAILED_SAMPLE),
         concatenated(final, final[0].dtype) if final else None,
         tuple(rows for each in messages for rows in each.frames),
     )
 
 
-def record_types(grains: int, result: np.dtype = RESULT) -> dict[int, np.dtype]:
+def packed_results(parts: NDArray[np.void], rows: NDArray[np.void]) -> NDArray[np.uint8]:
+    """Return the bytes of parts of tasks, of `PART`, (m,), and of their rows, (n,)."""
+    counts = np.array([len(parts)])
+    whole = b"".join((counts.tobytes(), parts.tobytes(), rows.tobytes()))
+    return np.frombuffer(whole, np.uint8)
+
+
+def unpacked_results(
+    packed: NDArray[np.uint8], result: np.dtype
+) -> tuple[NDArray[np.void], NDArray[np.void]]:
+    """Return parts and rows of a type, views of the bytes of `packed_results`."""
+    begin = np.dtype(np.int64).itemsize
+    end = begin + int(packed[:begin].view(np.int64)[0]) * PART.itemsize
+    return packed[begin:end].view(PART), packed[end:].view(result)
+
+
+def record_types(grains: int) -> dict[int, np.dtype]:
     """Return the types of records that rank 0 receives, by tag.
 
-    Parameters
-    ----------
-    grains
-        Largest number of particles of a sample.
-    result
-        Type of a result.
+    `grains` is the largest number of particles of a sample.
     """
     return {
-        RESULTS: result,
+        RESULTS: np.dtype(np.uint8),
         FAILURE: FAILED_SAMPLE,
         UNWRITTEN: FAILED_SAMPLE,
         WRITTEN: np.dtype(np.int64),
@@ -185,8 +204,10 @@ def record_types(grains: int, result: np.dtype = RESULT) -> dict[int, np.dtype]:
     }
 
 
-def decoded(rank: int, tag: int, records: NDArray[np.void]) -> RankMessage:
+def decoded(rank: int, tag: int, records: NDArray[Any], result: np.dtype = RESULT) -> RankMessage:
     """Return the message of a rank whose records, (n,), came under a tag.
+
+    `result` is the type of its rows of `/samples`.
 
     Raises
     ------
@@ -194,7 +215,8 @@ def decoded(rank: int, tag: int, records: NDArray[np.void]) -> RankMessage:
         If it reports that it cannot write the campaign file.
     """
     if tag == RESULTS:
-        return RankMessage(rank, results=records)
+        parts, rows = unpacked_results(records, result)
+        return RankMessage(rank, rows, parts)
     if tag == FAILURE:
         return RankMessage(rank, failures=records)
     if tag == FINALS:
@@ -261,10 +283,7 @@ def own_host() -> bytes:
 
 
 def storable(results: NDArray[np.void]) -> NDArray[np.void]:
-    """Return the results that are stored.
-
-    A sample that took too long may be tried again, and one that was left out has no result.
-    """
-    if _NOT_FINAL.isdisjoint(results["reason"].tobytes()):
+    """Return the results that are stored: a sample that took too long may be tried again."""
+    if FailureReason.TIMED_OUT not in results["reason"].tobytes():
         return results
-    return results[~np.isin(results["reason"], list(_NOT_FINAL))]
+    return results[results["reason"] != FailureReason.TIMED_OUT]

@@ -216,7 +216,7 @@ class ReestimationStage(PostStage):
         own = [volume_string(part.string).string for part in lacking]
         tasks = new_tasks([self._parameters(string) for string in own])
         for task, part in zip(tasks, lacking, strict=True):
-            task["string"], task["first"], task["count"] = part
+            task["string"], task["first"], task["count"] = part[:3]
         return tasks
 
     def announcement(self, tasks: NDArray[np.void]) -> str:

@@ -85,8 +85,6 @@ NOT_DECIDING: Final = (
     "config/size_warnings.py",
     # Which campaigns a study compares.
     "config/answer_study.py",
-    # Answers of a campaign in Python, of its tables and its reports.
-    "config/derived.py",
     # The box for other programs.
     "simulation/stepwise.py",
 )

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.config.own_components import permitted_modules
+from agglom_mpi.judge import Judge, decides, new_judge
 from agglom_mpi.measurements.layout import CENSUS_COLUMNS
 from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, FailureReason, final_particles
 from agglom_mpi.random_streams import key_words
@@ -18,12 +19,14 @@ from agglom_mpi.runtime.abort_flag import AbortFlag
 from agglom_mpi.runtime.experiment import Experiment, SampleSetup
 from agglom_mpi.runtime.messages import (
     FAILED_SAMPLE,
-    NOT_NEEDED,
+    PART,
     RankMessage,
     failed_sample,
 )
 from agglom_mpi.runtime.own_code_notes import OwnCodeNotes
 from agglom_mpi.scheduling.interface import MOST_SAMPLES
+from agglom_mpi.search.ensemble import judge_of
+from agglom_mpi.search.objectives.objective import Objective
 from agglom_mpi.simulation.census import (
     CensusRoom,
     census_values,
@@ -45,6 +48,9 @@ from agglom_mpi.verbs.simulate import objective_value, random_numbers, stream_ke
 MAX_AT_ONCE: Final = MOST_SAMPLES
 """Maximum number of samples of one call of compiled code, those of a message; with 1 each is
 simulated by `simulate_scene`."""
+
+MOST_DRAWN: Final = 16
+"""Maximum number of samples whose grains' sizes are drawn ahead where not all may be needed."""
 
 MAX_SCENES: Final = 256
 """Maximum number of strings whose scenes are kept: their samples come in turn, a few at a time."""
@@ -113,7 +119,8 @@ class SampleRunner:
         if kept is None:
             setup = self.experiment.setup(string)
             words = key_words(stream_key(setup.campaign, parameters))
-            kept = StringScene(setup, scene_of(setup, parameters), words)
+            objective = setup.campaign.objective_at(parameters)
+            kept = StringScene(setup, scene_of(setup, parameters), words, objective)
             if len(self._strings) == MAX_SCENES:
                 del self._strings[next(iter(self._strings))]
         self._strings[key] = kept
@@ -131,11 +138,21 @@ class StringScene(NamedTuple):
         Their scene.
     words
         Key of their random streams, from `key_words`.
+    objective
+        Their objective.
     """
 
     setup: SampleSetup
     scene: Scene
     words: NDArray[np.uint64]
+    objective: Objective
+
+    def judge(self, task: np.void) -> Judge | None:
+        """Return what ends a task that is judged, a record of `task_type`; None of others."""
+        if not task["judged"]:
+            return None
+        rule, count = self.setup.campaign.ensemble, int(task["count"])
+        return judge_of(rule, self.objective, task["means"], count)
 
 
 def scene_of(setup: SampleSetup, parameters: NDArray[np.float64]) -> Scene:
@@ -161,8 +178,10 @@ class Task(ABC):
             int(task[name]) for name in ("string", "first", "count")
         )
         self._frames = int(task["frames"])
+        self._task = task.copy()
         self._parameters = np.array(task["parameters"])
         self._done = 0
+        self._leaves_out = False
         self._wasted = _NO_TIME  # of a sample that was interrupted
         self._stopwatch = Stopwatch()  # of a call of `simulate_next`
         self._accounted = _NO_TIME  # of it, by the samples that are kept
@@ -191,7 +210,7 @@ class Task(ABC):
         if self._abort_flag.stopped:
             return False
         if not is_open:
-            return self._done < self._count
+            return self._goes_on()
         spent = self._time_left()
         if late:
             text = f"{TOOK_TOO_LONG} {self._abort_flag.max_seconds:g} s"
@@ -204,14 +223,12 @@ class Task(ABC):
             self._failures.append(failed_sample(self._string, sample, rank, text, self._frames))
         self._keep(reason, spent)
         self._done += 1
-        return self._done < self._count
+        return self._goes_on()
 
     def cancel(self) -> None:
         """Leave out the samples that are not simulated yet: they are not needed any more."""
-        while self._done < self._count:
-            self._keep(NOT_NEEDED, self._wasted)
-            self._wasted = _NO_TIME
-            self._done += 1
+        self._leaves_out |= self._done < self._count
+        self._count = self._done
 
     def collect(self) -> RankMessage:
         """Return what was finished since the last call."""
@@ -233,6 +250,10 @@ class Task(ABC):
     def _finished(self) -> RankMessage:
         """Return what was kept since the last call."""
 
+    def _goes_on(self) -> bool:
+        """Return whether there is another sample to simulate."""
+        return self._done < self._count
+
     def _time_left(self) -> TimeSpent:
         """Return the time of this call that no sample accounts for."""
         return self._stopwatch.read().less(self._accounted)
@@ -245,7 +266,7 @@ class SampleTask(Task):
     """Samples whose results are recorded.
 
     All are simulated by one call of compiled code, as far as it gets in the time, unless something
-    in Python follows each.
+    in Python follows each. A task that is judged ends with the last sample that its string needs.
     """
 
     def __init__(self, runner: SampleRunner, task: np.void) -> None:
@@ -258,22 +279,34 @@ class SampleTask(Task):
         self._times = self._rows[list(TIMES.names or ())]  # a view
         self._final: NDArray[np.void] | None = None
         self._finals: list[NDArray[np.void]] = []
+        self._judge = new_judge()
+
+    def _goes_on(self) -> bool:
+        if self._judge.state["decided"][0]:
+            self.cancel()
+        return super()._goes_on()
 
     def _finished(self) -> RankMessage:
-        rows = self._rows[self._collected : self._done]
+        rows, first = self._rows[self._collected : self._done], self._first + self._collected
         self._collected = self._done
         completed = rows["state"] == COMPLETED
         if completed.any():
-            campaign = self._runner.experiment.setup(self._string).campaign
-            objective = campaign.objective_at(self._parameters)
+            objective = self._string_scene().objective
             rows["objective"][completed] = objective.of_samples(rows)[completed]
         rows["crc"] = checksums(rows)
         finals, self._finals = self._finals, []
         final = concatenated(finals, finals[0].dtype) if finals else None
-        return RankMessage(self._runner.rank, rows, final_particles=final)
+        leaves_out, self._leaves_out = self._leaves_out, False
+        parts = np.zeros(int(leaves_out or len(rows) > 0), PART)
+        wasted = self._wasted if leaves_out else _NO_TIME
+        parts[:] = self._string, first, len(rows), leaves_out, *wasted
+        return RankMessage(self._runner.rank, rows, parts, final_particles=final)
 
     def _simulate(self, sample: int, seconds: float) -> bool:
-        setup, scene, _ = self._string_scene()
+        string_scene = self._string_scene()
+        setup, scene = string_scene.setup, string_scene.scene
+        if not self._done and (judge := string_scene.judge(self._task)) is not None:
+            self._judge = judge
         # Those of a larger volume have more particles than a row has room for.
         stores = self._runner.stores_particles and setup.campaign.volume == 1
         code = setup.campaign.user_function
@@ -305,10 +338,12 @@ class SampleTask(Task):
 
     def _simulate_range(self, sample: int, seconds: float) -> bool:
         """Simulate samples by one call of compiled code, as `_simulate`."""
-        setup, scene, words = self._string_scene()
+        setup, scene, words, _ = self._string_scene()
         count = min(self._count - self._done, MAX_AT_ONCE, samples_at_once(scene))
+        if self._judge.state["asked"][0] and scene.sizes is not None:
+            count = min(count, MOST_DRAWN)
         results = new_results(count, self._runner.census)
-        watch = self._abort_flag.watch(seconds)
+        watch = self._abort_flag.watch(seconds)._replace(judge=self._judge)
         self._abort_flag.follow(results.finished)
         try:
             is_cut = simulate_samples(scene, words, setup.first_sample + sample, watch, results)
@@ -316,10 +351,6 @@ class SampleTask(Task):
             self._keep_finished(results)
         if is_cut:
             self._abort_flag.interrupt()  # whatever has cut it off, it has no result
-        else:  # what was done in Python is a part of the last sample
-            rest = self._time_left()
-            self._rows["seconds"][self._done - 1] += rest.wall
-            self._rows["cpu_seconds"][self._done - 1] += rest.cpu
         return is_cut
 
     def _keep_finished(self, results: SampleResults) -> None:
@@ -346,11 +377,15 @@ class SampleTask(Task):
         if reason:
             self._records[at] = np.zeros((), OUTCOME)
             self._records[at]["state"], self._records[at]["reason"] = FAILED, reason
+            self._judge.state["asked"] = False
             counted = () if self._runner.census is None else CENSUS_COLUMNS
             for name in ("objective", *self._runner.quantities, *counted):
                 self._rows[name][at] = 0
-        elif self._final is not None:
-            self._finals.append(self._final)
+        else:
+            row = self._records[at]
+            decides(self._judge, row["state"] == COMPLETED, row["mean_radius_ratio"])
+            if self._final is not None:
+                self._finals.append(self._final)
         self._times[at] = *spent, time.time()
 
 
@@ -368,7 +403,8 @@ class FrameTask(Task):
 
     def _simulate(self, sample: int, seconds: float) -> bool:
         self._sample_rows = None
-        setup, scene, _ = self._string_scene()
+        string_scene = self._string_scene()
+        setup, scene = string_scene.setup, string_scene.scene
         number = setup.first_sample + sample
         random = random_numbers(setup.campaign, self._parameters, number)
         frames = new_frames(frame_times(self._frames, scene.end_time), scene.particles)

@@ -99,7 +99,8 @@ class WorkerPool:
 
             self._any_rank, self._byte, self._status = MPI.ANY_SOURCE, MPI.BYTE, MPI.Status()
         self.gone = GoneRanks() if self._heart is None else self._heart.gone
-        self._record_types = record_types(runner.grains, runner.result_dtype)
+        self._record_types = record_types(runner.grains)
+        self._result_type = runner.result_dtype
 
     def send(self, rank: int, tasks: NDArray[np.void]) -> None:
         """Send a batch, (n,) of `scheduling.interface.task_type`, to a rank; never waits."""
@@ -238,7 +239,7 @@ class WorkerPool:
             arriving.popleft()
             if tag == ALIVE:
                 self._register(rank, records)
-            message = decoded(rank, tag, records)
+            message = decoded(rank, tag, records, self._result_type)
             self.database_seconds += message.database_seconds
             yield message
         del self._arriving[rank]

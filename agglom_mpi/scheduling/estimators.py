@@ -26,6 +26,9 @@ COST_MEMORY: Final = 1000
 LEAST_SPREAD: Final = 0.1
 """Relative spread of the lengths of messages below which their costs say little of a sample's."""
 
+RANGE_SECONDS: Final = 3e-4
+"""Time of a rank to begin and to end a range of samples, beside that of the samples, s."""
+
 BURST: Final = 4.0
 """Maximum ratio of the cost of a message to the mean, in learning it. What costs more, as proposing
 a generation does, would not become cheaper by fewer messages."""
@@ -33,6 +36,9 @@ a generation does, would not become cheaper by fewer messages."""
 BUSY_SHARE: Final = 0.4
 """Share of its time that rank 0 spends on messages, if all ranks work, above which they grow. Less
 than half, as cancellations come in bursts."""
+
+FULL_SHARE: Final = 0.8
+"""Share of its time on messages at which rank 0 is full: more ranks would only wait for it."""
 
 SAMPLE_SHARE: Final = 0.25
 """Minimum useful ratio of the cost of a message to that of its samples: longer messages would save
@@ -162,6 +168,31 @@ class BatchSizer:
         left = BUSY_SHARE * self.mean_seconds / ranks - self._costs.sample
         per_sample = max(left, SAMPLE_SHARE * self._costs.sample)
         return min(cost / per_sample, equal) if per_sample > 0.0 else equal
+
+    def judged_range(self, waiting: float, ranks: int) -> float:
+        """Return the best number of samples of a range that its rank may end.
+
+        The longer it is, the longer the others wait for the last ones of a generation, and the less
+        time ranks and rank 0 take for all ranges. The sum of both is smallest where they are equal.
+
+        Parameters
+        ----------
+        waiting
+            Expected number of samples of the generation.
+        ranks
+            Number of ranks.
+        """
+        if ranks == 1:
+            return math.inf
+        if not self.mean_seconds:
+            return 1.0
+        cost = RANGE_SECONDS + ranks * self._costs.message
+        return math.sqrt(2.0 * waiting / ranks * cost / self.mean_seconds)
+
+    def most_ranks(self, size: int) -> float:
+        """Return the number of ranks that fill rank 0 with messages of `size` samples."""
+        cost = self._costs.message + size * self._costs.sample
+        return max(1.0, FULL_SHARE * size * self.mean_seconds / cost) if cost else math.inf
 
     def range_weight(self, ranks: int, size: int) -> float:
         """Return how much the work of rank 0 counts against a rank's, 1 … `ranks`.

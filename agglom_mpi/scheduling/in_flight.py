@@ -2,23 +2,30 @@
 
 import heapq
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.scheduling.interface import ReturnedPart
+
 MESSAGES_IN_FLIGHT: Final = 2
 """Largest number of batches of a rank: one under way, and one that it finds when it is done."""
 
 
 class SampleRange(NamedTuple):
-    """Samples `first` to `first + size - 1` of a string."""
+    """Samples `first` to `first + size - 1` of a string.
+
+    With the `means` of those before the first where the rank that simulates them may end it, as
+    `SampleDemand.judged_from` returns them.
+    """
 
     string: int
     first: int
     size: int
+    means: tuple[float, ...] | None = None
 
     def split(self, count: int) -> tuple["SampleRange", "SampleRange"]:
         """Return the first `count` samples, and the others."""
@@ -63,6 +70,11 @@ class InFlightTable:
         """Return the rank with exactly `batches` batches that should finish first, or None."""
         return next(iter(self._with[batches]), None)
 
+    @property
+    def working(self) -> int:
+        """Number of ranks that have work and are not silent."""
+        return sum(len(ranks) for ranks in self._with[1:])
+
     def assign(self, rank: int, batch: list[SampleRange], now: float) -> None:
         """Add a batch to those of a rank, at the time `now` in s."""
         if not self._batches[rank]:
@@ -73,21 +85,27 @@ class InFlightTable:
             self._holders.setdefault(part.string, set()).add(rank)
         self._place(rank, len(self._batches[rank]) - 1)
 
-    def remove(self, rank: int, count: int) -> list[SampleRange]:
-        """Remove and return the next `count` samples that `rank` has in flight, in order."""
-        batches, removed = self._batches[rank], []
-        self.samples -= count
-        while count:
-            part = batches[0].popleft()
-            if part.size > count:
-                part, rest = part.split(count)
-                batches[0].appendleft(rest)
-            elif not batches[0]:
-                batches.popleft()
-                self._place(rank, len(batches) + 1)
-            removed.append(part)
-            count -= part.size
-        return removed
+    def remove(self, rank: int, returned: ReturnedPart) -> SampleRange:
+        """Remove and return what a rank no longer has in flight: those left out, too.
+
+        Raises
+        ------
+        RuntimeError
+            If it is not the beginning of what the rank was to do next.
+        """
+        batches = self._batches[rank]
+        part = next(self.ranges(rank), SampleRange(-1, -1, 0))
+        if returned[:2] != part[:2] or returned.size > part.size:
+            raise RuntimeError(f"rank {rank} sent {returned}; expected was a part of {part}")
+        batches[0].popleft()
+        if returned.size < part.size and not returned.left_out:
+            part, rest = part.split(returned.size)
+            batches[0].appendleft(rest)
+        elif not batches[0]:
+            batches.popleft()
+            self._place(rank, len(batches) + 1)
+        self.samples -= part.size
+        return part
 
     def close(self, string: int) -> list[tuple[int, int]]:
         """Return the ranks, except silent ones, with samples of a string, and how many.
@@ -176,9 +194,10 @@ class DuplicateSamples:
             self._samples[string, sample].holders += 1
         return SampleRange(string, first, count)
 
-    def first_returns(self, part: SampleRange, done: Sequence[bool]) -> NDArray[np.bool_]:
-        """Return which `done` samples of a range no rank has returned before, shape (size,)."""
-        first = np.array(done)
+    def first_returns(self, part: SampleRange, count: int) -> NDArray[np.bool_]:
+        """Return which of the first `count` samples of a range nobody returned before, (count,)."""
+        first = np.arange(part.size) < count
+        done = first.copy()
         for place in range(part.size) if self._samples else ():
             key = part.string, part.first + place
             duplicate = self._samples.get(key)
@@ -188,7 +207,7 @@ class DuplicateSamples:
                 duplicate.holders -= 1
                 if not duplicate.holders:
                     del self._samples[key]
-        return first
+        return first[:count]
 
     def drop(self, string: int) -> None:
         """Assign no more samples of a string."""

@@ -12,6 +12,8 @@ from typing import Final, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.judge import MEANS
+
 STRING_STRIDE: Final = 10**12
 """Distance of the numbers of one string in successive volumes; above any number of strings."""
 
@@ -75,6 +77,12 @@ class SampleDemand(Protocol):
     def progress(self, string: int) -> StringProgress | None:
         """Return the progress of an open string or one proposed ahead; None once it is complete."""
 
+    def judged_from(self, string: int) -> tuple[float, ...] | None:
+        """Return the means from which on whoever simulates a live string may end it, or None.
+
+        They are those of `judge.MEANS`.
+        """
+
     def samples_used(self, string: int) -> int:
         """Return the number of samples that a complete string has used."""
 
@@ -92,7 +100,8 @@ def task_type(variables: int) -> np.dtype:
     """Return the record type of a task, for strings of k = `variables` numbers.
 
     A task is samples `first` to `first + count - 1` of a string to simulate; or, if `frames` is not
-    0, to store that many frames of each.
+    0, to store that many frames of each. Where they are `judged`, the rank leaves out those after
+    the one that was the last one needed, given the `means` of the samples before the first.
     """
     return np.dtype(
         [
@@ -100,6 +109,8 @@ def task_type(variables: int) -> np.dtype:
             ("first", "i8"),
             ("count", "i8"),
             ("frames", "i8"),
+            ("judged", "i8"),
+            ("means", MEANS),
             ("parameters", "f8", variables),
         ]
     )
@@ -111,6 +122,16 @@ def new_tasks(strings: Sequence[NDArray[np.float64]]) -> NDArray[np.void]:
     if len(strings):
         tasks["parameters"] = strings
     return tasks
+
+
+class ReturnedPart(NamedTuple):
+    """What a rank has done of the next range that it was given: its first samples, in order."""
+
+    string: int
+    first: int
+    size: int
+    left_out: bool
+    """Whether it leaves out the others, which are not needed."""
 
 
 MOST_SAMPLES: Final = 1024

@@ -5,7 +5,7 @@ out.
 """
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from typing import Final
 
 import numpy as np
@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 from agglom_mpi.scheduling.estimators import BatchSizer, PriorityQueue, SampleCountModel
 from agglom_mpi.scheduling.in_flight import DuplicateSamples, InFlightTable, SampleRange
 from agglom_mpi.scheduling.interface import (
+    MOST_SAMPLES,
     ProposeAhead,
+    ReturnedPart,
     SampleDemand,
     StringProgress,
     new_tasks,
@@ -44,6 +46,10 @@ a second of rank 0 counts."""
 
 MAX_RANGE_LOSS: Final = 0.5
 """The same where all ranks wait for rank 0."""
+
+MOST_JUDGED: Final = 256
+"""Maximum number of samples of a range whose rank ends it where no more are needed: it has room for
+the results of as many."""
 
 GENERATIONS_AHEAD: Final = 4
 """Maximum number of generations ahead whose samples may be simulated."""
@@ -90,7 +96,7 @@ class Scheduler:
         self.batch_sizer = BatchSizer()
         self._demand = demand
         self._propose_ahead = propose_ahead
-        self._ranks = ranks
+        self._ranks = self._employed = ranks
         self._urgency = min(URGENCY, 1.0 + URGENCY_PER_RANK * ranks)
         self._in_flight = InFlightTable(ranks)
         self.duplicates = DuplicateSamples()
@@ -103,7 +109,7 @@ class Scheduler:
         self._urgent, self._speculative = PriorityQueue(), PriorityQueue()
         self._complete: list[int] = []  # strings of which ranks may have unnecessary samples
         self._most_used = 0
-        self._range_loss, self._least = RANGE_LOSS, 1.0
+        self._range_loss, self._least, self._judged = RANGE_LOSS, 1.0, 1.0
         for string, sample in known:
             self._known.setdefault(string, set()).add(sample)
         for samples in used:
@@ -122,18 +128,27 @@ class Scheduler:
         """Yield ranks and their new tasks, arrays of `task_type`, at the time `now` in s."""
         self._follow_generation()
         size = self._batch_size()
-        weight = self.batch_sizer.range_weight(self._ranks, size)
+        self._employed = int(min(self._ranks, self.batch_sizer.most_ranks(size)))
+        weight = self.batch_sizer.range_weight(self._employed, size)
         self._range_loss = min(MAX_RANGE_LOSS, RANGE_LOSS * math.sqrt(weight))
-        self._least = self.batch_sizer.least(self._ranks, self._waiting)
+        self._least = self.batch_sizer.least(self._employed, self._waiting)
+        waiting = len(self._open) * max(self.sample_counts.mean, self._most_used)
+        self._judged = self.batch_sizer.judged_range(waiting, self._employed)
         for batches in range(self.batch_sizer.batches_per_rank(size)):
             # Of samples for a rank with so many batches in flight.
             least = self.batch_sizer.queue_probability(size) if batches else MIN_PROBABILITY
-            while (rank := self.next_rank(batches)) is not None:
+            while (rank := self._rank_to_employ(batches)) is not None:
                 batch = self._next_batch(size, least)
                 if not batch:
                     return
                 self._in_flight.assign(rank, batch, now)
                 yield rank, self._tasks(batch)
+
+    def _rank_to_employ(self, batches: int) -> int | None:
+        """Return the next rank with exactly `batches` batches; None if rank 0 is full by others."""
+        if not batches and self._in_flight.working >= self._employed:
+            return None
+        return self.next_rank(batches)
 
     def cancellations(self) -> list[tuple[int, NDArray[np.int64]]]:
         """Return ranks and the strings, (n,), whose samples in flight there are unnecessary.
@@ -157,30 +172,18 @@ class Scheduler:
         """Let the next `cancellations` be of all strings: everything is decided."""
         self._complete.extend(self._next)
 
-    def returned(self, rank: int, done: Sequence[bool]) -> list[tuple[SampleRange, list[slice]]]:
+    def returned(self, rank: int, part: ReturnedPart) -> list[slice]:
         """Take the next samples of a rank off those in flight.
-
-        Parameters
-        ----------
-        rank
-            The rank that returned them.
-        done
-            Whether each was simulated, or left out as unnecessary.
 
         Returns
         -------
         list
-            Ranges of samples in order, and which parts of each no rank has returned before.
+            The places of those in the part that no rank has returned before.
         """
-        removed = self._in_flight.remove(rank, len(done))
-        if not self.duplicates and all(done):
-            return [(part, [slice(0, part.size)]) for part in removed]
-        returns, begin = [], 0
-        for part in removed:
-            first = self.duplicates.first_returns(part, done[begin : begin + part.size])
-            returns.append((part, runs(first)))
-            begin += part.size
-        return returns
+        removed = self._in_flight.remove(rank, part)
+        if not self.duplicates:
+            return [slice(0, part.size)] if part.size else []
+        return runs(self.duplicates.first_returns(removed, part.size))
 
     def update(self, string: int) -> None:
         """Take into account that the campaign has been given samples of a string."""
@@ -264,7 +267,7 @@ class Scheduler:
             if part is None:
                 break
             batch.append(part)
-            room -= part.size
+            room -= part.size if part.means is None else self._expected(part)
         return batch
 
     def _take_best(self, limit: int, least: float) -> SampleRange | None:
@@ -307,30 +310,41 @@ class Scheduler:
         return 0.0, -1
 
     def _next_range(self, string: int, progress: StringProgress, limit: int) -> SampleRange:
-        """Return at most `limit` samples of a string that nobody has."""
+        """Return samples of a string that nobody has: at most `limit`, unless they are judged."""
         first, used = self._next[string], progress.next_sample
+        means = self._demand.judged_from(string) if first == used else None
+        if means is not None:
+            limit = int(min(MOST_JUDGED, max(limit, self._judged)))
         count = min(limit, progress.max_samples - first)
         if string in self._open:
             count = min(count, self._range_limit(used))
         known = self._known.get(string)
         if known:
             count = next((n for n in range(1, count) if first + n in known), count)
-        likely = self.sample_counts.likely_range(used, first, count, self._range_loss)
-        return SampleRange(string, first, likely)
+        if means is None:
+            count = self.sample_counts.likely_range(used, first, count, self._range_loss)
+        return SampleRange(string, first, count, means)
+
+    def _expected(self, part: SampleRange) -> int:
+        """Return how many samples of a judged range are expected to be needed."""
+        return max(1, min(part.size, int(self.sample_counts.mean) - part.first))
 
     def _range_limit(self, used: int) -> int:
         """Return the most samples of an open string for one rank, so that all ranks can help.
 
         Where rank 0 would be saturated, fewer ranks help, with more samples each.
         """
+        strings_per_rank = len(self._open) / (2 * self._employed)
+        if strings_per_rank >= 1.0:
+            return MOST_SAMPLES
         need = max(self.sample_counts.mean, used + 1.0)
-        fair = need * len(self._open) / (2 * self._ranks)
-        return max(1, int(max(fair, self._least)))
+        return max(1, int(max(need * strings_per_rank, self._least)))
 
     def _batch_size(self) -> int:
         """Return the samples of a message: worth one, and no more than are surely needed."""
         waiting = self._waiting
-        return self.batch_sizer.batch_size(TAIL_SHARE * waiting / self._ranks, self._ranks, waiting)
+        ranks = self._employed
+        return self.batch_sizer.batch_size(TAIL_SHARE * waiting / ranks, ranks, waiting)
 
     @property
     def _waiting(self) -> float:
@@ -339,5 +353,8 @@ class Scheduler:
 
     def _tasks(self, batch: list[SampleRange]) -> NDArray[np.void]:
         tasks = new_tasks([self._demand.parameters(part.string) for part in batch])
-        tasks["string"], tasks["first"], tasks["count"] = zip(*batch, strict=True)
+        tasks["string"], tasks["first"], tasks["count"], means = zip(*batch, strict=True)
+        for task, before in zip(tasks, means, strict=True):
+            if before is not None:
+                task["judged"], task["means"] = True, before
         return tasks

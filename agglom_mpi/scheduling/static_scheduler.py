@@ -1,7 +1,7 @@
 """Static scheduling: tasks that are known beforehand."""
 
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from typing import Final
 
 import numpy as np
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.scheduling.estimators import BatchSizer
 from agglom_mpi.scheduling.in_flight import MESSAGES_IN_FLIGHT, InFlightTable, SampleRange
-from agglom_mpi.scheduling.interface import runs
+from agglom_mpi.scheduling.interface import ReturnedPart, runs
 
 
 class SampleSet:
@@ -146,20 +146,21 @@ class StaticScheduler:
             tasks[i]["first"], tasks[i]["count"] = part.first, part.size
         return tasks
 
-    def returned(self, rank: int, done: Sequence[bool]) -> list[tuple[SampleRange, list[slice]]]:
-        """Take the next samples of a rank, all of them `done`, off those in flight.
+    def returned(self, rank: int, part: ReturnedPart) -> list[slice]:
+        """Take the next samples of a rank off those in flight.
 
         Returns
         -------
         list
-            Ranges of samples in order, and which parts of each no rank has returned before.
+            The places of those in the part that no rank has returned before.
         """
-        removed = self._in_flight.remove(rank, len(done))
-        return [(part, runs(self._open.take(part))) for part in removed]
+        removed = self._in_flight.remove(rank, part)
+        return runs(self._open.take(removed._replace(size=part.size)))
 
     def done(self, rank: int) -> None:
         """Take the next sample of a rank off those in flight."""
-        self.returned(rank, [True])
+        string, first, *_ = next(self._in_flight.ranges(rank))
+        self.returned(rank, ReturnedPart(string, first, 1, left_out=False))
 
     def heartbeat(self, rank: int, now: float) -> bool:
         """Record a heartbeat of `rank`; return True if it was marked silent."""

@@ -1,47 +1,55 @@
-"""Acquisition: where to evaluate next by a Gaussian process, and what it ranks best so far."""
+"""Acquisition: where to evaluate next by a Gaussian process, and what it ranks best so far.
+
+`SetAim` looks for the set of strings that meet a target, in place of the best of them.
+"""
 
 import math
-from typing import TYPE_CHECKING, Final
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.search.space import SearchSpace
+from agglom_mpi.statistics import probability_between
 
 if TYPE_CHECKING:
     from agglom_mpi.emulation.gaussian_process import GaussianProcess
 
+Floats = NDArray[np.float64]
+
 CANDIDATES: Final = 1200
 """Number of points at which drawn functions are compared; a draw takes the cube of it in time."""
-
 PROMISING: Final = 10
 """Number of best strings around which half of the candidates lie."""
-
 STEP: Final = 0.15
 """Standard deviation of a candidate about a promising string, in units of the box."""
-
 PERTURBATION: Final = 1e-6
-"""Largest share of the way to `INSIDE` by which a string is moved."""
-
+"""Maximum relative displacement of a proposal towards the reference point `INSIDE`."""
 INSIDE: Final = 0.381966
-"""Every component of that point in the unit cube: no value that a search proposes twice."""
-
-MOVES: Final = 64
-"""Moves at most that are tried until a point is allowed."""
-
+"""Coordinate of the reference point; chosen so that no proposal coincides with it."""
+MAX_MOVES: Final = 64
+"""Maximum number of moves tried until a point is allowed."""
 DUPLICATES: Final = 1e-4
 """Strings that differ by less, in units of the box, are ranked as one."""
-
 STARTS: Final = 5
 """Number of strings from which the best expected value is searched."""
+MIN_DIVISOR: Final = 1e-300
+"""Divisor in place of a standard deviation of 0."""
+SET_CANDIDATES: Final = 4096
+"""Minimum number of points among which a batch around a set is drawn."""
+NEIGHBOURHOOD: Final = 3.0
+"""Largest magnitude of the emulated mean in the neighbourhood of the set, in tolerances."""
+ERROR_POINTS: Final = 1 << 12
+"""Number of even points of the box by which the expected error of a set is estimated."""
+MIN_ERROR_POINTS: Final = 8
+"""Minimum number of allowed points among these; below it, `ERROR_POINTS` allowed ones are drawn."""
+MIN_ERROR_STRINGS: Final = 50
+"""Minimum number of strings for an expected error."""
 
-SMALLEST: Final = 1e-300
-"""Least divisor for a standard deviation of 0."""
 
-
-def candidates_about(
-    promising: NDArray[np.float64], random: np.random.Generator, space: SearchSpace
-) -> NDArray[np.float64]:
+def candidates_about(promising: Floats, random: np.random.Generator, space: SearchSpace) -> Floats:
     """Return points of the unit cube at which to compare functions, shape (`CANDIDATES`, d).
 
     Half are uniform, a quarter lies near a point of `promising`, shape (m, d), and a quarter is one
@@ -61,8 +69,8 @@ def candidates_about(
 
 
 def best_expected(
-    model: "GaussianProcess", starts: NDArray[np.float64], magnitude: bool, space: SearchSpace
-) -> NDArray[np.float64]:
+    model: "GaussianProcess", starts: Floats, magnitude: bool, space: SearchSpace
+) -> Floats:
     """Return the point, shape (d,), with the least expected objective near the starts.
 
     Parameters
@@ -78,7 +86,7 @@ def best_expected(
     """
     from scipy.optimize import minimize
 
-    def smooth(point: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+    def smooth(point: Floats) -> tuple[float, Floats]:
         value, slope = model.mean_and_slope(point)
         return (value**2, 2.0 * value * slope) if magnitude else (value, slope)
 
@@ -89,9 +97,7 @@ def best_expected(
     return np.asarray(points[np.argmin(expected)])
 
 
-def expected_objective(
-    mean: NDArray[np.float64], deviation: NDArray[np.float64], magnitude: bool
-) -> NDArray[np.float64]:
+def expected_objective(mean: Floats, deviation: Floats, magnitude: bool) -> Floats:
     """Return the expected objective of a normally distributed signed mean, elementwise.
 
     That of a magnitude is the mean of a folded normal distribution (Leone, Nelson and Nottingham
@@ -101,14 +107,12 @@ def expected_objective(
         return mean
     from scipy.special import erf
 
-    away = mean / np.maximum(deviation, SMALLEST)
+    away = mean / np.maximum(deviation, MIN_DIVISOR)
     spread = math.sqrt(2.0 / math.pi) * deviation * np.exp(-0.5 * away**2)
     return np.asarray(spread + mean * erf(away / math.sqrt(2.0)))
 
 
-def perturbed(
-    points: NDArray[np.float64], random: np.random.Generator, space: SearchSpace
-) -> NDArray[np.float64]:
+def perturbed(points: Floats, random: np.random.Generator, space: SearchSpace) -> Floats:
     """Return allowed points of the unit cube, shape (n, d), moved at random by about 1e-6.
 
     Equal strings have equal configurations, so a corner that is proposed repeatedly would show no
@@ -118,7 +122,7 @@ def perturbed(
     moved = points + PERTURBATION * random.random(points.shape) * (INSIDE - points)
     if space.allowed is None:
         return moved
-    for _ in range(MOVES):
+    for _ in range(MAX_MOVES):
         out = ~space.allows(moved)
         if not out.any():
             return moved
@@ -131,7 +135,7 @@ def perturbed(
     return moved
 
 
-def duplicates_last(points: NDArray[np.float64], order: NDArray[np.int64]) -> list[int]:
+def duplicates_last(points: Floats, order: NDArray[np.int64]) -> list[int]:
     """Return an order of points with those that nearly equal an earlier one at the end.
 
     Parameters
@@ -149,3 +153,99 @@ def duplicates_last(points: NDArray[np.float64], order: NDArray[np.int64]) -> li
         (duplicates if cell in seen else distinct).append(index)
         seen.add(cell)
     return distinct + duplicates
+
+
+class SetAim(NamedTuple):
+    """The set that a search looks for: signed means whose magnitude is at most a tolerance.
+
+    Attributes
+    ----------
+    tolerance
+    coordinates
+        Returns the coordinates in which strings, (n, k), are emulated, (n, p).
+    groups
+        How many of them, the last ones, are groups of variables.
+    """
+
+    tolerance: float
+    coordinates: Callable[[Floats], Floats]
+    groups: int = 0
+
+    def probability(self, mean: Floats, deviation: Floats) -> Floats:
+        """Return the probability of normally distributed signed means to be in the set."""
+        return probability_between(-self.tolerance, self.tolerance, mean, deviation)
+
+    def batch(
+        self, model: "GaussianProcess", count: int, random: np.random.Generator, space: SearchSpace
+    ) -> Floats:
+        """Draw points of the unit cube, (count, d): half by neighbourhood, half by doubt.
+
+        The first half is uniform over the candidates whose emulated mean is within `NEIGHBOURHOOD`
+        tolerances of the target, whatever the samples there have shown. Where the neighbourhood has
+        fewer candidates than half a batch, all of them are taken. The rest of the batch is drawn
+        from the other candidates, with probabilities proportional to the smaller of the
+        probabilities to be in the set and out of it.
+
+        Parameters
+        ----------
+        model
+            Process of the signed mean over the unit cube.
+        count
+            Number of points; half of them, rounded down, are of the neighbourhood.
+        random
+            Stream of the draws.
+        space
+            The box. All points are allowed by its constraints.
+        """
+        points = space.sample_points(random, max(SET_CANDIDATES, 2 * count))
+        mean = model.mean(points)
+        near = np.flatnonzero(np.abs(mean) <= NEIGHBOURHOOD * self.tolerance)
+        # A search that only follows its doubt leaves a string at the edge that came out badly and
+        # returns to a lucky one, so that its samples are a biased choice.
+        even = random.choice(near, min(count // 2, len(near)), replace=False)
+        inside = self.probability(mean, model.deviation(points))
+        unsure = np.minimum(inside, 1.0 - inside) + 1e-9
+        unsure[even] = 0.0
+        share = unsure / unsure.sum()
+        doubtful = random.choice(len(points), count - len(even), replace=False, p=share)
+        return np.asarray(points[np.concatenate((even, doubtful))])
+
+    @single_threaded
+    def expected_error(
+        self, strings: Floats, means: Floats, samples: NDArray[np.int64], space: SearchSpace
+    ) -> float:
+        """Return the expected volume that is wrongly in or out of the set, over the set's.
+
+        Parameters
+        ----------
+        strings
+            Shape (n, k).
+        means
+            Their signed means, shape (n,); nan where samples failed.
+        samples
+            Numbers of completed samples, shape (n,).
+        space
+            The box.
+        """
+        from scipy.stats import qmc
+
+        from agglom_mpi.emulation.emulator import Emulator, NoisyMeans  # loads scipy, too
+
+        known = np.isfinite(means) & (samples > 0)
+        if known.sum() < MIN_ERROR_STRINGS:
+            return np.inf
+        points, place = np.unique(self.coordinates(strings[known]), axis=0, return_inverse=True)
+        weights = np.bincount(place.ravel(), samples[known])
+        sums = np.bincount(place.ravel(), samples[known] * means[known])
+        unknown = np.full(len(points), np.nan)
+        data = NoisyMeans(points, sums / weights, weights.astype(np.int64), unknown)
+        emulator = Emulator(data, np.random.default_rng(len(points)), self.groups)
+        box = space.from_unit(qmc.Sobol(space.dimensions, seed=1).random(ERROR_POINTS))
+        if space.allowed is not None:
+            box = box[space.allowed(box)]
+            if len(box) < MIN_ERROR_POINTS:
+                box = space.from_unit(space.sample_points(np.random.default_rng(1), ERROR_POINTS))
+        at = self.coordinates(box)
+        inside = self.probability(emulator.mean(at), emulator.deviation(at))
+        volume = float(inside.sum())
+        return float(np.minimum(inside, 1.0 - inside).sum()) / volume if volume > 0.0 else np.inf

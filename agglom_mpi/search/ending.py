@@ -77,10 +77,9 @@ class EndingCriterion(Component):
         return False
 
     @property
-    @needed
     def reached(self) -> str:
-        """Statement that it holds, for the end of a run."""
-        raise NotImplementedError
+        """Statement that it holds, for the end of a run: the summary as a sentence."""
+        return f"the {self.summary.replace(' at most ', ' is at most ')}"
 
     @property
     def best_strings(self) -> int | None:
@@ -130,11 +129,6 @@ class MeanOfBest(EndingCriterion):
         return f"mean objective of the best {self.top} at most {self.objective:g}"
 
     @property
-    def reached(self) -> str:
-        """Statement that it holds."""
-        return f"the mean objective of the best {self.top} is at most {self.objective:g}"
-
-    @property
     def best_strings(self) -> int:
         """Number of best strings of which it takes the mean."""
         return self.top
@@ -171,11 +165,6 @@ class ExpectedError(EndingCriterion):
     def summary(self) -> str:
         """One line on the criterion."""
         return f"expected error of the set at most {self.expected_error:g}"
-
-    @property
-    def reached(self) -> str:
-        """Statement that it holds."""
-        return f"the expected error of the set is at most {self.expected_error:g}"
 
     def misfits(
         self, search: SearchMethod | None, objective: Objective | None

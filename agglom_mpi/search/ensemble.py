@@ -2,12 +2,17 @@
 
 import copy
 import math
+from functools import cache
 from typing import Final, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from agglom_mpi.judge import HALF_WIDTH, MEANS, Judge, new_judge
 from agglom_mpi.outcome import SampleSummary
 from agglom_mpi.search.objectives.objective import Objective, RadiusAccumulator, RadiusObjective
 from agglom_mpi.search.stopping import EnsembleState, FixedNumber, StoppingRule
-from agglom_mpi.statistics import PlainMean, PooledMoments
+from agglom_mpi.statistics import PlainMean, PooledMoments, t_95
 
 MIN_SAMPLES_TO_GIVE_UP: Final = 10
 """Fewest samples at which the share of failed ones may end an ensemble."""
@@ -121,6 +126,11 @@ class Ensemble:
         return means_suffice and not (self.rule.needs_moments or self.failed or self._before[1])
 
     @property
+    def has_judge(self) -> bool:
+        """Whether whoever simulates the samples may end an ensemble that follows means."""
+        return can_be_judged(self.rule, self.radius_objective)
+
+    @property
     def radius_objective(self) -> RadiusObjective:
         """The objective, where the ensemble follows means."""
         assert isinstance(self._objective, RadiusAccumulator)
@@ -217,3 +227,44 @@ class Ensemble:
         return EnsembleState(
             ratio.count, ratio.mean, objective.value, objective.standard_error, central
         )
+
+
+def can_be_judged(rule: StoppingRule, objective: Objective) -> bool:
+    """Return whether rule and objective have a compiled form, and nobody else ends a string.
+
+    In a race others do.
+    """
+    is_compiled = isinstance(objective, RadiusObjective) and objective.reference is not None
+    return is_compiled and rule.compares is not None and rule.racing is None
+
+
+def judge_of(rule: StoppingRule, objective: Objective, means: np.void, samples: int) -> Judge:
+    """Return what ends a string as an ensemble does that `has_judge`.
+
+    Parameters
+    ----------
+    rule, objective
+        Of the ensemble.
+    means
+        Its running means, a record of `judge.MEANS`.
+    samples
+        Maximum number of further samples.
+    """
+    assert isinstance(objective, RadiusObjective)
+    judge = new_judge()
+    for name in MEANS.names or ():
+        judge.state[name] = means[name]
+    state = judge.state[0]
+    state["asked"], state["compares"], state["tolerance"] = True, rule.compares, rule.tolerance
+    state["fewest"], state["reference"] = rule.min_samples, objective.reference
+    state["magnitudes"] = not objective.is_magnitude
+    if rule.compares != HALF_WIDTH:
+        return judge
+    most = int(means["completed"]) + samples
+    return judge._replace(factors=_t_factors(1 << most.bit_length()))
+
+
+@cache
+def _t_factors(count: int) -> NDArray[np.float64]:
+    """Return t of the 95 % interval of a mean over 0, 1, 2, … samples, (count,)."""
+    return np.array([math.nan, math.nan, *(t_95(samples - 1) for samples in range(2, count))])

@@ -98,7 +98,7 @@ class EvaluatedStrings:
     ----------
     generation : int, number of generations told
     parameters : array, shape (n, k), in the order of their numbers
-    objectives, deviations : array, shape (n,), as in `Evaluations`
+    objectives, deviations : array, shape (n,), as in `Evaluations`; inf if not finite
     samples : array of int64, shape (n,), completed samples of each
     """
 
@@ -118,9 +118,10 @@ class EvaluatedStrings:
         order = np.argsort(evaluations.ids)
         if not np.array_equal(evaluations.ids[order], np.arange(len(order)) + len(self)):
             raise ValueError("a generation is told whole, and after those before it")
+        finite = np.isfinite(evaluations.objectives)
+        told = evaluations._replace(objectives=np.where(finite, evaluations.objectives, np.inf))
         for name in ("parameters", "objectives", "deviations", "samples"):
-            new = getattr(evaluations, name)[order]
-            known = getattr(self, name)
+            new, known = getattr(told, name)[order], getattr(self, name)
             setattr(self, name, np.concatenate((known, new)) if len(known) else new)
         self.generation += 1
 
@@ -142,8 +143,8 @@ class EvaluatedStrings:
         return np.inf
 
     def _ranked(self) -> NDArray[np.int64]:
-        objectives = np.where(np.isfinite(self.objectives), self.objectives, np.inf)
-        return np.argsort(objectives, kind="stable")
+        """Return the numbers of the ranked strings, the best first."""
+        return np.argsort(self.objectives, kind="stable")
 
 
 def restored(

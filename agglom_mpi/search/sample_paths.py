@@ -8,7 +8,7 @@ decides where each of them ends.
 from bisect import bisect_left
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,50 +102,34 @@ class SamplePart(NamedTuple):
         return SamplePart(self.batch, self.begin + begin, self.begin + end)
 
 
-class NewSamples(NamedTuple):
-    """An ensemble that is not finished, and the samples that follow those it has used, in order."""
-
-    ensemble: Ensemble
-    parts: list[SamplePart]
-
-    @property
-    def follows_means(self) -> bool:
-        """Whether the ensemble can follow its means through the samples."""
-        return self.ensemble.follows_means and all(
-            batch.completed(begin, end) for batch, begin, end in self.parts
-        )
-
-    def numbers(self) -> list[Floats]:
-        """Return the numbers whose means are followed, (3, n) of each part."""
-        objective, particles = self.ensemble.radius_objective, self.ensemble.particles
-        return [
-            batch.numbers(objective, particles)[:, begin:end] for batch, begin, end in self.parts
-        ]
+NewSamples: TypeAlias = tuple[Ensemble, list[SamplePart]]
+"""An ensemble that is not finished, and the samples that follow those it has used, in order."""
 
 
 def extend(batches: Sequence[NewSamples]) -> None:
     """Add samples to ensembles, to each as many as it needs; each ensemble stands there once."""
     by_rule: dict[int, list[NewSamples]] = {}
-    for new in batches:
-        if new.follows_means:
-            by_rule.setdefault(id(new.ensemble.rule), []).append(new)
+    for ensemble, parts in batches:
+        completed = (batch.completed(begin, end) for batch, begin, end in parts)
+        if ensemble.follows_means and all(completed):
+            by_rule.setdefault(id(ensemble.rule), []).append((ensemble, parts))
         else:
-            _add_one_by_one(new)
+            _add_one_by_one(ensemble, parts)
     for group in by_rule.values():
-        _follow(group[0].ensemble.rule, group)
+        _follow(group[0][0].rule, group)
 
 
-def _add_one_by_one(new: NewSamples) -> None:
-    for batch, begin, end in new.parts:
+def _add_one_by_one(ensemble: Ensemble, parts: list[SamplePart]) -> None:
+    for batch, begin, end in parts:
         for outcome in batch.summaries(begin, end):
-            if new.ensemble.finished:
+            if ensemble.finished:
                 return
-            new.ensemble.add(outcome)
+            ensemble.add(outcome)
 
 
 def _follow(rule: StoppingRule, group: list[NewSamples]) -> None:
     """Let ensembles of one rule follow their means, each to where the rule first holds."""
-    sizes = [sum(end - begin for _, begin, end in new.parts) for new in group]
+    sizes = [sum(end - begin for _, begin, end in parts) for _, parts in group]
     paths = _paths(group, sizes)
     ends, fewest = _where_it_holds(rule, paths), max(rule.min_samples, 2)
     ratios, deviations, grains = paths.means
@@ -166,8 +150,12 @@ def _follow(rule: StoppingRule, group: list[NewSamples]) -> None:
 
 def _paths(group: list[NewSamples], sizes: list[int]) -> MeanPaths:
     """Return the running means of ensembles before and after each of their new samples."""
-    numbers = [each for new in group for each in new.numbers()]
-    now = [new.ensemble.means for new in group]
+    numbers = [
+        batch.numbers(ensemble.radius_objective, ensemble.particles)[:, begin:end]
+        for ensemble, parts in group
+        for batch, begin, end in parts
+    ]
+    now = [ensemble.means for ensemble, _ in group]
     means = np.array([(each.ratio, each.deviation, each.grains) for each in now])
     squares = np.array([(0.0, each.squares, 0.0) for each in now])
     counts = [each.completed for each in now]

@@ -25,6 +25,7 @@ from agglom_mpi.declaration.declared import LATER, FieldPath
 from agglom_mpi.declaration.field_types import NONE, Flag
 from agglom_mpi.declaration.needed import needed
 from agglom_mpi.formatting import pluralise
+from agglom_mpi.judge import HALF_WIDTH, MEAN_RADIUS, OBJECTIVE
 from agglom_mpi.search.racing import Racing
 from agglom_mpi.statistics import t_95
 
@@ -121,6 +122,11 @@ class StoppingRule(Component):
     @property
     def relative_to(self) -> Literal["mean_radius", "objective"] | None:
         """Quantity that the tolerance is relative to; None: it is in units of the objective."""
+        return None
+
+    @property
+    def compares(self) -> int | None:
+        """What a compiled judge of the rule compares, from `judge`; None: there is none."""
         return None
 
     @needed
@@ -243,6 +249,11 @@ class SuccessiveDifference(AdaptiveRule):
         """The quantity that is compared."""
         return self.quantity
 
+    @property
+    def compares(self) -> int:
+        """The running mean of the quantity."""
+        return MEAN_RADIUS if self.quantity == "mean_radius" else OBJECTIVE
+
     def holds(self, before: EnsembleState[Any], after: EnsembleState[Any]) -> Any:
         """Compare the running means."""
         if self.quantity == "mean_radius":
@@ -264,6 +275,7 @@ class Moments(AdaptiveRule):
 
     is_published: ClassVar[bool] = True
     rule: Literal["moments"] = "moments"
+    relative_to: ClassVar[Literal["mean_radius"]] = "mean_radius"  # the others to themselves
     example: ClassVar[str] = "{rule: moments, tolerance: 1e-2, max_samples: 100}"
     order: Annotated[int, Whole(at_least=1, at_most=4)] = 4
 
@@ -282,11 +294,6 @@ class Moments(AdaptiveRule):
     def label(self) -> str:
         """The rule with its tolerance."""
         return f"{self.order} moments within {_share(self.tolerance)}"
-
-    @property
-    def relative_to(self) -> Literal["mean_radius"]:
-        """The first moment; each of the others is compared with itself."""
-        return "mean_radius"
 
     def holds(self, before: EnsembleState[Any], after: EnsembleState[Any]) -> Any:
         """Compare the moments up to the order."""
@@ -325,6 +332,11 @@ class StandardError(AdaptiveRule):
         """The rule with its tolerance."""
         return f"half-width ≤ {_share(self.tolerance)}"
 
+    @property
+    def compares(self) -> int:
+        """Half the interval of the objective."""
+        return HALF_WIDTH
+
     def holds(self, before: EnsembleState[Any], after: EnsembleState[Any]) -> Any:
         """Compare the half-width with the tolerance."""
         half_width = _t_95_of(after.samples) * after.standard_error
@@ -351,12 +363,11 @@ class FixedNumber(StoppingRule):
     is_adaptive: ClassVar[bool] = False
     rule: Literal["fixed"] = "fixed"
     example: ClassVar[str] = "{rule: fixed, samples: 3}"
+    min_samples: ClassVar[int] = 1  # the others may fail
+    tolerance: ClassVar[float] = math.nan
+    racing: ClassVar[None] = None
+    label: ClassVar[str] = "a fixed number of samples"
     samples: Annotated[int, Whole(at_least=1, at_most=10**6, meaning="a number of samples")]
-
-    @property
-    def min_samples(self) -> int:
-        """Minimum number of completed samples, 1: the others may fail."""
-        return 1
 
     @property
     def max_samples(self) -> int:
@@ -364,23 +375,9 @@ class FixedNumber(StoppingRule):
         return self.samples
 
     @property
-    def tolerance(self) -> float:
-        """None, so nan."""
-        return math.nan
-
-    @property
-    def racing(self) -> None:
-        """None: all strings get the same number."""
-
-    @property
     def summary(self) -> str:
         """One line on the rule."""
         return f"{pluralise(self.samples, 'sample')} of every string"
-
-    @property
-    def label(self) -> str:
-        """Description of the rule."""
-        return "a fixed number of samples"
 
     def holds(self, before: EnsembleState[Any], after: EnsembleState[Any]) -> Any:
         """Return False: the number of samples ends the ensemble."""

@@ -20,6 +20,7 @@ from agglom_mpi.compilation.kernel_calls import (
 )
 from agglom_mpi.compilation.kernels import kernel
 from agglom_mpi.compilation.stages import inlined
+from agglom_mpi.judge import Judge, decides, new_judge
 from agglom_mpi.measurements.layout import CensusLayout
 from agglom_mpi.simulation.census import (
     CensusRoom,
@@ -66,12 +67,15 @@ class Watch(NamedTuple):
         (`BUDGET`), s; inf without a limit.
     clocks
         `CLOCKS`.
+    judge
+        Ends the loop after the sample that was the last one needed.
     """
 
     abort: NDArray[np.uint8]
     begun: NDArray[np.float64]
     limits: NDArray[np.float64]
     clocks: NDArray[np.int32]
+    judge: Judge
 
 
 class SampleResults(NamedTuple):
@@ -100,10 +104,12 @@ def new_watch(
     begun: NDArray[np.float64] | None = None,
     max_seconds: float = np.inf,
     budget: float = np.inf,
+    judge: Judge | None = None,
 ) -> Watch:
     """Return a watch; times in s."""
     begun = np.zeros(1) if begun is None else begun
-    return Watch(abort, begun, np.array([max_seconds, budget]), CLOCKS)
+    limits = np.array([max_seconds, budget])
+    return Watch(abort, begun, limits, CLOCKS, new_judge() if judge is None else judge)
 
 
 def new_results(count: int, layout: CensusLayout | None = None) -> SampleResults:
@@ -153,9 +159,15 @@ def simulate_range(scene, room, random, draws, watch, results):
         times["cpu_seconds"] = processor - begun_processor
         times["finished"] = read_clock(watch.clocks[DATE], room.timespec)
         results.finished[0] = k + 1
-        if now - start > watch.limits[BUDGET]:
+        if is_last(watch, results.records[k]) or now - start > watch.limits[BUDGET]:
             break
     return False
+
+
+@inlined
+def is_last(watch, record):
+    """Return whether a finished sample was the last one that its string needs."""
+    return decides(watch.judge, record["state"] == result.COMPLETED, record["mean_radius_ratio"])
 
 
 @inlined

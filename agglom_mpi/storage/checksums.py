@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 CHECKSUMS: Final = "checksums"
 """Attribute with the checksums of the others, and of `/variables`, by name."""
+_ROWS_AT_ONCE: Final = 1 << 14
+"""Number of rows that are copied at once to compute their checksums."""
 _BOX: Final = f"/{VARIABLE_TABLE.name}"
 """Name of the checksum of the rows of `/variables`."""
 
@@ -27,6 +29,9 @@ def checksum_ok(rows: np.ndarray) -> np.ndarray:
 
 def checksums(rows: np.ndarray) -> np.ndarray:
     """Return the CRC-32 of the bytes of each row with its `crc` zero, (n,) uint32."""
+    if len(rows) > _ROWS_AT_ONCE:
+        parts = range(0, len(rows), _ROWS_AT_ONCE)
+        return np.concatenate([checksums(rows[at : at + _ROWS_AT_ONCE]) for at in parts])
     blank = rows.copy()
     blank["crc"] = 0
     raw = memoryview(blank.tobytes())

@@ -15,7 +15,7 @@ from agglom_mpi.storage.files import CheckedFile, atomic_file, new_file
 from agglom_mpi.storage.room import TableSizes
 from agglom_mpi.storage.rows import Rows
 from agglom_mpi.storage.schema import TableSchema, volume_table
-from agglom_mpi.storage.status import REWRITE_SECONDS
+from agglom_mpi.storage.table import REWRITE_SECONDS
 
 CHUNK_BYTES: Final = 1 << 18
 """Bytes of a chunk before compression; several fit into HDF5's cache of 1 MiB."""
@@ -49,10 +49,10 @@ def write_compact(source: Path, target: Path) -> CopyCounts:
         tables = TableSizes.of(attributes).tables()
         # Before the rows: the file then has all that the status states.
         plain = {t.name: _read(old, t.name, source) for t in tables if not t.final}
-        final = final_rows(old, source)
+        final, length = final_places(old, source)
         damaged = 0
         with new_file(temporary) as (new, checked):
-            lengths = {name: len(final[name]) for name in ("strings", "frames") if name in final}
+            lengths = {name: length[name] for name in ("strings", "frames") if name in length}
             new.attrs.update(attributes | lengths)
             if CHECKSUMS in attributes:
                 write_checksums(new, lengths)
@@ -60,54 +60,41 @@ def write_compact(source: Path, target: Path) -> CopyCounts:
                 if not table.final:
                     _write_compressed(new, old[table.name], plain[table.name])
                     continue
-                damaged += _copy(old, new, table, final[table.name], source, checked)
-                _write_compressed(new, old[table.done], final[table.name].astype("u1"))
-    strings, samples = (int(final[name].sum()) for name in ("strings", "samples"))
-    return CopyCounts(strings, samples, damaged)
+                done = np.zeros(length[table.name], "u1")
+                done[final[table.name]] = 1
+                damaged += _copy(old, new, table, done != 0, source, checked)
+                _write_compressed(new, old[table.done], done)
+    return CopyCounts(len(final["strings"]), len(final["samples"]), damaged)
 
 
-def final_rows(file: h5py.File, path: Path) -> dict[str, np.ndarray]:
-    """Return which rows of each table are final, up to the last one: bool arrays of length ≥ 1.
+def final_places(file: h5py.File, path: Path) -> tuple[dict[str, np.ndarray], dict[str, int]]:
+    """Return the numbers of the final rows of each table, and how many rows a copy has: some.
 
     A run writes strings, then their samples, then results, then the generation. Read the other
     way round, no row is there without those that it rests on.
     """
-    order = ("legs", "generations", "results", "failures", "strings")
-    places = {name: _final_places(file, name, path) for name in order}
-    strings = _length(places["strings"])
-    final = {name: _flags(places[name], _length(places[name])) for name in order}
-    final["results"] = _flags(places["results"], strings)
-    sizes = TableSizes.of(file.attrs)
-    count = strings * sizes.sample_room
-    final["samples"] = _flags(_final_places(file, "samples", path, count), count)
-    if "final_particles" in file:
-        whole = _flags(_final_places(file, "final_particles", path, count), count)
-        final["final_particles"] = whole & final["samples"]
-    fresh = strings * sizes.fresh
-    for table in map(volume_table, sizes.volumes):
-        final[table] = _flags(_final_places(file, table, path, fresh), max(1, fresh))
-    if "frames" in file:
-        frames = _final_places(file, "frames", path)
-        final["frames"] = _flags(frames, _length(frames))
-    return final
+    found: dict[str, np.ndarray] = {}
+    length: dict[str, int] = {}
 
+    def read(name: str, room: int | None = None) -> None:
+        if f"{name}_done" in file:
+            with _naming_table(path, f"{name}_done"):
+                found[name] = Rows(file[f"{name}_done"], path).nonzero(0, room)
+            length[name] = max(1, 1 + int(found[name].max(initial=-1)) if room is None else room)
 
-def _final_places(file: h5py.File, name: str, path: Path, count: int | None = None) -> np.ndarray:
-    """Return the numbers of the final rows among the first `count` of a table (default: all)."""
-    with _naming_table(path, f"{name}_done"):
-        return Rows(file[f"{name}_done"], path).nonzero(0, count)
-
-
-def _length(places: np.ndarray) -> int:
-    """Return how many rows a copy has of a table with these final rows: one at least."""
-    return int(places[-1]) + 1 if len(places) else 1
-
-
-def _flags(places: np.ndarray, length: int) -> np.ndarray:
-    """Return which of the first `length` rows are final, bool."""
-    flags = np.zeros(length, bool)
-    flags[places[places < length]] = True
-    return flags
+    for name in ("legs", "generations", "results", "failures", "strings"):
+        read(name)
+    strings, sizes = length["strings"], TableSizes.of(file.attrs)
+    found["results"] = found["results"][found["results"] < strings]
+    length["results"] = strings
+    for name in ("samples", "final_particles"):
+        read(name, strings * sizes.sample_room)
+    if "final_particles" in found:
+        found["final_particles"] = np.intersect1d(found["final_particles"], found["samples"])
+    for name in map(volume_table, sizes.volumes):
+        read(name, strings * sizes.fresh)
+    read("frames")
+    return found, length
 
 
 def _copy(

@@ -61,16 +61,17 @@ def check_digests(report: VerificationReport) -> int:
     right, wrong = 0, []
     lost, sizes = report.lost_strings, report.data.sizes
     strings, results = report.data.string_rows(), report.data.result_rows()
-    samples = used_samples(report.data.all_sample_rows(), results)
+    samples = report.data.all_sample_rows()
     for row in report.data.generation_rows():
         mine = strings[strings["generation"] == row["generation"]]
         ids = mine["string"]
         if not len(ids) or not lost.isdisjoint(range(ids[0], ids[-1] + 1)):
             continue
+        own = slice(*np.searchsorted(samples["string"], [ids[0], ids[-1] + 1]))
         digest = generation_digest(
             parameters_of(mine),
             results[np.isin(results["string"], ids)],
-            samples[slice(*np.searchsorted(samples["string"], [ids[0], ids[-1] + 1]))],
+            used_samples(samples[own], results),
             sizes.version,
             samples_schema(sizes.quantities, sizes.census),
         )
@@ -110,13 +111,15 @@ def _find_absent_samples(report: VerificationReport) -> None:
     used = np.clip(results["samples_used"], 0, most)
     places = np.repeat(results["string"] * most - np.cumsum(used) + used, used)
     places += np.arange(len(places))
-    gaps = np.setdiff1d(places, samples["string"] * most + samples["sample"])
+    stored = samples["string"] * most + samples["sample"]
+    gaps = np.setdiff1d(places, stored, assume_unique=True)
     timed_out = report.data.timed_out
     missing = {divmod(place, most) for place in gaps.tolist()} - timed_out
     report.add_absent("samples", missing, "though the results of their strings rest on them")
     counted = max(report.data.generation_rows()["samples_simulated"].tolist(), default=0)
     damaged = [key for key in report.lost["samples"] - missing if _is_searched(key, report)]
-    final = len(report.data.searched_samples) + len(damaged) + len(missing)
+    searched = np.count_nonzero(samples["sample"] < report.data.fresh_from)
+    final = searched + len(damaged) + len(missing)
     final += sum(_is_searched(key, report) for key in timed_out)
     if final < counted:
         report.faults.append(
@@ -162,13 +165,13 @@ def _out_of_range(report: VerificationReport) -> Iterator[tuple[str, Any, str]]:
     yield "strings", unborn.any(axis=1), "parents that were not there yet"
     used, failed = results["samples_used"], results["failed"]
     yield "results", (used < 1) | (used > most), "number of samples used"
-    samples = used_samples(report.data.all_sample_rows(), results)
-    found = Counter(samples["string"][samples["state"] == FAILED].tolist())
+    samples = report.data.all_sample_rows()
+    is_failed = (samples["state"] == FAILED) & report.data.are_used(samples)
+    found = Counter(samples["string"][is_failed].tolist())
     found.update(string for string, _ in report.data.judged_timed_out)
     counted = np.array([found[string] for string in results["string"].tolist()], int)
     whole = ~np.isin(results["string"], list(report.lost_strings))
     yield "results", whole & (counted != failed), "number of failed samples"
-    samples = report.data.all_sample_rows()
     yield "samples", ~np.isin(samples["state"], (COMPLETED, FAILED)), "unknown state"
     odd = (samples["reason"] > 0) != (samples["state"] == FAILED)
     yield "samples", odd | (samples["reason"] >= len(REASONS)), "reason of failure"

@@ -15,7 +15,7 @@ from agglom_mpi.storage.access import open_file
 from agglom_mpi.storage.files import open_own
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.rows import Rows
-from agglom_mpi.storage.status import Status, status_of
+from agglom_mpi.storage.snapshot import Status, status_of
 
 _NO_LOCKS: Final = {errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK}
 

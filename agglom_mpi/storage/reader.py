@@ -19,9 +19,8 @@ from agglom_mpi.storage.checksums import altered_parts
 from agglom_mpi.storage.particle_tables import StoredParticles
 from agglom_mpi.storage.room import TableSizes
 from agglom_mpi.storage.schema import INVERSION, TOOK_TOO_LONG, parameters_of, volume_table
-from agglom_mpi.storage.snapshot import TableSnapshot, read_only
-from agglom_mpi.storage.status import REWRITE_SECONDS, Status, status_of
-from agglom_mpi.storage.table import Table
+from agglom_mpi.storage.snapshot import Status, TableSnapshot, read_only, status_of
+from agglom_mpi.storage.table import REWRITE_SECONDS, Table, are_used, rows_at
 from agglom_mpi.variables import VariableTable
 
 if TYPE_CHECKING:
@@ -164,8 +163,9 @@ class CampaignData:
     def refresh(self) -> None:
         """Read the tables that have been read again; of `/samples` only rows that are new."""
         self._derived.clear()
-        for name in _VIEWS:
-            self.__dict__.pop(name, None)
+        for name, kind in vars(CampaignData).items():
+            if isinstance(kind, cached_property):
+                self.__dict__.pop(name, None)
         self._snapshot.refresh()
 
     def derived(self, compute: Callable[["CampaignData"], T]) -> T:
@@ -267,16 +267,15 @@ class CampaignData:
 
     def are_used(self, rows: np.ndarray) -> np.ndarray:
         """Return which rows of `/samples`, (n,), a result rests on, (n,) bool."""
-        used = self.samples_used
-        return rows["sample"] < [used.get(string, 0) for string in rows["string"].tolist()]
+        return are_used(rows, self.result_rows())
 
     def counted(self, rows: np.ndarray) -> np.ndarray:
         """Return those of some rows of `/samples` that analyses rest on: used and fresh ones.
 
         All of them, `with_unused`.
         """
-        fresh = rows["sample"] >= self.fresh_from
-        return rows if self.with_unused else rows[fresh | self.are_used(rows)]
+        counted = self.with_unused | (rows["sample"] >= self.fresh_from) | self.are_used(rows)
+        return rows if counted.all() else rows_at(rows, counted)
 
     @cached_property
     def counted_samples(self) -> np.ndarray:
@@ -293,7 +292,7 @@ class CampaignData:
         """Rows of the samples that decisions may see."""
         rows = self.all_sample_rows()
         searched = rows["sample"] < self.fresh_from
-        return rows if searched.all() else read_only(rows[searched])
+        return rows if searched.all() else read_only(rows_at(rows, searched))
 
     @property
     def fresh_samples(self) -> np.ndarray:
@@ -361,10 +360,6 @@ class CampaignData:
         """Number of frames there are, of all samples."""
         self.rows("status")
         return self._snapshot.frame_count
-
-
-_VIEWS: Final = "parameters", "samples_used", "counted_samples", "searched_samples", "timed_out"
-"""Properties that are computed once for the rows as they are."""
 
 
 def read_campaign(path: str | os.PathLike[str], allow_code: Allowed = False) -> CampaignData:

@@ -279,39 +279,15 @@ def check_room(campaign: "Campaign", sizes: TableSizes, present: int = 0) -> Non
     # Imported here: a file is read without what reads a campaign's text.
     from agglom_mpi.config.yaml_source import CampaignError, parse
 
-    path, remedy = _remedy(campaign, sizes)
+    largest = sizes.table_bytes()
+    table = max(largest, key=largest.__getitem__)
+    if table in ("final_particles", "frames"):
+        path: tuple[str, ...] = "output", table
+    else:
+        path = ("stopping", "generations") if sizes.generations > 1 else ("ensemble",)
     message = (
         f"needs a campaign file with room for {size_text(needed)}; must be at most "
-        f"{size_text(MAX_FILE_BYTES)}: {remedy}"
+        f"{size_text(MAX_FILE_BYTES)}: ask for less, as fewer generations or samples; a finished "
+        "campaign goes on when it is run again with more generations"
     )
     raise CampaignError(parse(campaign.text, campaign.name).problem(path, message))
-
-
-def _remedy(campaign: "Campaign", sizes: TableSizes) -> tuple[tuple[str, ...], str]:
-    """Return the field of a campaign to change so that its file becomes smaller, and how."""
-    if sizes.generations > 1 and (most := _most_generations(campaign)):
-        again = "a finished campaign goes on when it is run again with more"
-        return ("stopping", "generations"), f"ask for at most {most:,} generations; {again}"
-    largest = sizes.table_bytes()
-    match max(largest, key=largest.__getitem__):
-        case "final_particles":
-            return (
-                "output",
-                "final_particles",
-            ), "leave out the final particles, or take fewer samples"
-        case "frames":
-            return ("output", "frames"), "take fewer frames, of fewer strings or samples"
-        case _:
-            return ("ensemble",), "take fewer samples of a string, or fewer strings in a generation"
-
-
-def _most_generations(campaign: "Campaign") -> int:
-    """Return the number of generations for which the file is as large as is allowed."""
-    fits, too_many = 0, campaign.stopping.generations
-    while too_many - fits > 1:
-        middle = (fits + too_many) // 2
-        if table_sizes(campaign.with_generations(middle)).file_bytes() <= MAX_FILE_BYTES:
-            fits = middle
-        else:
-            too_many = middle
-    return fits

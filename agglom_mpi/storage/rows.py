@@ -4,6 +4,7 @@ import errno
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import pairwise
 from pathlib import Path
 from typing import Final
 
@@ -48,16 +49,29 @@ class Rows:
 
     def read(self, first: int, count: int) -> np.ndarray:
         """Read `count` elements from `first` on; raises IndexError, and OSError with the path."""
-        self.check(first, count)
         rows = np.empty(count, self.dtype)
+        self.read_into(first, rows)
+        return rows
+
+    def read_into(self, first: int, rows: np.ndarray) -> None:
+        """Fill `rows`, (n,), with the elements from `first` on; raises errors as `read`."""
+        count = len(rows)
+        self.check(first, count)
         try:
             if self._begin is not None:
                 self._read_bytes(self._begin + first * self.dtype.itemsize, rows)
-                return rows
+                return
             self._space.select_hyperslab((first,), (count,))
             self._id.read(h5s.create_simple((count,)), self._space, rows, self._type)
         except OSError as error:
             raise with_path(error, self._path) from error
+
+    def read_places(self, places: np.ndarray) -> np.ndarray:
+        """Read the elements with the numbers `places`, (n,), ascending: into one array, once."""
+        rows, begin = np.empty(len(places), self.dtype), 0
+        for first, count in consecutive_numbers(places):
+            self.read_into(first, rows[begin : begin + count])
+            begin += count
         return rows
 
     def read_all(self) -> np.ndarray:
@@ -132,6 +146,14 @@ class Rows:
                 f"{self._path}: rows {first} to {first + count - 1} of {self.name} "
                 f"do not exist; it has room for {self.capacity}"
             )
+
+
+def consecutive_numbers(numbers: np.ndarray) -> Iterator[tuple[int, int]]:
+    """Yield first and length of each run of consecutive numbers among some, (n,), ascending."""
+    ends = np.flatnonzero(np.diff(numbers) != 1) + 1
+    for begin, end in pairwise([0, *ends.tolist(), len(numbers)]):
+        if end > begin:
+            yield int(numbers[begin]), end - begin
 
 
 def same_type(one: np.dtype, other: np.dtype) -> bool:

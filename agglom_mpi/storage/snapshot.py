@@ -1,18 +1,19 @@
 """The tables of a campaign file as they were at one time, also while it is being written."""
 
+import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import h5py
 import numpy as np
 
+from agglom_mpi.formatting import printable
 from agglom_mpi.storage.access import open_file, report_damage
 from agglom_mpi.storage.checksums import checksum_ok
 from agglom_mpi.storage.particle_tables import count_frames
 from agglom_mpi.storage.rows import Rows
-from agglom_mpi.storage.status import read_status
-from agglom_mpi.storage.table import Table
+from agglom_mpi.storage.table import REWRITE_SECONDS, Table
 
 READ_TOGETHER: Final = ("generations", "results", "strings", "legs", "failures")
 """Tables in the order in which they are read: a row is there before those that refer to it, so no
@@ -100,7 +101,7 @@ class TableSnapshot:
     def _read_whole(self, file: h5py.File, name: str) -> None:
         """Read all rows of a table."""
         found = Table(file, name, self._path).read()
-        self._kept[name], self._damaged[name] = read_only(found.rows), found.damaged
+        self._kept[name], self._damaged[name] = read_only(found.rows), len(found.damaged)
 
     def _read_samples(self, file: h5py.File) -> None:
         """Read the samples that are not kept yet, of strings that are."""
@@ -110,8 +111,8 @@ class TableSnapshot:
         rows = self._with_columns(found.rows)
         if self.has_samples:
             rows = np.insert(self._kept["samples"], np.searchsorted(before, found.places), rows)
-        self._kept["samples"], self._damaged["samples"] = read_only(rows), found.damaged
-        self._seen = np.union1d(before, found.places)
+        self._kept["samples"], self._damaged["samples"] = read_only(rows), len(found.damaged)
+        self._seen = np.sort(np.concatenate([before, found.places]))
 
     def _with_columns(self, rows: np.ndarray) -> np.ndarray:
         """Return rows of `/samples` with the columns to keep alone."""
@@ -127,3 +128,28 @@ def read_only(rows: np.ndarray) -> np.ndarray:
     """Return the same rows, which cannot be written any more."""
     rows.flags.writeable = False
     return rows
+
+
+class Status(NamedTuple):
+    """State of a campaign, time of the last change (Unix, s), and the reason."""
+
+    state: str
+    updated: float
+    reason: str
+
+
+def status_of(rows: np.ndarray) -> Status:
+    """Return the row of `/status`, (1,), as text and numbers."""
+    [row] = rows
+    state, reason = (printable(row[n].decode(errors="replace")) for n in ("state", "reason"))
+    return Status(state, float(row["updated"]), reason)
+
+
+def read_status(file: h5py.File, path: Path) -> np.ndarray:
+    """Return the row of `/status`, (1,), once a run that may be rewriting it has done so."""
+    rows = Rows(file["status"], path)
+    status = rows.read_all()
+    if not checksum_ok(status).all():
+        time.sleep(REWRITE_SECONDS)
+        status = rows.read_all()
+    return status

@@ -1,6 +1,7 @@
 """Rows that are either absent or final: done bytes, digests of generations."""
 
 import hashlib
+import time
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -11,8 +12,11 @@ import numpy as np
 
 from agglom_mpi.storage.checksums import checksum_ok, checksums
 from agglom_mpi.storage.room import TableSizes
-from agglom_mpi.storage.rows import Rows, same_type
+from agglom_mpi.storage.rows import Rows, consecutive_numbers, same_type
 from agglom_mpi.storage.schema import FORMAT_VERSION, RESULTS, SAMPLES, TableSchema
+
+REWRITE_SECONDS: Final = 0.1
+"""Longer than a row that is rewritten in place takes to be whole again."""
 
 
 class ValidRows(NamedTuple):
@@ -23,13 +27,13 @@ class ValidRows(NamedTuple):
     rows : (n,) structured array
     places : (n,) int64
         Their numbers, ascending.
-    damaged : int
-        Number of final rows of the range whose checksum is wrong.
+    damaged : (k,) int64
+        Numbers of the final rows of the range whose checksum is wrong.
     """
 
     rows: np.ndarray
     places: np.ndarray
-    damaged: int
+    damaged: np.ndarray
 
 
 class Table:
@@ -86,13 +90,24 @@ class Table:
         """Return the valid rows among `count` from `first` on (by default all), in order."""
         return self.read_places(self.done.nonzero(first, count))
 
-    def read_places(self, places: np.ndarray) -> ValidRows:
-        """Return the valid rows among those with the numbers `places`, (n,), ascending."""
-        runs = [self.rows.read(*run) for run in consecutive_numbers(places)]
-        rows = concatenated(runs, self.rows.dtype)
+    def read_places(self, places: np.ndarray, *, patient: bool = False) -> ValidRows:
+        """Return the valid rows among those with the numbers `places`, (n,), ascending.
+
+        With `patient`, damaged rows are read once more, after the time in which a run that replaces
+        them has done so; what it has made absent meanwhile is left out.
+        """
+        rows = self.rows.read_places(places)
         valid = checksum_ok(rows)
-        damaged = int(len(rows) - valid.sum())
-        return ValidRows(fitted(rows[valid], self.dtype), places[valid], damaged)
+        wrong = np.flatnonzero(~valid)
+        if patient and len(wrong):
+            time.sleep(REWRITE_SECONDS)
+            rows[wrong] = self.rows.read_places(places[wrong])
+            valid[wrong] = checksum_ok(rows[wrong])
+            wrong = wrong[~valid[wrong] & (self.done.read_places(places[wrong]) != 0)]
+        damaged = places[wrong]
+        if not valid.all():
+            rows, places = rows_at(rows, valid), places[valid]
+        return ValidRows(fitted(rows, self.dtype), places, damaged)
 
     def runs(self, first: int = 0, count: int | None = None) -> Iterator[tuple[int, int]]:
         """Yield start and length of each run of final rows in a range."""
@@ -171,14 +186,6 @@ def runs_of(done: np.ndarray) -> Iterator[tuple[int, int]]:
         yield start, stop - start
 
 
-def consecutive_numbers(numbers: np.ndarray) -> Iterator[tuple[int, int]]:
-    """Yield first and length of each run of consecutive numbers among some, (n,), ascending."""
-    ends = np.flatnonzero(np.diff(numbers) != 1) + 1
-    for begin, end in pairwise([0, *ends.tolist(), len(numbers)]):
-        if end > begin:
-            yield int(numbers[begin]), end - begin
-
-
 def consecutive_samples(rows: np.ndarray) -> Iterator[np.ndarray]:
     """Yield parts of rows, (n,), that are consecutive samples of one string."""
     ends = np.flatnonzero((np.diff(rows["sample"]) != 1) | (np.diff(rows["string"]) != 0)) + 1
@@ -225,14 +232,18 @@ def used_samples(samples: np.ndarray, results: np.ndarray) -> np.ndarray:
 
 def places_used(samples: np.ndarray, results: np.ndarray) -> np.ndarray:
     """Return where the rows of `used_samples` are among all, (n,) int64."""
-    if not len(samples) or not len(results):
-        return np.zeros(0, np.int64)
-    most = np.zeros(1 + max(samples["string"].max(), results["string"].max()), np.int64)
-    most[results["string"]] = results["samples_used"]
-    strings, numbers = samples["string"], samples["sample"]
-    used = np.flatnonzero(numbers < most[strings])
-    places = strings[used] * (1 + most.max()) + numbers[used]
+    used = np.flatnonzero(are_used(samples, results))
+    strings, numbers = samples["string"][used], samples["sample"][used]
+    places = strings * (1 + numbers.max(initial=0)) + numbers
     return used[np.unique(places, return_index=True)[1]]
+
+
+def are_used(samples: np.ndarray, results: np.ndarray) -> np.ndarray:
+    """Return which rows of `/samples` the results rest on, (n,) bool."""
+    last = max(samples["string"].max(initial=0), results["string"].max(initial=0))
+    used = np.zeros(1 + last, np.int64)
+    used[results["string"]] = results["samples_used"]
+    return np.asarray(samples["sample"] < used[samples["string"]])
 
 
 def _packed(rows: np.ndarray) -> bytes:

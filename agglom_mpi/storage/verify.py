@@ -5,7 +5,6 @@ writing: whatever a row refers to is then there, also while a run goes on.
 """
 
 import os
-import time
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
@@ -29,8 +28,8 @@ from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.recorded_campaign import recorded_search
 from agglom_mpi.storage.rows import Rows
 from agglom_mpi.storage.schema import CAMPAIGN_STATES, volume_table
-from agglom_mpi.storage.status import REWRITE_SECONDS, read_status, status_of
-from agglom_mpi.storage.table import Table, concatenated, consecutive_numbers, fitted
+from agglom_mpi.storage.snapshot import read_status, status_of
+from agglom_mpi.storage.table import Table, ValidRows, rows_at
 
 Key = int | tuple[int, int]
 """Number of a string, generation, leg or failure, or string and number of a sample."""
@@ -41,8 +40,6 @@ MAX_LISTED: Final = 8
 """Rows that a message lists at most."""
 
 
-REPLACE_SECONDS: Final = 0.1
-"""Longer than a frame that takes the place of another takes to be written."""
 _READ_BYTES: Final = 1 << 25
 _READ: Final = ("generations", "results", "samples", "strings", "failures", "legs")
 _LOSABLE: Final = (*_READ, "final_particles", "frames", "status")
@@ -88,7 +85,8 @@ class VerificationReport:
     def numbers(self, table: str) -> set[int]:
         """Return the strings or generations that a table has rows of."""
         column = "generation" if table == "generations" else "string"
-        return set(self.data.rows(table)[column].tolist())
+        numbers = self.data.rows(table)[column]
+        return set(numbers[np.diff(numbers, prepend=-1) > 0].tolist())  # they are in order
 
     def add_absent(self, table: str, keys: Iterable[Key], why: str) -> None:
         """Record that rows are absent which others need, unless they are known to be lost."""
@@ -173,7 +171,7 @@ def _verify(file: h5py.File, path: Path, allow_code: bool) -> VerificationReport
     report = VerificationReport(CampaignData.of_rows(path, attributes, tables, allow_code))
     report.room = {schema.name: len(file[schema.name]) for schema in report.data.sizes.tables()}
     for name in (*_READ, *report.volume_tables):
-        tables[name] = _valid_rows(file, Table(file, name, path), report)
+        tables[name] = _valid_rows(Table(file, name, path), report)
     tables["variables"] = Rows(file["variables"], path).read_all()
     report.data = CampaignData.of_rows(path, attributes, tables, allow_code)
     if altered := altered_parts(file):
@@ -194,38 +192,30 @@ def _verify(file: h5py.File, path: Path, allow_code: bool) -> VerificationReport
     return report
 
 
-def _valid_rows(file: h5py.File, table: Table, report: VerificationReport) -> np.ndarray:
+def _valid_rows(table: Table, report: VerificationReport) -> np.ndarray:
     """Return the rows of a table that have the right checksum and lie in their own places."""
     name = table.rows.name.removeprefix("/")
     places = table.done.nonzero()
-    runs = list(consecutive_numbers(places))
-    marks = concatenated([table.done.read(*run) for run in runs], table.done.dtype)
-    odd = places[marks != 1]
+    odd = places[table.done.read_places(places) != 1]
     if len(odd):
-        keys = [_key(name, int(place), report) for place in odd]
+        keys = [_key(name, place, report) for place in odd.tolist()]
         report.faults.append(f"{name}_done: neither 0 nor 1 for {row_list(keys)}")
-    parts = [table.rows.read(*run) for run in runs]
-    rows = concatenated(parts, table.rows.dtype)
-    valid = checksum_ok(rows)
-    if not valid.all():  # perhaps a row that is being written again, as those of /legs are
-        if status_of(Rows(file["status"], report.data.path).read_all()).state == "running":
-            time.sleep(REWRITE_SECONDS)
-        for at in np.flatnonzero(~valid):
-            rows[at] = table.rows.read(int(places[at]), 1)[0]
-        valid = checksum_ok(rows)
-    damaged = {_key(name, int(place), report) for place in places[~valid]}
-    if damaged:
-        report.add_lost(name, damaged, "with a wrong checksum")
-    misplaced = valid & (_own_places(name, rows, report) != places)
-    if misplaced.any():  # a resume would trust the numbers in the row
-        displaced = {_key(name, int(place), report) for place in places[misplaced]}
-        report.lost[name] |= displaced
-        report.faults.append(f"{name}: numbers of another row in {row_list(displaced)}")
-    return fitted(rows[valid & ~misplaced], table.dtype)
+    rows, valid, damaged = table.read_places(places, patient=True)
+    if len(damaged):
+        lost = {_key(name, place, report) for place in damaged.tolist()}
+        report.add_lost(name, lost, "with a wrong checksum")
+    own = _own_places(name, rows, report)
+    misplaced = (np.searchsorted(places, valid) if own is None else own) != valid
+    if not misplaced.any():
+        return rows
+    displaced = {_key(name, place, report) for place in valid[misplaced].tolist()}
+    report.lost[name] |= displaced  # a resume would trust the numbers in the row
+    report.faults.append(f"{name}: numbers of another row in {row_list(displaced)}")
+    return rows_at(rows, ~misplaced)
 
 
-def _own_places(name: str, rows: np.ndarray, report: VerificationReport) -> np.ndarray:
-    """Return the places where rows belong by the numbers in them."""
+def _own_places(name: str, rows: np.ndarray, report: VerificationReport) -> np.ndarray | None:
+    """Return the places where rows belong by the numbers in them; None: one after the other."""
     if name in ("strings", "results"):
         return rows["string"]
     if name == "generations":
@@ -237,7 +227,7 @@ def _own_places(name: str, rows: np.ndarray, report: VerificationReport) -> np.n
         own = (rows["sample"] >= data.fresh_from) & (rows["sample"] < data.max_samples)
         place = rows["string"] * data.sizes.fresh + rows["sample"] - data.fresh_from
         return np.where(own, place, -1)
-    return np.arange(len(rows))
+    return None
 
 
 def _key(name: str, place: int, report: VerificationReport) -> Key:
@@ -254,9 +244,9 @@ def check_particles(file: h5py.File, report: VerificationReport) -> None:
     A final state must have as many particles as its sample states, and a frame its place among
     the frames of its sample. An absent final state is no fault: a leg need not have stored any.
     """
-    rows = report.data.all_sample_rows()[["string", "sample", "particles"]].tolist()
-    left = {(string, sample): particles for string, sample, particles in rows}
     if "final_particles" in file:
+        rows = report.data.all_sample_rows()[["string", "sample", "particles"]].tolist()
+        left = {(string, sample): particles for string, sample, particles in rows}
         _check_finals(Table(file, "final_particles", report.data.path), left, report)
     if "frames" in file:
         _check_frames(Table(file, "frames", report.data.path), report)
@@ -268,23 +258,23 @@ def _check_finals(
     damaged: set[Key] = set()
     misplaced: set[Key] = set()
     most = report.data.max_samples
-    for place, valid, row in _rows(table, ["string", "sample", "particles"]):
-        key = divmod(place, most)
-        if not valid:
-            damaged.add(key)
-        elif row[:2] != key or left.get(key, row[2]) != row[2]:
-            misplaced.add(key)
+    for found in _parts(table):
+        damaged |= {divmod(place, most) for place in found.damaged.tolist()}
+        rows = found.rows[["string", "sample", "particles"]].tolist()
+        for place, (string, sample, particles) in zip(found.places.tolist(), rows, strict=True):
+            key = divmod(place, most)
+            if (string, sample) != key or left.get(key, particles) != particles:
+                misplaced.add(key)
     _record(table, "final_particles", damaged, misplaced, report)
 
 
 def _check_frames(table: Table, report: VerificationReport) -> None:
     damaged: set[Key] = set()
     stored: dict[int, tuple[int, ...]] = {}
-    for place, valid, row in _rows(table, ["string", "sample", "frame"]):
-        if valid:
-            stored[place] = row
-        else:
-            damaged.add(place)
+    for found in _parts(table):
+        damaged |= {*found.damaged.tolist()}
+        rows = found.rows[["string", "sample", "frame"]].tolist()
+        stored |= zip(found.places.tolist(), rows, strict=True)
     settled = report.data.status().state == "finished"  # before, others may be taking their places
     count = 1 + max((row[2] for row in stored.values()), default=0)
     first = {place // count: row[:2] for place, row in reversed(stored.items())}
@@ -301,30 +291,11 @@ def _check_frames(table: Table, report: VerificationReport) -> None:
         )
 
 
-def _rows(table: Table, columns: list[str]) -> Iterator[tuple[int, bool, tuple[int, ...]]]:
-    """Yield place of each final row, whether its checksum is right, and some of its columns."""
-    step = max(1, _READ_BYTES // table.rows.dtype.itemsize)
-    for first, length in table.runs():
-        for at in range(first, first + length, step):
-            rows = table.rows.read(at, min(step, first + length - at))
-            valid = checksum_ok(rows)
-            for i, row in enumerate(rows[columns].tolist()):
-                if valid[i]:
-                    yield at + i, True, row
-                else:
-                    yield from _read_again(table, at + i, columns)
-
-
-def _read_again(
-    table: Table, place: int, columns: list[str]
-) -> Iterator[tuple[int, bool, tuple[int, ...]]]:
-    """Read a row again whose checksum was wrong: perhaps it was being replaced."""
-    time.sleep(REPLACE_SECONDS)
-    found = table.read(place, 1)
-    if found.damaged:
-        yield place, False, ()
-    for row in found.rows[columns].tolist():
-        yield place, True, row
+def _parts(table: Table) -> Iterator[ValidRows]:
+    """Yield the rows of a table, some at a time: those of particles are large."""
+    places, step = table.done.nonzero(), max(1, _READ_BYTES // table.rows.dtype.itemsize)
+    for at in range(0, len(places), step):
+        yield table.read_places(places[at : at + step], patient=True)
 
 
 def _record(

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.config.derived import columns_of
 from agglom_mpi.config.given_strings import read_string
+from agglom_mpi.config.quantities import columns_of
 from agglom_mpi.formatting import format_mean, in_unit, pluralise, value_with_error, without_nan
 from agglom_mpi.outcome import LEDGER
 from agglom_mpi.physics.scales import half_width

@@ -11,14 +11,13 @@ from goals import growth_target, maximum_growth
 from reestimation_runs import assert_fresh_are_those_of_the_best, fresh_rows
 from scipy import stats
 
-from agglom_mpi.analysis.comparison import (
+from agglom_mpi.analysis.estimates import Estimate, estimates_of
+from agglom_mpi.analysis.selection_bias import (
     PairedSamples,
-    SampleValues,
     paired_p_value,
     sample_values,
+    selection_bias,
 )
-from agglom_mpi.analysis.estimates import Estimate, estimates_of
-from agglom_mpi.analysis.selection_bias import selection_bias
 from agglom_mpi.cli import main
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import OUTCOME
@@ -73,7 +72,7 @@ def test_only_samples_that_both_have_are_compared():
     law = maximum_growth(8)
     one = sample_values(law, rows_of([1.0, 1.2, 1.4], [5, 6, 8]))
     other = sample_values(law, rows_of([1.5, 1.1, 1.3], [6, 7, 8]))
-    paired = PairedSamples({0: one, 1: other, 2: SampleValues(one.numbers[:1], one.values[:1])})
+    paired = PairedSamples({0: one, 1: other, 2: (one[0][:1], one[1][:1])})
     assert paired.difference(0, 1).samples == 2
     assert paired.difference(0, 1).value == pytest.approx((0.3 - 0.1) / 2 / 2)
     assert paired.difference(0, 2).samples == 1

@@ -102,7 +102,7 @@ def test_a_file_without_a_result_is_a_row_without_a_value(tmp_path):
 def estimated(summary, objective):
     """Return a summary whose best string was estimated again."""
     again = {"objective": objective, "standard_error": 0.01}
-    return summary._replace(best=[summary.best[0] | {"reestimate": again}])
+    return summary | {"best": [summary["best"][0] | {"reestimate": again}]}
 
 
 def test_re_estimates_are_not_mixed_with_objectives_as_searched(tmp_path):

@@ -9,11 +9,15 @@ from campaign_runs import QUICKSTART, TINY, finish, write_campaign
 from click.testing import CliRunner
 from goals import FUNCTION_MEAN, growth_target, maximum_growth, moment_targets
 
-from agglom_mpi.analysis.comparison import p_value, paired_p_value, significant_differences
 from agglom_mpi.analysis.estimates import Estimate, estimates_of, rounding_of, unconverged
 from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.analysis.run_warnings import run_warnings
-from agglom_mpi.analysis.selection_bias import selection_bias
+from agglom_mpi.analysis.selection_bias import (
+    p_value,
+    paired_p_value,
+    selection_bias,
+    significant_differences,
+)
 from agglom_mpi.analysis.sensitivity import (
     LEAST_EXPLAINED,
     Sensitivity,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from agglom_mpi.analysis.comparison import p_value, paired_p_value, significant_differences
+from agglom_mpi.analysis.selection_bias import p_value, paired_p_value, significant_differences
 from agglom_mpi.statistics import MeanEstimate, mean_of
 
 

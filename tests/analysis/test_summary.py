@@ -80,14 +80,14 @@ def printed(content, monkeypatch, capsys):
 
 def test_a_run_that_was_killed_is_stopped_and_one_that_has_the_lock_is_not(begun):
     with CampaignLock(begun):
-        assert collect_summary(read_campaign(begun)).state == "running"
+        assert collect_summary(read_campaign(begun))["state"] == "running"
     summary = collect_summary(read_campaign(begun))
-    assert (summary.state, summary.reason) == ("stopped", KILLED)
+    assert (summary["state"], summary["reason"]) == ("stopped", KILLED)
     assert open_campaign(begun).status().state == "stopped"
     with CampaignWriter(begun) as writer:
         writer.log.begin_leg(**leg_start(2, "", database="parallel"))
         writer.set_status("running")
-    assert collect_summary(read_campaign(begun)).state == "running", "it may have no lock"
+    assert collect_summary(read_campaign(begun))["state"] == "running", "it may have no lock"
 
 
 def test_another_machine_may_see_no_lock(begun, monkeypatch):
@@ -99,28 +99,28 @@ def test_another_machine_may_see_no_lock(begun, monkeypatch):
 
 def test_a_campaign_that_has_not_begun_has_a_summary(path, monkeypatch, capsys):
     summary = collect_summary(read_campaign(path))
-    assert (summary.state, summary.reason) == ("stopped", "not started yet")
-    assert (summary.strings, summary.samples_simulated, summary.best) == (0, 0, [])
-    assert summary.samples_per_second == 0.0
+    assert (summary["state"], summary["reason"]) == ("stopped", "not started yet")
+    assert (summary["strings"], summary["samples_simulated"], summary["best"]) == (0, 0, [])
+    assert summary["samples_per_second"] == 0.0
     text = printed(summary_table(read_campaign(path)), monkeypatch, capsys)
     assert "stopped: not started yet" in text
 
 
 def test_an_unfinished_file_shows_what_is_judged_best_first(begun):
     summary = collect_summary(read_campaign(begun))
-    assert summary.state == "stopped"
-    assert summary.strings == 3
-    assert [entry["string"] for entry in summary.best] == [0, 1]
-    assert summary.samples_used == 30
-    assert summary.samples_simulated == 12
-    assert (summary.failed, summary.hit_maximum) == (1, 1)
-    assert "surface_energy" not in summary.best[0]
+    assert summary["state"] == "stopped"
+    assert summary["strings"] == 3
+    assert [entry["string"] for entry in summary["best"]] == [0, 1]
+    assert summary["samples_used"] == 30
+    assert summary["samples_simulated"] == 12
+    assert (summary["failed"], summary["hit_maximum"]) == (1, 1)
+    assert "surface_energy" not in summary["best"][0]
 
 
 def test_a_string_is_shown_with_the_processor_time_of_its_samples(begun):
     file = read_campaign(begun)
     rows = file.all_sample_rows()
-    for entry in collect_summary(file).best:
+    for entry in collect_summary(file)["best"]:
         own = rows[rows["string"] == entry["string"]]
         assert entry["processor_seconds"] == 0.125 * len(own)
         assert entry["seconds"] == 0.25 * len(own)
@@ -143,7 +143,7 @@ def test_wall_clock_time_is_shown_where_processor_time_was_not_recorded(begun, m
 
 
 def test_at_most_so_many_strings_are_shown(begun):
-    assert len(collect_summary(read_campaign(begun), best=1).best) == 1
+    assert len(collect_summary(read_campaign(begun), best=1)["best"]) == 1
 
 
 def test_json_has_no_nan(begun):

@@ -6,7 +6,6 @@ from agglom_mpi.analysis.trade_off import (
     DOMINATED,
     FRONT,
     UNRESOLVED,
-    BestPoint,
     TradeOffAxis,
     verdicts,
 )
@@ -15,7 +14,7 @@ LOWER = TradeOffAxis("power", "W", False), TradeOffAxis("objective", "1", False)
 
 
 def point(x, y, y_error=0.1, x_error=0.0):
-    return BestPoint("a.h5", 1, (x, y), (x_error, y_error), True)
+    return (x, x_error), (y, y_error)
 
 
 def test_a_front_has_the_points_that_nothing_else_beats():

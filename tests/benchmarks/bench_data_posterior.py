@@ -28,7 +28,7 @@ import numpy as np
 import agglom_mpi
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.inference.data_posterior import data_posterior, posterior_of
-from agglom_mpi.inference.string_values import pseudo_values
+from agglom_mpi.inference.stored_samples import pseudo_values
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.verbs.simulate import simulate
 

@@ -23,8 +23,7 @@ import numpy as np
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.inference import data_posterior
 from agglom_mpi.inference.data_emulator import EmulatedData
-from agglom_mpi.inference.stored_samples import stored_samples
-from agglom_mpi.inference.string_values import string_values
+from agglom_mpi.inference.stored_samples import stored_samples, string_values
 from agglom_mpi.storage.reader import read_campaign
 
 MEASUREMENTS = 20

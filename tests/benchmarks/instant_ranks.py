@@ -29,6 +29,13 @@ from agglom_mpi.runtime.worker import serve_coordinator
 from agglom_mpi.runtime.worker_pool import WorkerPool
 from agglom_mpi.storage.writer import CampaignWriter
 
+try:
+    from agglom_mpi.judge import samples_needed
+    from agglom_mpi.runtime.messages import PART
+    from agglom_mpi.search.ensemble import judge_of
+except ImportError:  # an earlier version, where rank 0 alone ends a string
+    PART = None
+
 RESULTS = 1 << 16
 
 
@@ -43,7 +50,7 @@ class InstantTask:
     """Samples that are there as soon as they are asked for."""
 
     def __init__(self, runner, task):
-        self._runner = runner
+        self._runner, self._task = runner, task
         self._string, self._first, self._count = (
             int(task[name]) for name in ("string", "first", "count")
         )
@@ -63,8 +70,21 @@ class InstantTask:
         rows = self._runner.made_up[(self._string * 7919 + samples * 104729) % RESULTS]
         rows["string"], rows["sample"], rows["rank"] = self._string, samples, self._runner.rank
         rows["objective"] = abs(rows["mean_radius_ratio"] / 2.0 - 1.0)
+        if PART is None:
+            self._runner.add_checksums(rows)
+            return RankMessage(self._runner.rank, rows)
+        if self._task["judged"]:
+            campaign = self._runner.experiment.campaign
+            judge = judge_of(
+                campaign.ensemble, campaign.objective, self._task["means"], self._count
+            )
+            needed = samples_needed(judge, rows["state"] == 1, rows["mean_radius_ratio"])
+            rows = rows[:needed]
         self._runner.add_checksums(rows)
-        return RankMessage(self._runner.rank, rows)
+        part = np.zeros(1, PART)
+        part["string"], part["first"], part["size"] = self._string, self._first, len(rows)
+        part["left_out"] = len(rows) < self._count
+        return RankMessage(self._runner.rank, rows, part)
 
 
 class InstantRunner(SampleRunner):

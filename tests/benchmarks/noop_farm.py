@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 from mpi4py import MPI
 
+from agglom_mpi.runtime.returned_samples import rank_parts
 from agglom_mpi.runtime.task_runner import SampleRunner, SampleTask
 from agglom_mpi.runtime.worker import serve_coordinator as serve
 from agglom_mpi.runtime.worker_pool import WorkerPool
@@ -59,6 +60,9 @@ class Endless:
     def open_strings(self):
         return {string: self.progress(string) for string in self.done}
 
+    def judged_from(self, string):
+        return None
+
     def progress(self, string):
         return Progress(self.done[string], SAMPLES)
 
@@ -83,7 +87,8 @@ def farm(most, seconds):
         for message in pool.poll():
             rows = message.results
             plan.batch_sizer.learn([NO_TIME] * len(rows))
-            for part, new in plan.returned(message.rank, [True] * len(rows)):
+            for _, part, _ in rank_parts([message]):
+                new = plan.returned(message.rank, part)
                 needs.done[part.string] += sum(piece.stop - piece.start for piece in new)
                 plan.update(part.string)
             returned[message.rank] += len(rows)

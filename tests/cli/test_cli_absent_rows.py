@@ -32,7 +32,7 @@ def clear(path, table, *places):
 def fresh_places(path):
     """Places of the fresh samples of the best string."""
     data = read_campaign(path)
-    best = collect_summary(data).best[0]["string"]
+    best = collect_summary(data)["best"][0]["string"]
     first = best * data.max_samples + data.fresh_from
     return [*range(first, (best + 1) * data.max_samples)]
 

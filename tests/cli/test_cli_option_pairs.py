@@ -19,7 +19,8 @@ NEXT = ["report", "tiny.h5", "--out", "OUT", "--posterior", "--what-next", "--wh
         (["export", "tiny.h5", "--compact", "OUT", "--unused"], "--unused"),
         (["report", "tiny.h5", "--feasible-set", "--posterior"], "--posterior"),
         ([*NEXT, "OUT.csv", "--feasible-set", "--grid", "OUT.csv"], "--grid and --what-next-table"),
-        ([*NEXT, "OUT/report.html"], "--what-next-table"),
+        (["report", "tiny.h5", "--posterior", "--what-next-table", "OUT"], "--what-next"),
+        (["export", "tiny.h5", "--csv", "OUT", "--frames", "5"], "--paraview"),
     ],
 )
 def test_an_option_that_another_one_would_drop_is_refused(agglom, tmp_path, words, named):

@@ -70,7 +70,7 @@ SCENE = [
         "  velocities: {law: spread, mean: [1, 2, 3 km]}",
         ("6: scene.velocities.mean.2:", "wrong unit", "'km'", "'m/s'"),
     ),
-    ("  velocities", "  velocities: {law: spread, mean: [1]}", ("is [1]", "too few entries")),
+    ("  velocities", "  velocities: {law: spread, mean: [1]}", ("is [1]", "must have 3 entries")),
     ("  velocities", "  velocities: {law: spread, mean: 1}", ("mean:", "is 1", "a list")),
     (
         "  velocities",
@@ -277,7 +277,7 @@ VARIABLES = [
 
 PLAN = [
     ("seed", "seed: -1", ("2: seed:", "is -1", "at least 0")),
-    ("seed", "seed: 9223372036854775808", ("2: seed:", "is 9223372036854775808", "less than")),
+    ("seed", "seed: 9223372036854775808", ("2: seed:", "is 9223372036854775808", "at most")),
     ("title", "title: 3", ("1: title:", "is 3")),
     (
         "objective",

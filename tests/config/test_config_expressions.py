@@ -8,16 +8,19 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from agglom_mpi.config.dimensions import PURE, dimension_of, kind_of, unit_of
 from agglom_mpi.config.expression_reader import MAX_NODES, read_comparison, read_expression
 from agglom_mpi.config.expressions import (
     ANY,
+    PURE,
     common_dimension,
     dimension,
+    dimension_of,
     evaluate,
+    kind_of,
     names_in,
     satisfied,
     text_of,
+    unit_of,
 )
 from agglom_mpi.declaration.units import to_si
 

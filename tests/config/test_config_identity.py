@@ -7,8 +7,7 @@ import pytest
 from campaign_text import campaign, constant
 
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.declaration.declared import LATER
-from agglom_mpi.declaration.sections import Section
+from agglom_mpi.declaration.declared import LATER, Declared
 
 
 @pytest.mark.parametrize(
@@ -191,12 +190,12 @@ def test_what_is_stored_of_a_sample_is_described_with_its_size(
     assert left_out == ([] if absent is None else [absent])
 
 
-class Later(Section):
+class Later(Declared):
     old: int = 1
     new: Annotated[int, LATER] = 2
 
 
-class Around(Section):
+class Around(Declared):
     inner: Later = Later()
 
 

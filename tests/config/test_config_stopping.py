@@ -8,7 +8,7 @@ from campaign_text import campaign
 from agglom_mpi.config.plan import Stopping, with_criteria
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.declaration.components import Whole
-from agglom_mpi.declaration.sections import Section
+from agglom_mpi.declaration.declared import Declared
 from agglom_mpi.search.ending import (
     EndingCriterion,
     ExpectedError,
@@ -25,11 +25,11 @@ def test_a_campaign_ends_by_its_criteria_or_its_last_generation():
     stopping = Stopping(generations=4, target=LOW, expected_error=0.1)
     assert stopping.criteria == {"target": LOW, "expected_error": KNOWN}
     assert stopping.ending == any_of(LOW, KNOWN, Generations(generations=4))
-    assert stopping.recorded() == {
+    assert stopping.recorded_criteria() == {
         "target": {"top": 6, "objective": 0.5},
         "expected_error": 0.1,
     }
-    assert Stopping(generations=4).recorded() == {"target": None}
+    assert Stopping(generations=4).recorded_criteria() == {"target": None}
 
 
 def test_a_criterion_is_declared_by_its_class_alone():
@@ -44,14 +44,14 @@ def test_a_criterion_is_declared_by_its_class_alone():
         def holds(self, generations, search):
             return False
 
-    section = with_criteria(Section)
+    section = with_criteria(Declared)
     Stalled.in_files = False  # for other tests
     assert list(section.model_fields) == ["target", "expected_error", "stalled"]
-    assert section.model_validate({"stalled": 3}).stalled == Stalled(stalled=3)
-    assert section.model_validate({"stalled": 3}).entries() == {"target": None, "stalled": 3}
-    assert section.model_validate({}).entries() == {"target": None}
+    assert section.checked({"stalled": 3}).stalled == Stalled(stalled=3)
+    assert section.checked({"stalled": 3}).entries() == {"target": None, "stalled": 3}
+    assert section.checked({}).entries() == {"target": None}
     with pytest.raises(ValueError, match="stalled"):
-        section.model_validate({"stalled": 0})
+        section.checked({"stalled": 0})
 
 
 @pytest.mark.parametrize(

@@ -140,7 +140,7 @@ class Unaware(GeneticSearch):
 
     def ask(self):
         proposals = super().ask()
-        if self.generation and not np.isfinite(self._objectives).all():
+        if self.generation and not np.isfinite(self.objectives).all():
             return proposals._replace(parameters=proposals.parameters * 2.0)
         return proposals
 

@@ -8,7 +8,7 @@ from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.declaration.choices import Choice
 from agglom_mpi.declaration.components import In, UnknownComponentError, class_named
 from agglom_mpi.declaration.declared import Declared
-from agglom_mpi.declaration.reading import OwnComponents, Reading
+from agglom_mpi.declaration.reading import PLAIN, OwnComponents, Reading
 from agglom_mpi.physics.friction import Friction
 from agglom_mpi.physics.restitution import ConstantRestitution, PressureRestitution, Restitution
 from agglom_mpi.simulation.boundary import Boundary
@@ -72,14 +72,9 @@ def test_a_field_reads_an_own_component_with_its_numbers():
 
 def test_the_hardness_of_a_scene_follows_from_the_own_restitution_that_it_names(monkeypatch):
     entry = {"restitution": "faster.py:Faster"}
-    fitting = SceneSection._default_hardness
-    assert fitting(dict(entry), info(READING))["hardness"] == "constant"
+    fitting = SceneSection.with_default_hardness
+    assert fitting(entry, READING)["hardness"] == "constant"
     monkeypatch.setattr(Faster, "needs_contact_pressure", True)
-    assert fitting(dict(entry), info(READING))["hardness"] == "arrhenius"
-    assert fitting(dict(entry), info(None))["hardness"] == "constant"
+    assert fitting(entry, READING)["hardness"] == "arrhenius"
+    assert fitting(entry, PLAIN)["hardness"] == "constant"
     assert PressureRestitution.needs_contact_pressure
-
-
-def info(context):
-    """Return what pydantic gives a validator in this context."""
-    return type("Info", (), {"context": context})

@@ -8,9 +8,9 @@ import pytest
 from click.testing import CliRunner
 
 from agglom_mpi.cli import main
+from agglom_mpi.cli.doctor import as_table
 from agglom_mpi.doctor import folders, machine
 from agglom_mpi.doctor import ranks as mpi
-from agglom_mpi.doctor.checks import as_table
 from agglom_mpi.doctor.machine import Finding
 
 MOUNTS = r"""/dev/vda / ext4 rw 0 0

@@ -18,8 +18,9 @@ from agglom_mpi.errors import FAILURE, FINISHED, UserError
 
 WORK = [
     "agglom_mpi.verbs.simulate.simulate",
-    "agglom_mpi.doctor.checks.run_checks",
-    "agglom_mpi.planning.plan.pilot_samples",
+    "agglom_mpi.cli.doctor.run_checks",
+    "agglom_mpi.planning.pilot.run_pilot",
+    "agglom_mpi.planning.plan.read_recorded_samples",
     "agglom_mpi.report.page.write_report",
     "agglom_mpi.report.paraview.write_samples",
     "agglom_mpi.runtime.run.prepare",

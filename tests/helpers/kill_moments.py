@@ -75,7 +75,7 @@ class _Moments:
 def install():
     """Let this process tell its activities, and wait where it is to be killed."""
     from agglom_mpi.runtime import file_setup
-    from agglom_mpi.storage import files, row_buffer, rows, run_log, writer
+    from agglom_mpi.storage import files, row_buffer, rows, writer
 
     moments = _Moments()
 
@@ -107,5 +107,5 @@ def install():
     telling(writer.CampaignWriter, "put_strings", "decisions")
     telling(writer.CampaignWriter, "flush", "decisions")
     telling(writer.CampaignWriter, "put_generation", "generation")
-    telling(run_log.RunLog, "end_leg", "closing")
+    telling(writer.RunLog, "end_leg", "closing")
     telling(writer.CampaignWriter, "close", "closing")

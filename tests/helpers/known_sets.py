@@ -3,7 +3,7 @@
 from importlib import import_module
 
 PLACES = {
-    "FeasibleSet": ("report.set_files", "report.page"),
+    "FeasibleSet": ("report.set_files",),
     "feasible_set": ("report.netcdf",),
     "data_posterior": (
         *("inference.data_posterior", "report.netcdf", "report.page", "report.set_files"),

@@ -8,8 +8,7 @@ from measured_runs import write_measured
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.inference.data_emulator import EmulatedData
 from agglom_mpi.inference.searched_box import SearchedBox
-from agglom_mpi.inference.stored_samples import StoredSamples
-from agglom_mpi.inference.string_values import StringValues
+from agglom_mpi.inference.stored_samples import StoredSamples, StringValues
 from agglom_mpi.measurements.datum import Datum
 
 STRINGS, SAMPLES = 60, 6

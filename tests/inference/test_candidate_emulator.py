@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from agglom_mpi.emulation.emulator import Emulator, merge_samples
-from agglom_mpi.inference.candidate_emulator import (
+from agglom_mpi.inference.expected_volume import (
     CandidateEmulator,
     DataAtPoints,
     LinearQuantity,
@@ -36,7 +36,7 @@ def test_candidate_given_data_is_the_conditional_normal_distribution():
 def test_repetition_of_a_sure_datum_by_an_unsure_emulator_is_known_beforehand():
     one = np.ones((1, 1))
     data = DataAtPoints(np.array([[5.0]]), np.array([[2.0]]), one, np.array([4.0]), 0.01 * one)
-    found = data.expected(LinearQuantity.of_data(one, 1), one)
+    found = data.expected(LinearQuantity(one), one)
     assert found.means[0, 0] == pytest.approx(4.0, abs=0.01)
     assert found.covariances[0, 0, 0] == pytest.approx(0.01, rel=0.01)
 

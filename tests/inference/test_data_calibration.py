@@ -39,7 +39,7 @@ def test_too_small_a_covariance_is_noticed(posterior, monkeypatch):
     """Ranges that are a third as wide as they should be hold two thirds of the truths at most."""
     whole = type(posterior.of).factors
     monkeypatch.setattr(type(posterior.of), "factors", lambda *of: whole(*of) / 3.0)
-    found = single_threaded(calibrate_posterior)(posterior.of, posterior.drawn)
+    found = single_threaded(calibrate_posterior)(posterior.of, posterior)
     assert not found.passed
     shown = dataclasses.replace(posterior, calibration=found)
     assert found.text in shown.warning
@@ -102,7 +102,7 @@ def test_truths_and_strings_that_they_are_compared_with_have_one_density(posteri
     Without a weight for the share that is drawn, truths would lie a tenth wider.
     """
     random = np.random.default_rng(8)
-    drawn, of = posterior.drawn, posterior.of
+    drawn, of = posterior, posterior.of
     every = drawn.weights ** (1.0 / data_calibration.TEMPERATURE)
     places = of.box.space.to_unit(drawn.strings)
     centre = every @ places / every.sum()

@@ -35,7 +35,7 @@ def ellipse(precision):
 
 
 def test_points_along_the_axes_of_the_posterior_fill_its_region(toy):
-    strings, points = dense_points(toy.of, toy.drawn)
+    strings, points = dense_points(toy.of, toy)
     assert points.volume == pytest.approx(toy.volume, rel=0.1)
     assert points.volume / points.share > 0.5 * next_measurement.REGION_POINTS
     assert len(strings) == len(points.weights)
@@ -45,7 +45,7 @@ def test_points_along_the_axes_of_the_posterior_fill_its_region(toy):
 
 def test_repetitions_with_half_of_the_error_leave_what_least_squares_leave(toy, monkeypatch):
     monkeypatch.setattr(next_measurement, "_new_quantities", lambda *_: ())
-    found = next_measurements(None, toy.of, toy.drawn)
+    found = next_measurements(None, toy.of, toy)
     left = {each.name: each.after for each in found.ranked}
     for i in range(len(ERRORS)):
         weights = ERRORS**-2.0
@@ -62,7 +62,7 @@ def test_a_repetition_of_a_correlated_datum_has_errors_of_its_own(tmp_path, monk
     correlations = np.array([[1.0, 0.7, 0.0], [0.7, 1.0, -0.2], [0.0, -0.2, 1.0]])
     data = correlated(measurements(1.0 + SLOPES @ TRUTH, ERRORS), correlations)
     toy = single_threaded(posterior_of)(linear_emulator(tmp_path, SLOPES, data, noise=1e-3))
-    found = next_measurements(None, toy.of, toy.drawn)
+    found = next_measurements(None, toy.of, toy)
     precision = np.linalg.inv(correlations * np.outer(ERRORS, ERRORS))
     for each in found.ranked:
         i = int(each.name.split()[1].rstrip(","))

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from measured_samples import drawn_census
 
-from agglom_mpi.inference.stored_samples import stored_samples
-from agglom_mpi.inference.string_values import pseudo_values, string_values
+from agglom_mpi.inference.stored_samples import pseudo_values, stored_samples, string_values
 from agglom_mpi.measurements.datum import Datum, predictions
 from agglom_mpi.measurements.misfit import sampling_noise
 from agglom_mpi.storage.reader import read_campaign

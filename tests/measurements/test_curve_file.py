@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from agglom_mpi.declaration.declared import FieldError
 from agglom_mpi.measurements.files.curve_file import read_size_curve
-from agglom_mpi.measurements.files.size_table import CurveKeys
+from agglom_mpi.measurements.files.size_columns import CurveKeys
 
 ERROR = CurveKeys(error=0.02)
 COUNTED = CurveKeys(counted=1000)

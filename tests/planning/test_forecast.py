@@ -65,7 +65,8 @@ def test_rank_0_is_saturated_from_the_first_row_on_that_shows_it():
         forecast(ranks, 20.0)._replace(master=master, simulated=50)
         for ranks, master in ((100, 1.0), (1, 0.1), (10, SATURATED))
     ]
-    assert planned(*rows).saturation == (10, 2.5)
+    full = planned(*rows).saturation
+    assert (full.ranks, full.samples_per_second) == (10, 2.5)
     assert planned(rows[1]).saturation is None
 
 

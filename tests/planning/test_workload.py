@@ -58,15 +58,15 @@ def test_a_sample_takes_its_processor_time_or_else_its_wall_clock_time(campaign)
 
 def test_the_summary_of_samples_shows_a_busy_machine(campaign):
     known = recorded(campaign, 6, 6)
-    summary = pilot_summary(known, None)
+    summary = pilot_summary(known)
     assert (summary.mean_seconds, summary.longest_seconds) == (7.5, 15.0)
     assert summary.wall_over_cpu == 1.0
     known.rows["seconds"] *= 7.0
-    busy = pilot_summary(known, None)
+    busy = pilot_summary(known)
     assert (busy.mean_seconds, busy.longest_seconds) == (7.5, 15.0)
     assert busy.wall_over_cpu == 7.0
     known.rows["cpu_seconds"] = np.nan
-    unknown = pilot_summary(known, None)
+    unknown = pilot_summary(known)
     assert (unknown.mean_seconds, unknown.longest_seconds) == (52.5, 105.0)
     assert np.isnan(unknown.wall_over_cpu)
 

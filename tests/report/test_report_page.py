@@ -359,7 +359,7 @@ def test_the_command_writes_the_page_and_says_where(finished, tmp_path):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--stored-only"], "--stored-only is for --out DIR"),
+        (["--stored-only"], "--stored-only is for --out"),
         (["--out", "x", "--json"], "give --out or --json, not both"),
         (["--out", __file__], "is no directory"),
     ],

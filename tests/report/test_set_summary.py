@@ -28,7 +28,7 @@ def printed(content, width=160):
 def without_members(found):
     """Return a set whose points are surely no members, which rests on nothing computed before."""
     changed = copy.copy(found)
-    for name in ("_variables", "_directions", "_volume_error"):
+    for name in ("variables", "directions", "volume_error"):
         vars(changed).pop(name, None)
     none = np.zeros_like(found.points.probability)
     changed.points = found.points._replace(probability=none)
@@ -53,7 +53,7 @@ def test_a_warning_names_each_end_that_a_decided_variable_touches(doubling, monk
         hardness._replace(touches=("lower", "upper"), free=False),
         friction._replace(touches=("lower", "upper"), free=True),
     ]
-    monkeypatch.setattr(doubling, "_variables", touching)
+    monkeypatch.setattr(doubling, "variables", touching)
     [line] = set_warnings(doubling)
     assert "lower end 1e+07" in line
     assert "upper end 2e+08 of hardness" in line

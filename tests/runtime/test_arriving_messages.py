@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from agglom_mpi.runtime.abort_flag import AbortFlag
-from agglom_mpi.runtime.messages import RESULT, RESULTS, WRITTEN
+from agglom_mpi.runtime.messages import PART, RESULT, RESULTS, WRITTEN, packed_results
 from agglom_mpi.runtime.worker_pool import WorkerPool
 
 MPI = pytest.importorskip("mpi4py.MPI", exc_type=ImportError)
@@ -58,7 +58,7 @@ def numbers(pool):
 def results(*samples):
     rows = np.zeros(len(samples), RESULT)
     rows["sample"] = samples
-    return rows
+    return packed_results(np.zeros(1, PART), rows)
 
 
 def test_a_message_that_is_not_whole_is_taken_later_and_in_its_turn(pool):

@@ -10,6 +10,7 @@ from agglom_mpi.runtime.messages import (
     FINALS,
     FRAMES,
     GOODBYE,
+    PART,
     RESULT,
     RESULTS,
     STOP,
@@ -34,9 +35,11 @@ def numbered(tag, count, field="sample"):
 
 
 def full_message():
+    parts, rows = np.zeros(2, PART), np.zeros(3, RESULT)
+    parts["size"], rows["sample"] = (1, 2), range(3)
     failures = np.concatenate([failed_sample(4, sample, 1, "raised") for sample in (5, 6)])
     frames = numbered(FRAMES, 2, "frame"), numbered(FRAMES, 3, "frame")
-    return RankMessage(1, numbered(RESULTS, 3), failures, numbered(FINALS, 2), frames)
+    return RankMessage(1, rows, parts, failures, numbered(FINALS, 2), frames)
 
 
 def test_records_decoded_and_merged_are_the_message():
@@ -47,7 +50,7 @@ def test_records_decoded_and_merged_are_the_message():
         decoded(1, tag, np.frombuffer(records.tobytes(), TYPES[tag])) for tag, records in sent
     ]
     again = merged(1, received)
-    for name in ("results", "failures", "final_particles"):
+    for name in ("results", "parts", "failures", "final_particles"):
         assert getattr(again, name).tobytes() == getattr(message, name).tobytes()
     frames = [np.concatenate(each.frames).tobytes() for each in (message, again)]
     assert frames[0] == frames[1]
@@ -62,7 +65,7 @@ def test_a_message_of_nothing_is_a_heartbeat():
     assert message.empty
     assert list(message.records()) == []
     assert decoded(2, ALIVE, heartbeat(b"name")) == RankMessage(2)
-    assert not RankMessage(2, np.zeros(1, RESULT)).empty
+    assert not RankMessage(2, parts=np.zeros(1, PART)).empty
 
 
 def test_a_heartbeat_reports_what_its_rank_is_doing():

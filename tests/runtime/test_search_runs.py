@@ -23,7 +23,7 @@ from agglom_mpi.analysis.file_check import check_file
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.errors import MissingLibraryError
-from agglom_mpi.planning.plan import PlanOptions, plan
+from agglom_mpi.planning.plan import plan
 from agglom_mpi.runtime.invert import InvertOptions, read_request
 from agglom_mpi.storage.reader import read_campaign
 
@@ -184,7 +184,7 @@ def test_a_missing_library_is_one_message(plain, tmp_path, monkeypatch, search, 
     assert message.startswith(f"{search}.yaml:{line + 1}: search.method: is '{search}'")
     assert f"need {missing}: pip install 'agglom_mpi[search]'" in message
     with pytest.raises(MissingLibraryError):
-        plan(PlanOptions(f"{search}.yaml", (1,), 20.0, source=f"{search}.h5"))
+        plan(f"{search}.yaml", (1,), 20.0, source=f"{search}.h5")
 
 
 @pytest.mark.slow
@@ -273,7 +273,7 @@ def test_an_earlier_file_that_cannot_be_used_is_one_message(
 @pytest.mark.parametrize("search", ["cmaes", "sobol"])
 def test_a_forecast_of_every_search_keeps_its_bound(plain, monkeypatch, search):
     monkeypatch.chdir(plain)
-    made = plan(PlanOptions(f"{search}.yaml", (1, 8), 20.0, source=f"{search}.h5"))
+    made = plan(f"{search}.yaml", (1, 8), 20.0, source=f"{search}.h5")
     strings = len(read_campaign(plain / f"{search}.h5").string_rows())
     for forecast in made.forecasts:
         assert forecast.used == 3 * strings

@@ -10,6 +10,7 @@ import psutil
 import pytest
 from campaign_runs import HARD, SMALL, write_campaign, write_endless
 from processes import HANG, wait_for
+from returned_parts import parts_of
 
 from agglom_mpi import stopwatch
 from agglom_mpi.config.loading import load_campaign
@@ -20,11 +21,9 @@ from agglom_mpi.runtime.abort_flag import AbortFlag
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.messages import (
     FAILED_SAMPLE,
-    NOT_NEEDED,
     RESULT,
     RankMessage,
     failed_sample,
-    storable,
 )
 from agglom_mpi.runtime.simulation_thread import MAX_DELAY, SimulationThread
 from agglom_mpi.runtime.task_runner import SampleRunner
@@ -69,7 +68,7 @@ class FakeJob:
     def __init__(self, fake, task):
         self._fake = fake
         self._left = deque(range(int(task["first"]), int(task["first"] + task["count"])))
-        self._done = []
+        self._done, self._left_out = [], []
         self._string = int(task["string"])
 
     def simulate_next(self, seconds):
@@ -80,19 +79,18 @@ class FakeJob:
             return False
         if interrupted:
             return True
-        self._done.append((self._left.popleft(), 0))
+        self._done.append(self._left.popleft())
         return bool(self._left)
 
     def cancel(self):
-        self._done += [(sample, NOT_NEEDED) for sample in self._left]
+        self._left_out = [self._string]
 
     def collect(self):
         results = np.zeros(len(self._done), RESULT)
-        results["string"] = self._string
-        for row, done in zip(results, self._done, strict=True):
-            row["sample"], row["reason"] = done
-        self._done = []
-        return RankMessage(self._fake.rank, results)
+        results["string"], results["sample"] = self._string, self._done
+        parts = parts_of(results, self._left_out)
+        self._done, self._left_out = [], []
+        return RankMessage(self._fake.rank, results, parts)
 
 
 def some(count, first=0, string=0):
@@ -272,10 +270,20 @@ class Gate:
             time.sleep(1e-3)
 
 
+LEFT_OUT = "left out"
+
+
 def told(batch):
-    """Return strings, samples and reasons of a batch of results."""
-    rows = batch.results
-    return rows[["string", "sample", "reason"]].tolist()
+    """Return strings and samples of a batch, with `LEFT_OUT` after those of a cancelled task."""
+    found = []
+    for part in batch.parts:
+        string, first, size = (int(part[name]) for name in ("string", "first", "size"))
+        found += [(string, sample) for sample in range(first, first + size)]
+        found += [(string, LEFT_OUT)] * bool(part["left_out"])
+    assert [pair for pair in found if pair[1] != LEFT_OUT] == batch.results[
+        ["string", "sample"]
+    ].tolist()
+    return found
 
 
 def test_what_is_cancelled_is_left_out_where_it_is_under_way_and_where_it_waits():
@@ -290,9 +298,9 @@ def test_what_is_cancelled_is_left_out_where_it_is_under_way_and_where_it_waits(
     batches = [told(taken(thread)) for _ in range(3)]
     thread.stop()
     assert batches == [
-        [(1, 0, NOT_NEEDED), (1, 1, NOT_NEEDED), (2, 0, 0)],
-        [(2, 1, 0), (1, 2, NOT_NEEDED), (1, 3, NOT_NEEDED)],
-        [(1, 4, 0)],
+        [(1, LEFT_OUT), (2, 0)],
+        [(2, 1), (1, LEFT_OUT)],
+        [(1, 4)],
     ]
 
 
@@ -305,8 +313,8 @@ def test_what_is_under_way_is_not_disturbed_by_what_is_cancelled_of_others():
     assert gate.begun.wait(HANG)
     thread.cancel([2, 3])
     gate.through.set()
-    assert told(taken(thread)) == [(1, 0, 0), (1, 1, 0)]
-    assert told(taken(thread)) == [(2, 0, NOT_NEEDED)]
+    assert told(taken(thread)) == [(1, 0), (1, 1)]
+    assert told(taken(thread)) == [(2, LEFT_OUT)]
     thread.stop()
     assert fake.seen == [0, 1]
 
@@ -324,7 +332,7 @@ def test_nothing_is_answered_after_what_a_stop_has_abandoned(cancelled):
         answers = []
         while (batch := thread.poll()) is not None:
             answers += told(batch)
-        assert answers == [(1, 0, NOT_NEEDED), (2, 0, NOT_NEEDED)][: len(answers)]
+        assert answers == [(1, LEFT_OUT), (2, LEFT_OUT)][: len(answers)]
 
 
 def test_a_thread_does_not_remember_cancellations_for_ever():
@@ -345,22 +353,25 @@ def test_cancellations_at_any_moment_lose_no_sample_and_leave_out_no_other():
         time.sleep(1e-5)
 
     thread = SimulationThread(Fake(short), Wakeup())
-    wanted, found, cancelled = [], [], set()
+    wanted, cancelled, left_out = [], set(), set()
     for string in range(400):
         if string == 100:  # half of those before are cancelled before they begin
             through.set()
         for size in (1, 2):
             thread.put(some(size, 0, string))
-            wanted += [(string, sample) for sample in range(size)]
+            wanted.append([(string, sample) for sample in range(size)])
         time.sleep(5e-5 * chance.random())
         if chance.random() < 0.5:
             thread.cancel([string])
             cancelled.add(string)
-    while len(found) < len(wanted):
-        found += told(taken(thread))
+    for whole in wanted:
+        found = told(taken(thread))
+        if found[-1][1] == LEFT_OUT:
+            left_out.add(found.pop()[0])
+            assert found == whole[: len(found)] != whole
+        else:
+            assert found == whole
     thread.stop()
-    assert [row[:2] for row in found] == wanted
-    left_out = {string for string, _, reason in found if reason}
     assert len(left_out) > 20
     assert left_out <= cancelled
 
@@ -375,11 +386,11 @@ def test_a_sample_of_a_billion_events_ends_when_it_is_cancelled(tmp_path):
     thread.put(batch)
     wait_until_it_computes(thread)
     thread.cancel([3])
-    results = taken(thread).results
+    message = taken(thread)
     thread.stop()
-    assert results[["sample", "reason"]].tolist() == [(0, NOT_NEEDED), (1, NOT_NEEDED)]
-    assert results["seconds"][0] > results["seconds"][1] == 0.0
-    assert len(storable(results)) == 0
+    assert told(message) == [(3, LEFT_OUT)]
+    assert len(message.results) == 0
+    assert message.parts["cpu_seconds"] > 0.0
 
 
 def test_what_pictures_need_is_compiled_before_anything_runs(tmp_path, monkeypatch):
@@ -448,10 +459,11 @@ def test_the_thread_that_simulates_reads_its_own_processor_time(campaign, monkey
 
     clocks = SimpleNamespace(perf_counter=time.perf_counter, thread_time=thread_time)
     monkeypatch.setattr(stopwatch, "time", clocks)
+    monkeypatch.setattr(module, "MAX_AT_ONCE", 1)  # else compiled code reads the clock
     simulator = SampleRunner(InversionExperiment(campaign), 0)
     simulator.warm_up()
     thread = SimulationThread(simulator, Wakeup())
-    thread.put(tasks(campaign, 2))
+    thread.put(tasks(campaign, 1))
     results = taken(thread).results
     thread.stop()
     assert set(readers) == {thread._thread}

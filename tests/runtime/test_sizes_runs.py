@@ -89,7 +89,7 @@ def test_the_report_states_what_the_drawn_grains_of_completed_samples_fill(run):
     drawn = drawn_fraction(file, string)
     assert drawn.completed.value == pytest.approx(np.mean(filled), rel=1e-12)
     assert drawn.completed.samples == len(rows)
-    best = collect_summary(file).best[0]
+    best = collect_summary(file)["best"][0]
     assert best["drawn_volume_fraction"] == drawn.as_dict()
     size_ratio = file.parameters[string][TEN.names.index("size_ratio")]
     assert drawn.wanted == pytest.approx(campaign.variables.fraction(size_ratio), rel=1e-12)

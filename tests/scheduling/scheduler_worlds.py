@@ -12,8 +12,8 @@ from summary_rows import rows_of
 
 from agglom_mpi.outcome import SampleSummary
 from agglom_mpi.scheduling.estimators import QUEUE_PROBABILITY
-from agglom_mpi.scheduling.in_flight import MESSAGES_IN_FLIGHT, SampleRange
-from agglom_mpi.scheduling.interface import MOST_SAMPLES
+from agglom_mpi.scheduling.in_flight import MESSAGES_IN_FLIGHT
+from agglom_mpi.scheduling.interface import MOST_SAMPLES, ReturnedPart
 from agglom_mpi.scheduling.scheduler import GENERATIONS_AHEAD, MIN_PROBABILITY, Scheduler
 from agglom_mpi.search.ending import Generations
 from agglom_mpi.search.ensemble import Ensemble
@@ -29,8 +29,11 @@ PATIENCE = 30.0
 class Judge(Ensemble):
     """An ensemble that insists on samples of one string, each once and in order."""
 
-    def __init__(self, max_samples=MAX_SAMPLES):
+    has_judge = False
+
+    def __init__(self, max_samples, judged):
         super().__init__(difference(0.02, max_samples=max_samples), growth_target(), 100)
+        self.has_judge = judged
         self._string = None
 
     def add(self, outcome):
@@ -65,12 +68,17 @@ class Decisions(DecisionLog):
         return self.strings, sorted(self.results.items()), summaries
 
 
-def campaign(rescale=None, generations=GENERATIONS, population=6, max_samples=MAX_SAMPLES):
+def campaign(
+    rescale=None,
+    generations=GENERATIONS,
+    population=6,
+    max_samples=MAX_SAMPLES,
+    judged=False,
+):
     space = SearchSpace(np.zeros(TEN.count), np.ones(TEN.count))
     search = genetic_search(space, seed=5, population=population, parents=2, rescale=rescale)
-    return Inversion(
-        search, lambda string: Judge(max_samples), Generations(generations=generations)
-    ), Decisions()
+    ending = Generations(generations=generations)
+    return Inversion(search, lambda string: Judge(max_samples, judged), ending), Decisions()
 
 
 def scheduler_of(inversion, decisions, ranks, *known_and_used):
@@ -265,19 +273,22 @@ class World:
         """A rank returns some of its next batch, and what it was the first to return is judged."""
         batch = self.held[rank][0]
         count = len(batch) if self._chance.random() < 0.5 else self._chance.randint(1, len(batch))
-        pairs = [batch.popleft() for _ in range(count)]
+        while count > 0:
+            string, first, size, *_ = next(self.scheduler._in_flight.ranges(rank))
+            left_out = (string, first) in self._left_out[rank]
+            done = 0 if left_out else min(size, count)
+            turn = [batch.popleft() for _ in range(size if left_out else done)]
+            assert turn == [(string, first + place) for place in range(len(turn))]
+            self.scheduler.batch_sizer.learn([self._typical * self._chance.random()] * done)
+            part = ReturnedPart(string, first, done, left_out)
+            fresh = self.scheduler.returned(rank, part)
+            found = [place for each in fresh for place in range(each.start, each.stop)]
+            new = [pair not in self.outcomes for pair in turn[:done]]
+            assert found == [place for place in range(done) if new[place]]
+            self._judge(part, fresh)
+            count -= len(turn)
         if not batch:
             self.held[rank].popleft()
-        done = set(pairs) - self._left_out[rank]
-        self.scheduler.batch_sizer.learn([self._typical * self._chance.random() for _ in done])
-        for piece, fresh in self.scheduler.returned(rank, [pair in done for pair in pairs]):
-            turn, pairs = pairs[: piece.size], pairs[piece.size :]
-            assert turn == [(piece.string, piece.first + place) for place in range(piece.size)]
-            found = [place for part in fresh for place in range(part.start, part.stop)]
-            new = [pair in done and pair not in self.outcomes for pair in turn]
-            assert found == [place for place in range(piece.size) if new[place]]
-            self._judge(piece, fresh)
-        assert not pairs
         self._say_something(rank)
 
     def _cancel(self):
@@ -292,7 +303,7 @@ class World:
                     self._left_out[rank] |= held
                     self.cancelled |= held
 
-    def _judge(self, piece: SampleRange, fresh):
+    def _judge(self, piece, fresh):
         parameters = self.inversion.parameters(piece.string)
         for places in fresh:
             first = piece.first + places.start

@@ -5,6 +5,7 @@ from examples import examples
 from hypothesis import strategies as st
 
 from agglom_mpi.scheduling.in_flight import MESSAGES_IN_FLIGHT, InFlightTable, SampleRange
+from agglom_mpi.scheduling.interface import ReturnedPart
 
 RANKS = 3
 PIECES = st.lists(
@@ -60,12 +61,16 @@ class Model:
 
     def take_back(self, rank, count):
         batches = self.batches[rank]
-        expected = [pair for batch in batches for pair in batch][:count]
-        assert samples_of(self.table.remove(rank, len(expected))) == expected
-        for _ in expected:
-            batches[0].pop(0)
-            if not batches[0]:
-                batches.pop(0)
+        held = next(self.table.ranges(rank), None)
+        if held is None:
+            return
+        left_out = count > held.size
+        part = ReturnedPart(held.string, held.first, count % (held.size + 1), left_out)
+        expected = batches[0][: held.size if left_out else part.size]
+        assert samples_of([self.table.remove(rank, part)]) == expected
+        del batches[0][: len(expected)]
+        if not batches[0]:
+            batches.pop(0)
 
     def hear(self, rank):
         assert self.table.heartbeat(rank, self.now) == (rank in self.silent)
@@ -139,15 +144,16 @@ def test_the_rank_that_has_had_its_batches_for_longest_is_next():
     assert table.next_rank(1) == 2
     table.assign(2, [SampleRange(0, 0, 1)], 0.0)
     assert table.next_rank(1) == 0
-    table.remove(2, 1)
+    table.remove(2, ReturnedPart(0, 0, 1, left_out=False))
     assert table.next_rank(1) == 0, "the batch that is left has only begun"
 
 
-def test_a_rank_returns_no_more_than_it_holds():
-    table = InFlightTable(1)
-    table.assign(0, [SampleRange(0, 0, 2)], 0.0)
-    with pytest.raises(IndexError):
-        table.remove(0, 3)
+@pytest.mark.parametrize("part", [(5, 1, 1), (4, 0, 1), (5, 0, 3)])
+def test_a_rank_that_returns_something_else_than_it_holds_is_refused(part):
+    table = InFlightTable(4)
+    table.assign(3, [SampleRange(5, 0, 2)], 0.0)
+    with pytest.raises(RuntimeError, match=r"rank 3 .*string=5, first=0, size=2"):
+        table.remove(3, ReturnedPart(*part, left_out=False))
 
 
 def test_a_rank_that_had_nothing_to_do_was_not_silent():

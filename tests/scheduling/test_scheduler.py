@@ -6,6 +6,7 @@ from functools import cache
 import pytest
 from examples import examples
 from hypothesis import strategies as st
+from returned_parts import give_back
 from scheduler_worlds import (
     MAX_SAMPLES,
     PATIENCE,
@@ -141,7 +142,7 @@ def test_the_string_that_is_nearest_to_its_result_comes_first():
     scheduler = scheduler_of(inversion, decisions, 1)
     batches = [tasks[["string", "first"]].tolist() for _, tasks in scheduler.assignments(0.0)]
     assert batches == [[(0, 0)], [(1, 0)]]
-    scheduler.returned(0, [True])
+    give_back(scheduler, 0, 1)
     first = rows_of([simulated(0, inversion.parameters(0), 0)])
     decisions.record(inversion.complete(0, 0, first))
     scheduler.update(0)
@@ -161,7 +162,7 @@ def batches_of(ranks, seconds, experience=(), round_trip=ROUND_TRIP_SECONDS, **o
     first = [rank for rank, _ in scheduler.assignments(0.0)]
     scheduler.batch_sizer.learn([seconds])
     for rank in first:
-        scheduler.returned(rank, [True])
+        give_back(scheduler, rank, 1)
     assert scheduler.in_flight == 0
     return [(rank, int(tasks["count"].sum())) for rank, tasks in scheduler.assignments(0.0)]
 
@@ -209,7 +210,7 @@ def test_what_a_decision_waits_for_comes_before_what_a_silent_rank_held_ahead():
     scheduler.heartbeat(1, 100.0)
     assert scheduler.mark_silent(100.0, PATIENCE) == [0]
     scheduler.batch_sizer.learn([1e-3])
-    scheduler.returned(1, [True] * len(held[1]))
+    give_back(scheduler, 1, len(held[1]))
     again = [
         pair
         for _, tasks in scheduler.assignments(100.0)
@@ -283,7 +284,7 @@ def test_a_string_that_data_make_likelier_to_be_needed_keeps_its_place(used):
             for string, first, count in tasks[["string", "first", "count"]].tolist():
                 handed |= {(string, first + i) for i in range(count)}
             scheduler.batch_sizer.learn([1.0])
-            scheduler.returned(rank, [True] * int(tasks["count"].sum()))
+            give_back(scheduler, rank, int(tasks["count"].sum()))
             scheduler.sample_counts.learn(MAX_SAMPLES)
     live = {pair for pair in handed if pair[0] < 6}
     assert len(live) == 6 * MAX_SAMPLES

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from examples import examples
 from hypothesis import strategies as st
+from returned_parts import give_back
 
 from agglom_mpi.scheduling.estimators import BATCH_SECONDS
 from agglom_mpi.scheduling.in_flight import MESSAGES_IN_FLIGHT
@@ -73,7 +74,7 @@ def test_a_batch_is_worth_a_message_and_no_more_than_a_share_of_what_waits(secon
     scheduler = StaticScheduler(many(4, 150), 2)
     assert [len(keys(batch)) for _, batch in scheduler.assignments(0.0)] == [1] * 4
     scheduler.batch_sizer.learn([seconds])
-    scheduler.returned(0, [True])
+    give_back(scheduler, 0, 1)
     [(rank, batch), *_] = scheduler.assignments(0.0)
     assert (rank, len(keys(batch))) == (0, size)
     assert keys(batch) == [(0, 34 + sample) for sample in range(size)]
@@ -83,7 +84,7 @@ def test_long_samples_do_not_wait_in_the_queue_of_a_rank():
     scheduler = StaticScheduler(many(1, 9), 2)
     list(scheduler.assignments(0.0))
     scheduler.batch_sizer.learn([10.0])
-    scheduler.returned(0, [True] * 2)
+    give_back(scheduler, 0, 2)
     [(rank, batch)] = scheduler.assignments(0.0)
     assert (rank, len(keys(batch))) == (0, 1)
 
@@ -94,14 +95,14 @@ def test_what_two_ranks_have_done_counts_once():
     scheduler.heartbeat(1, 50.0)
     assert scheduler.mark_silent(50.0, PATIENCE) == [0]
     scheduler.batch_sizer.learn([0.1])
-    scheduler.returned(1, [True] * 2)
+    give_back(scheduler, 1, 2)
     assert [keys(batch) for _, batch in scheduler.assignments(50.0)] == [[(0, 30)], [(0, 32)]]
-    [(piece, first)] = scheduler.returned(1, [True])
-    assert (piece, first) == ((0, 30, 1), [slice(0, 1)])
-    late = scheduler.returned(0, [True] * 2)
+    [(piece, first)] = give_back(scheduler, 1, 1)
+    assert (piece[:3], first) == ((0, 30, 1), [slice(0, 1)])
+    late = give_back(scheduler, 0, 2)
     assert [(piece.first, first) for piece, first in late] == [(30, []), (32, [slice(0, 1)])]
-    [(piece, first)] = scheduler.returned(1, [True])
-    assert (piece, first) == ((0, 32, 1), [])
+    [(piece, first)] = give_back(scheduler, 1, 1)
+    assert (piece[:3], first) == ((0, 32, 1), [])
 
 
 class World:

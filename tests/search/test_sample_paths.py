@@ -12,7 +12,7 @@ from summary_rows import rows_of
 from agglom_mpi.outcome import summaries
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.mean_paths import mean_paths
-from agglom_mpi.search.sample_paths import NewSamples, SampleBatch, SamplePart, extend
+from agglom_mpi.search.sample_paths import SampleBatch, SamplePart, extend
 from agglom_mpi.statistics import RunningMean
 
 RULES = (
@@ -62,7 +62,7 @@ def in_parts(ensembles, outcomes, sizes):
         starts = np.cumsum([0, *(len(each[begin : begin + size]) for each in rows)]).tolist()
         extend(
             [
-                NewSamples(ensemble, [SamplePart(batch, start, stop)])
+                (ensemble, [SamplePart(batch, start, stop)])
                 for ensemble, start, stop in zip(ensembles, starts, starts[1:], strict=False)
                 if not ensemble.finished and stop > start
             ]

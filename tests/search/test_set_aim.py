@@ -11,7 +11,7 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.emulation.gaussian_process import GaussianProcess
 from agglom_mpi.emulation.likelihood_fit import fit_covariance
-from agglom_mpi.search.set_aim import CANDIDATES, SetAim
+from agglom_mpi.search.acquisition import SET_CANDIDATES, SetAim
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.storage.reader import read_campaign
 
@@ -80,7 +80,7 @@ def test_the_first_half_is_even_over_the_neighbourhood_whatever_the_doubt():
 @pytest.mark.parametrize(("width", "near"), [(0.0, False), (0.001, True)])
 def test_a_neighbourhood_with_fewer_candidates_than_half_a_batch_gives_all_of_them(width, near):
     model = Known(lambda x: np.where(x < width, 0.2, 5.0), 1.0)
-    candidates = square().sample_points(np.random.default_rng(3), CANDIDATES)
+    candidates = square().sample_points(np.random.default_rng(3), SET_CANDIDATES)
     few = candidates[candidates[:, 0] < width]
     assert near == (0 < len(few) < 30)
     batch = drawn(model, 60)
@@ -97,8 +97,8 @@ def test_batches_obey_the_constraints():
 
 
 def test_a_batch_may_be_larger_than_the_usual_number_of_candidates():
-    batch = drawn(STRIPE, CANDIDATES + 1)
-    assert len(np.unique(batch, axis=0)) == CANDIDATES + 1
+    batch = drawn(STRIPE, SET_CANDIDATES + 1)
+    assert len(np.unique(batch, axis=0)) == SET_CANDIDATES + 1
 
 
 def test_batches_lie_where_membership_is_unsure():

@@ -1,5 +1,7 @@
 """Particles at the end of samples and on the way: stored bit for bit, and whole or absent."""
 
+import time
+
 import h5py
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.config.describe import FINAL_BYTES, FRAME_BYTES
 from agglom_mpi.outcome import FinalParticles
 from agglom_mpi.simulation.frames import new_frames
-from agglom_mpi.storage import create, verify
+from agglom_mpi.storage import create
 from agglom_mpi.storage import row_buffer as buffer
 from agglom_mpi.storage.compact import CopyCounts, write_compact
 from agglom_mpi.storage.create import enlarge_campaign_file
@@ -365,7 +367,7 @@ def test_a_picture_that_is_being_replaced_is_no_damage(filled, monkeypatch):
         half["time"] = 7.0
         rows.write(0, half)
         new = frame_rows(0, 3, pictures(0, 3))
-        monkeypatch.setattr(verify.time, "sleep", lambda seconds: writer.frames.put(0, new))
+        monkeypatch.setattr(time, "sleep", lambda seconds: writer.frames.put(0, new))
         report = verify_rows(filled)
     assert (report.losses, report.faults) == ([], [])
 

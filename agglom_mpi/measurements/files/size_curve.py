@@ -83,40 +83,42 @@ class SizeCurve(NamedTuple):
         return found
 
 
-class MeasuredClasses(NamedTuple):
-    """Classes with independent amounts: edges (q + 1,) in m, shares, variances and counts (q,)."""
+def curve_of_classes(
+    edges: Numbers,
+    shares: Numbers,
+    variances: Numbers,
+    weight: ShareWeight,
+    counts: Numbers | None = None,
+    least_share: float = 0.0,
+) -> SizeCurve:
+    """Return the curve of classes with independent amounts.
 
-    edges: Numbers
-    shares: Numbers
-    variances: Numbers
-    counts: Numbers
-
-    def curve(self, weight: ShareWeight) -> SizeCurve:
-        """Return the curve of the classes."""
-        errors = np.sqrt(self.variances)
-        edges, shares, own = (tuple(each.tolist()) for each in (self.edges, self.shares, errors))
-        return SizeCurve(edges, shares, own, "shares", weight)
-
-    def joined(self, least_count: float, least_share: float) -> "MeasuredClasses":
-        """Return the classes joined from the coarsest on until each has enough grains.
-
-        The finest grains that are left over belong to the class above them.
-        """
-        ends, count, share = [len(self.shares)], 0.0, 0.0
-        for i in range(len(self.shares) - 1, -1, -1):
-            count, share = count + self.counts[i], share + self.shares[i]
-            if count >= least_count and share >= least_share:
+    Parameters
+    ----------
+    edges
+        Edges of the classes in m, shape (q + 1,).
+    shares, variances
+        Shares of the classes and the variances of their amounts over the total, shape (q,) each.
+    weight
+        What the shares are of.
+    counts
+        Numbers of grains of the classes, shape (q,). Classes are joined from the coarsest on until
+        each has enough of them; the finest grains that are left over belong to the class above.
+    least_share
+        Minimum share of a joined class.
+    """
+    if counts is not None:
+        ends, count, share = [len(shares)], 0.0, 0.0
+        for i in range(len(shares) - 1, -1, -1):
+            count, share = count + counts[i], share + shares[i]
+            if count >= MIN_COUNT and share >= least_share:
                 ends.append(i)
                 count = share = 0.0
-        if len(ends) > 1:
-            ends[-1] = 0
-        else:
-            ends.append(0)
-        kept = ends[::-1]
-        sums = (
-            np.add.reduceat(each, kept[:-1]) for each in (self.shares, self.variances, self.counts)
-        )
-        return MeasuredClasses(self.edges[kept], *sums)
+        kept = [0, *ends[: max(len(ends) - 1, 1)][::-1]]
+        shares, variances = (np.add.reduceat(each, kept[:-1]) for each in (shares, variances))
+        edges = edges[kept]
+    own = tuple(np.sqrt(variances).tolist())
+    return SizeCurve(tuple(edges.tolist()), tuple(shares.tolist()), own, "shares", weight)
 
 
 def curve_of_passing(
@@ -157,45 +159,38 @@ def curve_of_amounts(
     """
     total = amounts.sum()
     filled = np.flatnonzero(amounts > 0.0)
-    kept = slice(int(filled[0]), int(filled[-1]) + 1)
-    found = MeasuredClasses(
-        edges[kept.start : kept.stop + 1],
-        amounts[kept] / total,
-        (errors[kept] / total) ** 2,
-        amounts[kept],
-    )
-    return found.curve(weight)
+    first, last = int(filled[0]), int(filled[-1]) + 1
+    variances = (errors[first:last] / total) ** 2
+    return curve_of_classes(edges[first : last + 1], amounts[first:last] / total, variances, weight)
 
 
-def curve_of_counted(
-    edges: Numbers, shares: Numbers, counted: float, weight: ShareWeight
-) -> SizeCurve:
-    """Return the curve of classes with a number of counted grains.
+def curve_of_counted(curve: SizeCurve, counted: float) -> SizeCurve:
+    """Return a curve with the errors of a number of counted grains.
 
-    The shares (q,) may be of the area or the mass of these grains; how many grains they stand for
+    Its shares may be of the area or the mass of these grains; how many grains they stand for
     follows from the geometric mean of a class's edges. A class that is open at one end counts as
     one as wide as its neighbour.
     """
+    edges, shares = np.array(curve.edges), np.array(curve.shares)
     closed = edges.copy()
     if closed[0] == 0.0:
         closed[0] = closed[1] ** 2 / closed[2] if len(edges) > 3 else 0.5 * closed[1]
     if np.isinf(closed[-1]):
         closed[-1] = closed[-2] ** 2 / closed[-3]
     diameters = np.sqrt(closed[1:] * closed[:-1])
-    numbers = shares / (diameters / diameters.max()) ** POWER[weight]
+    numbers = shares / (diameters / diameters.max()) ** POWER[curve.weight]
     counts = counted * numbers / numbers.sum()
     variances = np.divide(shares**2, counts, out=np.zeros_like(shares), where=counts > 0.0)
-    return MeasuredClasses(edges, shares, variances, counts).joined(MIN_COUNT, 0.0).curve(weight)
+    return curve_of_classes(edges, shares, variances, curve.weight, counts)
 
 
 def curve_of_diameters(diameters: Numbers, weight: ShareWeight) -> SizeCurve:
     """Return the curve of single grains, by their diameters in m, in classes of enough of them."""
-    sizes, counts = np.unique(diameters, return_counts=True)
+    sizes, numbers = np.unique(diameters, return_counts=True)
     between = np.sqrt(sizes[1:] * sizes[:-1])
     edges = np.concatenate([[0.0], between, [np.inf]])
     each = (sizes / sizes[-1]) ** POWER[weight]
-    total = float(counts @ each)
-    found = MeasuredClasses(
-        edges, counts * each / total, counts * (each / total) ** 2, counts.astype(np.float64)
-    )
-    return found.joined(MIN_COUNT, MIN_LISTED_SHARE).curve(weight)
+    total = float(numbers @ each)
+    shares, variances = numbers * each / total, numbers * (each / total) ** 2
+    counts = numbers.astype(np.float64)
+    return curve_of_classes(edges, shares, variances, weight, counts, MIN_LISTED_SHARE)

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.analysis.shown_units import shown_unit
+from agglom_mpi.analysis.shown_units import unit_of_variable
 from agglom_mpi.formatting import axis_label
 from agglom_mpi.report.drawing import few_ticks
-from agglom_mpi.storage.reader import CampaignData
 
 if TYPE_CHECKING:
     import matplotlib.figure
 
     from agglom_mpi.inference.searched_box import SearchedBox
+    from agglom_mpi.variables import Variable
 
 Floats = NDArray[np.float64]
 
@@ -45,8 +45,6 @@ class BoxPoints(NamedTuple):
     box
     names
         The variables in the order of the panels.
-    shown_units
-        Factor and label of the unit of each of them.
     units
         Coordinates of the points on the scales of the search, in units of the box, (n, d).
     weights
@@ -57,11 +55,14 @@ class BoxPoints(NamedTuple):
 
     box: "SearchedBox"
     names: list[str]
-    shown_units: list[tuple[float, str]]
     units: Floats
     weights: Floats
     lower: Floats
     upper: Floats
+
+    def variable(self, name: str) -> "Variable":
+        """Return a variable by its name."""
+        return self.box.own[self.box.names.index(name)]
 
     def column(self, name: str) -> Floats:
         """Return the coordinate of a variable at each point, (n,)."""
@@ -74,17 +75,10 @@ class BoxPoints(NamedTuple):
 
     def coordinates(self, name: str, values: Sequence[float] | Floats) -> Floats:
         """Return the coordinates of values of a variable in SI units, (m,), the same shape."""
-        place = self.box.names.index(name)
-        variable = self.box.own[place]
+        place, variable = self.box.names.index(name), self.variable(name)
         marked = np.tile(self.box.space.from_unit(self.lower[None]), (len(values), 1))
         marked[:, variable.column] = variable.components(np.asarray(values, np.float64))
         return np.asarray(self.box.space.to_unit(marked)[:, place])
-
-
-def shown_units_of(data: CampaignData, box: "SearchedBox", names: Sequence[str]) -> Any:
-    """Return factor and label of the unit in which each of some searched variables is shown."""
-    own = {each.name: each for each in box.own}
-    return [shown_unit(data.campaign_text, name, own[name].unit, own[name].upper) for name in names]
 
 
 def corner_size(count: int) -> tuple[float, float]:
@@ -198,12 +192,11 @@ def _scale_density(ax: Any) -> None:
 
 def scale_axis(axis: Any, points: BoxPoints, name: str, label: bool) -> None:
     """Label an axis of a variable's coordinate with its values, name and unit."""
-    place = points.box.names.index(name)
-    variable = points.box.own[place]
+    variable = points.variable(name)
     first, last = variable.values(
         points.box.space.from_unit(np.array([points.lower, points.upper]))
     )
-    factor, unit = points.shown_units[points.names.index(name)]
+    factor, unit = unit_of_variable(points.box.campaign.text, variable)
     ticks = few_ticks(first / factor, last / factor, variable.logarithmic)
     at = points.coordinates(name, ticks * factor)
     axis.set_ticks(at, [f"{tick:.3g}" for tick in ticks] if label else [""] * len(ticks))

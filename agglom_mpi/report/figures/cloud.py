@@ -5,13 +5,14 @@ The box is seen obliquely from far away: then every sphere is a circle of its ow
 
 from collections.abc import Sequence
 from itertools import product
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.analysis.ranking import judged_string
 from agglom_mpi.formatting import pluralise, value_with_prefix
+from agglom_mpi.report.drawing import panels
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
 from agglom_mpi.report.sample_particles import (
     FramesUnavailableError,
@@ -46,79 +47,64 @@ def cloud_size(frames: int) -> tuple[float, float]:
     return PANEL * columns + 0.9, PANEL * -(-frames // COLUMNS) + 0.3
 
 
-def draw_cloud(
-    figure: "matplotlib.figure.Figure",
-    times: Sequence[float] | Floats,
-    positions: Sequence[Floats],
-    radii: Sequence[Floats],
-    half_width: float,
-    temperature: Sequence[Floats] | None = None,
+def draw_frames(
+    figure: "matplotlib.figure.Figure", frames: Frames, shown: Sequence[int], half_width: float
 ) -> Any:
-    """Draw the particles at F times, one panel each, to scale  [B fig. 5].
+    """Draw some frames of a sample, one panel each, to scale  [B fig. 5], and return the axes.
+
+    Particles are coloured by temperature, or where nothing changes it, by size.
 
     Parameters
     ----------
     figure
-        An empty figure; `cloud_size(F)` suits it.
-    times
-        Shape (F,), s.
-    positions
-        Centres in the box, F arrays of shape (n, 3), m.
-    radii
-        F arrays of shape (n,), m.
+        An empty figure; `cloud_size(len(shown))` suits it.
+    frames
+    shown
+        Indices of the frames to draw.
     half_width
         D of the box from −D to D, m.
-    temperature
-        F arrays of shape (n,), K. It colours the particles; without it, or where nothing changes
-        it, their size does.
 
     Returns
     -------
     numpy.ndarray
-        The F axes, shape (F,).
+        Shape (len(shown),).
     """
     from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
 
-    columns = min(len(times), COLUMNS)
-    rows = -(-len(times) // columns)
-    axes = figure.subplots(rows, columns, squeeze=False).ravel()
-    for unused in axes[len(times) :]:
-        unused.remove()
-    axes = axes[: len(times)]
-    colouring = _colouring(radii, temperature)
-    norm = _normalisation(colouring.values)
+    axes, rows = panels(figure, len(shown), COLUMNS), -(-len(shown) // COLUMNS)
+    filled = [(f, slice(frames.particles[f])) for f in shown]
+    positions, radii, temperatures = (
+        [np.asarray(values[at], float) for at in filled]
+        for values in (frames.positions, frames.radii, frames.temperatures)
+    )
+    label, values = _colouring(radii, temperatures)
+    low, high = _range(values)
+    norm = Normalize(low, high if high > low else low + max(1e-3 * abs(low), 1e-3))
     extent = _extent(half_width, positions, radii)
-    for ax, time, position, radius, value in zip(
-        axes, times, positions, radii, colouring.values, strict=True
-    ):
+    for place, (ax, f) in enumerate(zip(axes, shown, strict=True)):
         _draw_box(ax, half_width, extent)
-        _draw_spheres(ax, position, radius, value, norm)
-        ax.set_title(
-            f"t = {value_with_prefix(float(time), 's')}, {pluralise(len(radius), 'particle')}",
-            fontsize=9,
-        )
+        _draw_spheres(ax, positions[place], radii[place], values[place], norm)
+        time = value_with_prefix(float(frames.times[f]), "s")
+        ax.set_title(f"t = {time}, {pluralise(len(radii[place]), 'particle')}", fontsize=9)
     _label_side(axes[0], half_width)
     scale = ScalarMappable(norm, COLOUR_MAP)
-    figure.colorbar(scale, ax=list(axes), label=colouring.label, shrink=0.85 / rows, pad=0.02)
+    figure.colorbar(scale, ax=list(axes), label=label, shrink=0.85 / rows, pad=0.02)
     return axes
 
 
-class _Colouring(NamedTuple):
-    """The values that colour the particles of each frame, and their name with unit."""
+def _colouring(
+    radii: Sequence[Floats], temperatures: Sequence[Floats]
+) -> tuple[str, Sequence[Floats]]:
+    """Return what colours the particles of each frame, and its name with the unit.
 
-    label: str
-    values: list[Floats]
-
-
-def _colouring(radii: Sequence[Floats], temperature: Sequence[Floats] | None) -> _Colouring:
-    """Return the temperatures, or the radii where temperatures are unknown or all the same."""
-    if temperature is not None:
-        values = [np.asarray(each, float) for each in temperature]
-        low, high = _range(values)
-        if high - low > 1e-9 * abs(high):
-            return _Colouring("temperature (K)", values)
-    grain = _range([np.asarray(radii[0], float)])[0]
-    return _Colouring("radius / smallest at first", [np.asarray(r, float) / grain for r in radii])
+    It is the temperatures, or the radii where temperatures are all the same.
+    """
+    low, high = _range(temperatures)
+    if high - low > 1e-9 * abs(high):
+        return "temperature (K)", temperatures
+    grain = _range(radii[:1])[0]
+    return "radius / smallest at first", [each / grain for each in radii]
 
 
 def _range(values: Sequence[Floats]) -> tuple[float, float]:
@@ -127,13 +113,6 @@ def _range(values: Sequence[Floats]) -> tuple[float, float]:
     if not known:
         return 1.0, 1.0
     return min(float(part.min()) for part in known), max(float(part.max()) for part in known)
-
-
-def _normalisation(values: Sequence[Floats]) -> Any:
-    from matplotlib.colors import Normalize
-
-    low, high = _range(values)
-    return Normalize(low, high if high > low else low + max(1e-3 * abs(low), 1e-3))
 
 
 def _view() -> Floats:
@@ -157,8 +136,8 @@ def _extent(half_width: float, positions: Sequence[Floats], radii: Sequence[Floa
     view = _view()[:2].T
     extent = np.abs(_corners(half_width) @ view).max(axis=0)
     for position, radius in zip(positions, radii, strict=True):
-        ends = np.abs(np.asarray(position, float).reshape(-1, 3) @ view)
-        ends += np.asarray(radius, float)[:, None]
+        ends = np.abs(position.reshape(-1, 3) @ view)
+        ends += radius[:, None]
         extent = np.maximum(extent, ends.max(axis=0, initial=0.0))
     return MARGIN * extent
 
@@ -202,9 +181,9 @@ def _draw_spheres(ax: Any, position: Floats, radius: Floats, value: Floats, norm
     from matplotlib.collections import EllipseCollection
 
     view = _view()
-    seen = np.asarray(position, float).reshape(-1, 3) @ view.T
+    seen = position.reshape(-1, 3) @ view.T
     order = np.argsort(seen[:, 2], kind="stable")
-    width = 2.0 * np.asarray(radius, float)[order]
+    width = 2.0 * radius[order]
     spheres = EllipseCollection(
         width,
         width,
@@ -212,7 +191,7 @@ def _draw_spheres(ax: Any, position: Floats, radius: Floats, value: Floats, norm
         units="xy",
         offsets=seen[order, :2],
         offset_transform=ax.transData,
-        array=np.asarray(value, float)[order],
+        array=value[order],
         norm=norm,
         cmap=COLOUR_MAP,
         edgecolors="0.15",
@@ -221,37 +200,6 @@ def _draw_spheres(ax: Any, position: Floats, radius: Floats, value: Floats, norm
         rasterized=len(order) > MAX_CIRCLES,
     )
     ax.add_collection(spheres, autolim=False)
-
-
-def draw_frames(
-    figure: "matplotlib.figure.Figure", frames: Frames, shown: Sequence[int], half_width: float
-) -> Any:
-    """Draw some frames of a sample, one panel each, and return the axes.
-
-    Parameters
-    ----------
-    figure
-        An empty figure; `cloud_size(len(shown))` suits it.
-    frames
-    shown
-        Indices of the frames to draw.
-    half_width
-        D of the box from −D to D, m.
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (len(shown),).
-    """
-    filled = [(f, slice(frames.particles[f])) for f in shown]
-    return draw_cloud(
-        figure,
-        frames.times[list(shown)],
-        [frames.positions[at] for at in filled],
-        [frames.radii[at] for at in filled],
-        half_width,
-        [frames.temperatures[at] for at in filled],
-    )
 
 
 def _cloud_data(data: CampaignData, options: FigureOptions) -> SampleFrames:

@@ -9,18 +9,19 @@ from agglom_mpi.analysis.estimates import Estimate, half_width, objective_of
 from agglom_mpi.analysis.ranking import rank_strings, ranks_itself
 from agglom_mpi.report.drawing import (
     COLOURS,
+    draw_band,
+    draw_estimate,
     integer_ticks,
     legend_below,
     log_scale_from_zero,
     style_axes,
 )
+from agglom_mpi.report.figures.data_fit import TWO_SIDED
 from agglom_mpi.report.figures.figure import Figure, FigureOptions, objective_label
 from agglom_mpi.storage.reader import CampaignData
 
 Floats = NDArray[np.float64]
 
-NORMAL_QUANTILE: Final = 1.96
-"""Half of a 95 % interval in standard errors, where many samples are behind it."""
 LOGARITHMIC_RATIO: Final = 15.0
 """Ratio of the largest to the smallest value above which the axis is logarithmic."""
 BELOW_LOWEST: Final = 0.3
@@ -71,7 +72,8 @@ class ConvergenceHistory(NamedTuple):
 
 def convergence_history(data: CampaignData) -> ConvergenceHistory:
     """Return the search after each generation in the file."""
-    rows, result_of = data.generation_rows(), rank_strings(data).results
+    rows, ranked = data.generation_rows(), rank_strings(data)
+    result_of = ranked.results
     best = [result_of.get(int(string)) for string in rows["best_string"]]
     counts = np.array([0 if r is None else r["samples_used"] - r["failed"] for r in best], int)
     errors = [_top_error(row, result_of) for row in rows]
@@ -81,20 +83,13 @@ def convergence_history(data: CampaignData) -> ConvergenceHistory:
         best=_nan_if_infinite(rows["best_objective"]),
         best_half_width=half_width(rows["best_standard_error"], counts),
         top_mean=_nan_if_infinite(rows["mean_of_top"]),
-        top_half_width=NORMAL_QUANTILE * np.array(errors, float),
+        top_half_width=TWO_SIDED * np.array(errors, float),
         top_count=int(rows["top"][-1]) if len(rows) else 0,
         objective_label=objective_label(data),
-        fresh=_fresh_estimate_of_best(data),
+        fresh=ranked.again.get(ranked.order[0]) if ranked.order else None,
         least=objective_of(data).least,
         source="as the search estimates" if ranks_itself(data) else "as searched",
     )
-
-
-def _fresh_estimate_of_best(data: CampaignData) -> Estimate | None:
-    """Return the estimate of the best string on fresh samples; None if it has none."""
-    ranked = rank_strings(data)
-    found = (each for each in ranked.estimates if each.known and each.string == ranked.order[0])
-    return next(found, None)
 
 
 def _top_error(row: np.void, result_of: dict[int, np.void]) -> float:
@@ -108,45 +103,36 @@ def _nan_if_infinite(values: Floats) -> Floats:
     return np.where(np.isfinite(values), values, np.nan)
 
 
+def _curves(history: ConvergenceHistory) -> list[tuple[str, Floats, Floats]]:
+    """Return name, objective and half-width of the best string, and of the best few if several."""
+    curves = [("best string", history.best, history.best_half_width)]
+    if history.top_count > 1:  # of one it is the same
+        name = f"mean of the best {history.top_count}"
+        curves.append((name, history.top_mean, history.top_half_width))
+    return curves
+
+
 def draw_convergence(ax: Any, history: ConvergenceHistory) -> Any:
     """Draw the objectives of the best and of the top strings with 95 % bands; return the axes."""
     style_axes(ax)
     ax.set_xlabel("generation")
     ax.set_ylabel(history.objective_label)
     generation = history.generation
-    curves = [(f"best string, {history.source}", history.best, history.best_half_width)]
-    if history.top_count > 1:  # of one it is the same
-        name = f"mean of the best {history.top_count}"
-        curves.append((name, history.top_mean, history.top_half_width))
-    marker = "o" if len(generation) < MAX_MARKED else ""
-    for (name, value, half), colour in zip(curves, COLOURS, strict=False):
-        ax.plot(generation, value, color=colour, marker=marker, markersize=3.5, label=name)
-        low = np.maximum(history.least, value - half)
-        ax.fill_between(generation, low, value + half, color=colour, alpha=0.18, linewidth=0)
+    line = {"marker": "o" if len(generation) < MAX_MARKED else "", "markersize": 3.5}
+    for place, (name, value, half) in enumerate(_curves(history)):
+        low, colour = np.maximum(history.least, value - half), COLOURS[place]
+        name = name if place else f"{name}, {history.source}"
+        draw_band(ax, generation, value, (low, value + half), colour, label=name, **line)
         if len(value) == 1:
             ax.errorbar(generation, value, [value - low, half], color=colour, capsize=3)
     if history.fresh is not None:
-        _draw_fresh(ax, generation[-1] + max(0.4, 0.015 * len(generation)), history.fresh)
+        place = generation[-1] + max(0.4, 0.015 * len(generation))
+        draw_estimate(ax, place, history.fresh, COLOURS[6], "best, re-estimate")
     _scale_objective_axis(ax, history)
     ax.set_xlim(left=1.0 - 0.03 * max(10, len(generation)))
     integer_ticks(ax.xaxis)
     legend_below(ax, 3)
     return ax
-
-
-def _draw_fresh(ax: Any, x: float, fresh: Estimate) -> None:
-    value = fresh.objective
-    ax.errorbar(
-        x,
-        value,
-        [[value - fresh.lower], [fresh.upper - value]],
-        color=COLOURS[6],
-        marker="D",
-        markersize=4,
-        capsize=3,
-        linestyle="none",
-        label="best, re-estimate",
-    )
 
 
 def _scale_objective_axis(ax: Any, history: ConvergenceHistory) -> None:
@@ -174,21 +160,12 @@ def draw_cost(ax: Any, history: ConvergenceHistory) -> Any:
     style_axes(ax)
     ax.set_xlabel("wall-clock time, all legs (s)")
     ax.set_ylabel("95 % half-width of the objective")
-    curves = [("best string", history.best_half_width, "o")]
-    if history.top_count > 1:  # of one it is the same
-        name = f"mean of the best {history.top_count}"
-        curves.append((name, history.top_half_width, "s"))
-    for (name, half, marker), colour in zip(curves, COLOURS, strict=False):
+    marked = len(history.seconds) < MAX_MARKED_ERRORS
+    for place, (name, _, half) in enumerate(_curves(history)):
         known = half > 0.0
-        ax.plot(
-            history.seconds[known],
-            half[known],
-            color=colour,
-            marker=marker if len(half) < MAX_MARKED_ERRORS else "",
-            markersize=3.5,
-            linewidth=1.0,
-            label=name,
-        )
+        line = {"marker": "os"[place] if marked else "", "markersize": 3.5, "linewidth": 1.0}
+        at, style = history.seconds[known], {"color": COLOURS[place], "label": name}
+        ax.plot(at, half[known], **line, **style)
     ax.set_xlim(left=0.0)
     ax.set_ylim(bottom=0.0)
     legend_below(ax)

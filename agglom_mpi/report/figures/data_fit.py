@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from agglom_mpi.analysis.ranking import judged_string, rank_strings
 from agglom_mpi.analysis.shown_units import unit_of_datum
 from agglom_mpi.formatting import in_unit, value_with_error
 from agglom_mpi.measurements.datum import Datum
-from agglom_mpi.report.drawing import COLOURS, few_ticks, style_axes
+from agglom_mpi.report.drawing import COLOURS, draw_band, few_ticks, figure_legend, style_axes
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
 from agglom_mpi.storage.reader import CampaignData
 
@@ -30,57 +30,41 @@ INDICES: Final = {"number": "₀", "area": "₂", "mass": "₃"}
 """Index of a distribution by its weight, as ISO 9276-1 names them."""
 
 
-class Interval(NamedTuple):
-    """Middle and ends of 95 % intervals of q numbers, shape (q,) each."""
+class Prediction(NamedTuple):
+    """What is predicted for a datum, or measured, with its error.
 
-    middle: Floats
-    low: Floats
-    high: Floats
-
-    @property
-    def bars(self) -> Floats:
-        """Lengths below and above the middle, shape (2, q)."""
-        return np.maximum([self.middle - self.low, self.high - self.middle], 0.0)
-
-
-class Prediction(Protocol):
-    """A prediction for a datum, with its error."""
-
-    @property
-    def name(self) -> str:
-        """Name in the legend."""
-        ...
-
-    def interval(self, matrix: Floats) -> Interval:
-        """Return the intervals of `matrix`, (r, q), times the predicted values, (q,)."""
-        ...
-
-
-class DrawnPrediction(NamedTuple):
-    """Prediction of a string for a datum, (q,), and the covariance of its errors, (q, q)."""
+    Attributes
+    ----------
+    name
+        Name in the legend.
+    values
+        Values, (q,), or draws of them, (draws, q).
+    covariance
+        Of the errors of the values, (q, q); None: they are draws.
+    """
 
     name: str
     values: Floats
-    covariance: Floats
+    covariance: Floats | None = None
 
-    def interval(self, matrix: Floats) -> Interval:
-        """Return the intervals of `matrix`, (r, q), times the values, of normal errors."""
+    def interval(self, matrix: Floats) -> Floats:
+        """Return middle and ends of 95 % intervals of `matrix`, (r, q), times the values, (3, r).
+
+        Errors are normal; intervals of draws are their quantiles.
+        """
+        if self.covariance is None:
+            low, middle, high = np.quantile(self.values @ matrix.T, [0.025, 0.5, 0.975], axis=0)
+            return np.array([middle, low, high])
         middle = matrix @ self.values
         variances = np.diag(matrix @ self.covariance @ matrix.T)
         half = TWO_SIDED * np.sqrt(np.maximum(variances, 0.0))
-        return Interval(middle, middle - half, middle + half)
+        return np.array([middle, middle - half, middle + half])
 
 
-class DrawnValues(NamedTuple):
-    """Draws of what is predicted for a datum, shape (draws, q)."""
-
-    name: str
-    draws: Floats
-
-    def interval(self, matrix: Floats) -> Interval:
-        """Return the intervals of `matrix`, (r, q), times the draws, by their quantiles."""
-        low, middle, high = np.quantile(self.draws @ matrix.T, [0.025, 0.5, 0.975], axis=0)
-        return Interval(middle, low, high)
+def _bars(interval: Floats) -> Floats:
+    """Return the lengths below and above the middle of intervals, (2, r)."""
+    middle, low, high = interval
+    return np.maximum([middle - low, high - middle], 0.0)
 
 
 class ComparedDatum(NamedTuple):
@@ -103,9 +87,9 @@ class ComparedDatum(NamedTuple):
     note: str = ""
 
     @property
-    def measured(self) -> DrawnPrediction:
+    def measured(self) -> Prediction:
         """The measured values with their errors."""
-        return DrawnPrediction("measured", self.datum.values, self.datum.covariance)
+        return Prediction("measured", self.datum.values, self.datum.covariance)
 
     @property
     def title(self) -> str:
@@ -117,10 +101,8 @@ def draw_data_fit(figure: Any, compared: Sequence[ComparedDatum]) -> NDArray[Any
     """Draw two panels for each size curve, and one for all numbers; return the axes, (panels,)."""
     curves = [each for each in compared if each.datum.kind.is_curve]
     numbers = [each for each in compared if not each.datum.kind.is_curve]
-    heights = [
-        *([CURVE_HEIGHT] * len(curves)),
-        *([_residual_height(len(numbers))] if numbers else []),
-    ]
+    last = [_residual_height(len(numbers))] if numbers else []
+    heights = [CURVE_HEIGHT] * len(curves) + last
     grid = figure.add_gridspec(len(heights), 2, height_ratios=heights)
     axes = []
     for row, each in enumerate(curves):
@@ -131,8 +113,7 @@ def draw_data_fit(figure: Any, compared: Sequence[ComparedDatum]) -> NDArray[Any
     if numbers:
         axes.append(figure.add_subplot(grid[-1, :]))
         _draw_residuals(axes[-1], numbers)
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=MAX_DRAWN + 1, frameon=False)
+    figure_legend(figure, axes[:1], MAX_DRAWN + 1)
     return np.asarray(axes)
 
 
@@ -145,13 +126,12 @@ def _draw_cumulative(ax: Any, compared: ComparedDatum) -> None:
     ax.set_ylabel(f"share below, Q{INDICES[datum.weight]} (%)")
     below = 100.0 * np.tril(np.ones((len(sizes), len(datum.values))))
     for place, each in enumerate(compared.predictions):
-        colour = COLOURS[place % len(COLOURS)]
-        share = each.interval(below)
-        ax.plot(sizes, share.middle, color=colour, label=each.name, zorder=3.0 - 0.1 * place)
-        ax.fill_between(sizes, share.low, share.high, color=colour, alpha=0.2, linewidth=0)
+        middle, *ends = each.interval(below)
+        line = {"label": each.name, "zorder": 3.0 - 0.1 * place}
+        draw_band(ax, sizes, middle, ends, COLOURS[place % len(COLOURS)], **line)
     share = compared.measured.interval(below)
     style = {"fmt": "o", "color": "0.15", "capsize": 3, "label": "measured"}
-    ax.errorbar(sizes, share.middle, yerr=share.bars, **style)
+    ax.errorbar(sizes, share[0], yerr=_bars(share), **style)
     # The lower right of a cumulative curve is empty.
     where = {"transform": ax.transAxes, "ha": "right", "va": "bottom", "fontsize": "small"}
     ax.text(0.97, 0.04, compared.note, **where)
@@ -167,7 +147,7 @@ def _draw_density(ax: Any, compared: ComparedDatum) -> None:
     index = INDICES[datum.weight]
     ax.set_ylabel(f"density, dQ{index}/dlog₁₀d (%)")
     measured = compared.measured.interval(per_decade)
-    density = measured.middle
+    density = measured[0]
     ax.stairs(density, edges, fill=True, color="0.88", label="measured")
     open_classes = [(0, datum.edges[0] == 0.0), (len(density) - 1, datum.edges[-1] == math.inf)]
     for here in (place for place, is_open in open_classes if is_open):
@@ -176,12 +156,12 @@ def _draw_density(ax: Any, compared: ComparedDatum) -> None:
         ax.stairs(density[[here]], edges[[here, here + 1]], fill=True, **style)
     for place, each in enumerate(compared.predictions):
         colour = COLOURS[place % len(COLOURS)]
-        own = each.interval(per_decade)
+        middle, low, high = each.interval(per_decade)
         line = {"baseline": None, "linewidth": 1.5, "zorder": 3.0 - 0.1 * place}
-        ax.stairs(own.middle, edges, color=colour, **line)
-        ax.stairs(own.high, edges, baseline=own.low, fill=True, color=colour, alpha=0.2)
+        ax.stairs(middle, edges, color=colour, **line)
+        ax.stairs(high, edges, baseline=low, fill=True, color=colour, alpha=0.2)
     middles = np.sqrt(edges[:-1] * edges[1:])
-    ax.errorbar(middles, density, yerr=measured.bars, fmt="o", color="0.15", capsize=3)
+    ax.errorbar(middles, density, yerr=_bars(measured), fmt="o", color="0.15", capsize=3)
     ax.set_ylim(bottom=0.0)
 
 
@@ -218,11 +198,11 @@ def _draw_residuals(ax: Any, compared: Sequence[ComparedDatum]) -> None:
         scale = math.sqrt(each.datum.covariance[0, 0])
         for place, found in enumerate(each.predictions):
             own = found.interval(np.array([[1.0 / scale]]))
-            away = own.middle - each.datum.values / scale
+            away = own[0] - each.datum.values / scale
             aside = 0.2 * (place - (len(each.predictions) - 1) / 2.0)
             style = {"color": COLOURS[place % len(COLOURS)], "fmt": "o", "capsize": 2}
             label = found.name if row == 0 else None
-            ax.errorbar(away, row + aside, xerr=own.bars, label=label, markersize=4, **style)
+            ax.errorbar(away, row + aside, xerr=_bars(own), label=label, markersize=4, **style)
     ax.set_yticks(range(len(compared)), [_measured(each) for each in compared])
     ax.set_ylim(len(compared) - 0.5, -0.5)
     ax.set_xlabel("(predicted − measured)/error")
@@ -264,14 +244,13 @@ def _compared(data: CampaignData, options: FigureOptions) -> list[ComparedDatum]
     known = {string: each for string, each in found.items() if each is not None}
     if not known:
         return None
-    first = next(iter(known.values()))
     compared, begin = [], 0
-    for datum in first.data:
+    for datum in next(iter(known.values()))[0]:
         here = slice(begin, begin + len(datum.values))
         begin = here.stop
         rows = [
-            DrawnPrediction(names[string], each.values[here], each.covariance[here, here])
-            for string, each in known.items()
+            Prediction(names[string], values[here], covariance[here, here])
+            for string, (_, values, covariance) in known.items()
         ]
         compared.append(ComparedDatum(datum, rows, unit_of_datum(data.campaign_text, datum)))
     return compared

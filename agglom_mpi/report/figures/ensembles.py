@@ -10,7 +10,14 @@ from agglom_mpi.analysis.estimates import Estimate, half_width, objective_at, ob
 from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.outcome import COMPLETED, SampleSummary
-from agglom_mpi.report.drawing import COLOURS, integer_ticks, legend_below, style_axes
+from agglom_mpi.report.drawing import (
+    COLOURS,
+    draw_band,
+    draw_estimate,
+    integer_ticks,
+    legend_below,
+    style_axes,
+)
 from agglom_mpi.report.figures.figure import Figure, FigureOptions, objective_label
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.objectives.objective import Objective
@@ -52,30 +59,13 @@ class RunningEstimate(NamedTuple):
     again: Estimate | None = None
 
 
-class StoppingPoint(NamedTuple):
-    """Completed samples after which a rule ends an ensemble; None if it needs more of them."""
-
-    rule: str
-    samples: int | None
+StoppingPoint = tuple[str, int | None]
+"""A rule, and the completed samples after which it ends an ensemble; None if it needs more."""
 
 
-class EnsembleHistories(NamedTuple):
-    """Running estimates of the best strings, and where rules end the samples of the first.
-
-    Attributes
-    ----------
-    estimates
-    stopping_points
-    objective_label
-        Name of the objective.
-    least
-        Lower bound of the objective, where intervals end.
-    """
-
-    estimates: Sequence[RunningEstimate]
-    stopping_points: Sequence[StoppingPoint]
-    objective_label: str = "objective"
-    least: float = 0.0
+EnsembleHistories = tuple[Sequence[RunningEstimate], Sequence[StoppingPoint], str, float]
+"""Running estimates of the best strings, where rules end the samples of the first, the name of the
+objective, and its lower bound, where intervals end."""
 
 
 def running_estimate(data: CampaignData, string: int) -> RunningEstimate:
@@ -91,28 +81,22 @@ def running_estimate(data: CampaignData, string: int) -> RunningEstimate:
         errors.append(accumulator.standard_error)
     half = half_width(np.array(errors), np.arange(1, len(values) + 1))
     decided = int((completed["sample"] < used).sum())
-    known = (each for each in rank_strings(data).estimates if each.known)
-    again = next((each for each in known if each.string == string), None)
+    again = rank_strings(data).again.get(string)
     return RunningEstimate(string, np.array(values), half, decided, again)
 
 
 def stopping_points(data: CampaignData, string: int) -> list[StoppingPoint]:
     """Return where the campaign's own rule and `compared_rules` end the samples of a string."""
     samples = objective_of(data).summaries(data.counted(data.sample_rows(string)))
-    own = own_rule(data)
+    own = recorded_component(data, "ensemble", StoppingRule.of_entries)
     particles = int(data.identity["scene.particles"])
     compared = [(name, rule) for name, rule in compared_rules().items() if not rule.tests_like(own)]
     if own.is_adaptive:
         compared.insert(0, (f"this campaign's: {own.label}", own))
     return [
-        StoppingPoint(name, samples_until(samples, rule, objective_at(data, string), particles))
+        (name, samples_until(samples, rule, objective_at(data, string), particles))
         for name, rule in compared
     ]
-
-
-def own_rule(data: CampaignData) -> StoppingRule:
-    """Return the stopping rule of a campaign's ensembles."""
-    return recorded_component(data, "ensemble", StoppingRule.of_entries)
 
 
 def samples_until(
@@ -143,82 +127,54 @@ def samples_until(
 
 def draw_ensembles(ax: Any, histories: EnsembleHistories) -> Any:
     """Draw running objectives with 95 % intervals and the stopping points; return the axes."""
-    estimates = histories.estimates
+    estimates, points, quantity, least = histories
     style_axes(ax)
     ax.set_xlabel("completed samples of the string")
-    ax.set_ylabel(f"running {histories.objective_label}")
+    ax.set_ylabel(f"running {quantity}")
     for place, (estimate, colour) in enumerate(zip(estimates, COLOURS, strict=False)):
         objective = estimate.objective
         count = np.arange(1, len(objective) + 1)
-        name = f"#{place + 1}, string {estimate.string}"
-        ax.plot(count, objective, color=colour, linewidth=1.4 - 0.3 * (place > 0), label=name)
-        low, high = _interval(estimate, histories.least)
-        ax.fill_between(count, low, high, color=colour, alpha=0.15, linewidth=0)
+        name, width = f"#{place + 1}, string {estimate.string}", 1.4 - 0.3 * (place > 0)
+        ends = _interval(estimate, least)
+        draw_band(ax, count, objective, ends, colour, linewidth=width, label=name)
         if 0 < estimate.used < len(objective):
             ax.axvline(estimate.used, color=colour, linewidth=0.8, linestyle=":")
-        if estimate.again is not None:
-            name = "re-estimates, by fresh samples alone"
-            _draw_again(ax, estimate, place, colour, "" if place else name)
-    _draw_stopping_points(ax, estimates[0], histories.stopping_points)
-    _limit_axes(ax, histories)
+        if estimate.again is not None:  # behind the end of the curve, beside those of others
+            label = None if place else "re-estimates, by fresh samples alone"
+            at = len(objective) * (1.04 + 0.04 * place)
+            draw_estimate(ax, at, estimate.again, colour, label)
+    _draw_stopping_points(ax, estimates[0], points)
+    _limit_axes(ax, estimates, least)
     legend_below(ax)
     return ax
-
-
-def _draw_again(ax: Any, estimate: RunningEstimate, place: int, colour: str, label: str) -> None:
-    """Draw the re-estimate of a string behind the end of its curve, beside those of others."""
-    again = estimate.again
-    assert again is not None
-    value = again.objective
-    ax.errorbar(
-        len(estimate.objective) * (1.04 + 0.04 * place),
-        value,
-        [[value - again.lower], [again.upper - value]],
-        color=colour,
-        marker="D",
-        markersize=4,
-        capsize=3,
-        linestyle="none",
-        label=label or None,
-    )
 
 
 def _draw_stopping_points(
     ax: Any, estimate: RunningEstimate, points: Sequence[StoppingPoint]
 ) -> None:
-    available = len(estimate.objective)
-    for point, marker, colour in zip(points, MARKERS, COLOURS[2:], strict=False):
-        if point.samples is None or point.samples > available:
-            continue
-        ax.plot(
-            point.samples,
-            estimate.objective[point.samples - 1],
-            marker,
-            color=colour,
-            markeredgecolor="black",
-            markersize=7,
-            zorder=4,
-            label=f"{point.rule}: {point.samples}",
-        )
+    style = {"markeredgecolor": "black", "markersize": 7, "zorder": 4}
+    for (rule, samples), marker, colour in zip(points, MARKERS, COLOURS[2:], strict=False):
+        if samples is not None and samples <= len(estimate.objective):
+            value, label = estimate.objective[samples - 1], f"{rule}: {samples}"
+            ax.plot(samples, value, marker, color=colour, label=label, **style)
 
 
 def _ensembles_caption(histories: EnsembleHistories) -> str:
     """Return the caption, which names the rules that the samples do not satisfy."""
-    best = histories.estimates[0]
-    available = len(best.objective)
-    points = histories.stopping_points
-    absent = [each.rule for each in points if each.samples is None or each.samples > available]
+    estimates, points, *_ = histories
+    available = len(estimates[0].objective)
+    absent = [rule for rule, samples in points if samples is None or samples > available]
     parts = ["Running objective of the best strings with its 95 % interval."]
     if len(absent) < len(points):
         parts.append("Marks: where each stopping rule would have ended the samples of the best.")
     if absent:
         parts.append(f"Not satisfied by its {pluralise(available, 'sample')}: {'; '.join(absent)}.")
-    if any(0 < each.used < len(each.objective) for each in histories.estimates):
+    if any(0 < each.used < len(each.objective) for each in estimates):
         parts.append(
             "Left of a dotted line are the samples that the string was chosen by; right of it the "
             "mean goes on over fresh ones."
         )
-    if any(each.again is not None for each in histories.estimates):
+    if any(each.again is not None for each in estimates):
         parts.append("Diamonds: re-estimates by the fresh samples alone.")
     return " ".join(parts)
 
@@ -228,15 +184,15 @@ def _interval(estimate: RunningEstimate, least: float) -> tuple[Floats, Floats]:
     return lower, estimate.objective + estimate.half_width
 
 
-def _limit_axes(ax: Any, histories: EnsembleHistories) -> None:
+def _limit_axes(ax: Any, estimates: Sequence[RunningEstimate], least: float) -> None:
     """Show all objectives, and intervals from the tenth sample on: those of fewer are wide."""
-    longest = max(len(estimate.objective) for estimate in histories.estimates)
+    longest = max(len(estimate.objective) for estimate in estimates)
     ends = [
         end[np.isfinite(end)]
-        for estimate in histories.estimates
+        for estimate in estimates
         for end in (
             estimate.objective,
-            *(end[WIDE_INTERVALS:] for end in _interval(estimate, histories.least)),
+            *(end[WIDE_INTERVALS:] for end in _interval(estimate, least)),
         )
     ]
     values = np.concatenate(ends)
@@ -244,50 +200,32 @@ def _limit_axes(ax: Any, histories: EnsembleHistories) -> None:
     ax.set_ylim(float(values.min()) - margin, float(values.max()) + margin)
     if longest > LOGARITHMIC_COUNT:
         ax.set_xscale("log")
-        ax.set_xlim(1, longest * (1.08 + 0.04 * len(histories.estimates)))
+        ax.set_xlim(1, longest * (1.08 + 0.04 * len(estimates)))
 
 
-class SampleCounts(NamedTuple):
-    """Samples that each of n strings was judged by.
-
-    Attributes
-    ----------
-    used
-        Shape (n,).
-    at_maximum
-        Whether `max_samples` ended the ensemble and not its rule, shape (n,).
-    unused
-        Samples simulated ahead of decisions that did not need them.
-    """
-
-    used: NDArray[np.int64]
-    at_maximum: NDArray[np.bool_]
-    unused: int
+SampleCounts = tuple[NDArray[np.int64], NDArray[np.bool_], int]
+"""Samples that each of n strings was judged by, (n,), whether `max_samples` ended its ensemble and
+not the rule, (n,), and the number of samples that ran ahead of decisions and were not needed."""
 
 
 def draw_sample_counts(ax: Any, counts: SampleCounts) -> Any:
     """Draw a histogram of the samples per string, and return the axes."""
-    used, at_maximum = counts.used, counts.at_maximum
+    used, at_maximum, _ = counts
     style_axes(ax)
     ax.set_xlabel("samples of a string")
     ax.set_ylabel("strings")
     low, high = int(used.min()), int(used.max())
     width = max(1, -(-(high - low + 1) // BINS))
     edges = np.arange(low, high + width + 1, width) - 0.5
-    parts = [
+    kinds = (
         ("ended by the stopping rule", ~at_maximum, COLOURS[5]),
         ("at max_samples", at_maximum, COLOURS[1]),
-    ]
-    parts = [part for part in parts if part[1].any()]
-    ax.hist(
-        [used[chosen] for _, chosen, _ in parts],
-        bins=edges,
-        stacked=True,
-        color=[colour for *_, colour in parts],
-        label=[f"{name}: {int(chosen.sum())}" for name, chosen, _ in parts],
-        edgecolor="white",
-        linewidth=0.4,
     )
+    shown = [kind for kind in kinds if kind[1].any()]
+    values, colours = [used[some] for _, some, _ in shown], [colour for *_, colour in shown]
+    names = [f"{name}: {some.sum()}" for name, some, _ in shown]
+    style = {"stacked": True, "edgecolor": "white", "linewidth": 0.4}
+    ax.hist(values, edges, color=colours, label=names, **style)
     mean = float(used.mean())
     ax.axvline(mean, color=COLOURS[6], linestyle="--", linewidth=1.2, label=f"mean {mean:.4g}")
     if low == high:
@@ -304,12 +242,8 @@ def _ensembles_data(data: CampaignData, _: FigureOptions) -> EnsembleHistories |
     shown = [i for i in rank_strings(data).order if i in completed][:STRINGS]
     if not shown:
         return None
-    return EnsembleHistories(
-        [running_estimate(data, string) for string in shown],
-        stopping_points(data, shown[0]),
-        objective_label(data),
-        objective_of(data).least,
-    )
+    estimates, points = [running_estimate(data, i) for i in shown], stopping_points(data, shown[0])
+    return estimates, points, objective_label(data), objective_of(data).least
 
 
 def _counts_data(data: CampaignData, _: FigureOptions) -> SampleCounts | None:
@@ -317,14 +251,12 @@ def _counts_data(data: CampaignData, _: FigureOptions) -> SampleCounts | None:
     if not len(used):
         return None
     searched = int((data.all_sample_rows()["sample"] < data.fresh_from).sum())
-    return SampleCounts(
-        used, data.result_rows()["hit_maximum"] == 1, max(0, searched - int(used.sum()))
-    )
+    return used, data.result_rows()["hit_maximum"] == 1, max(0, searched - int(used.sum()))
 
 
 def _counts_caption(counts: SampleCounts) -> str:
     return (
-        f"Samples that the strings were judged by; {counts.unused} more were simulated ahead of a "
+        f"Samples that the strings were judged by; {counts[2]} more were simulated ahead of a "
         "decision and not needed. The papers took 125 [A] and 11.84 [B] on average."
     )
 

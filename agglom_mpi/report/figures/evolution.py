@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.report.drawing import COLOURS
+from agglom_mpi.report.drawing import COLOURS, panels, style_axes
 from agglom_mpi.simulation.frames import Frames
 
 if TYPE_CHECKING:
@@ -105,17 +105,15 @@ def draw_evolution(figure: "matplotlib.figure.Figure", run: Evolution) -> Any:
         The axes, one for each of `shown_quantities`.
     """
     names = shown_quantities(run)
-    axes = figure.subplots(len(names), 1, sharex=True, squeeze=False).ravel()
     factor, unit = _time_unit(run.times[-1])
+    axes = panels(figure, len(names), 1, f"time ({unit})")
     mark = "o" if len(run.times) <= MAX_MARKED else None
     for ax, name, colour in zip(axes, names, COLOURS, strict=False):
         values = getattr(run, name)
         ax.plot(run.times / factor, values, color=colour, marker=mark, markersize=4, clip_on=False)
         ax.set_ylabel(AXIS_LABELS[name])
-        ax.grid(True, color="0.9", linewidth=0.6)
-        ax.spines[["top", "right"]].set_visible(False)
+        style_axes(ax)
         _scale(ax, name, values)
-    axes[-1].set_xlabel(f"time ({unit})")
     figure.align_ylabels(axes)
     return axes
 

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 
 from agglom_mpi.analysis.estimates import objective_of
-from agglom_mpi.config.arguments import read_count
-from agglom_mpi.config.yaml_source import ArgumentError
+from agglom_mpi.config.arguments import count_argument
 from agglom_mpi.declaration.components import import_modules
 from agglom_mpi.errors import require_library
 from agglom_mpi.report.drawing import SIZE, Drawing, note, style_axes
@@ -126,7 +125,7 @@ class Figure:
             data = snapshot(given.pop("self"))
             target = given.pop("figure" if self.panels else "ax", None)
             if given.get("string") is not None:
-                given["string"] = _count(data, given["string"])
+                given["string"] = count_argument(data.path, "string", given["string"])
             if "posterior" in self.takes and given.get("posterior") is None:
                 from agglom_mpi.inference.data_posterior import data_posterior  # loads SciPy
 
@@ -186,14 +185,6 @@ class Figure:
 
     def _size(self, data: Any) -> tuple[float, float]:
         return self.size(data) if callable(self.size) else self.size
-
-
-def _count(data: CampaignData, value: Any) -> int:
-    """Return the number of a string; raise an ArgumentError for anything else."""
-    try:
-        return read_count(value, 0)
-    except ValueError as error:
-        raise ArgumentError.of(data.path, "string", error) from None
 
 
 @cache

@@ -1,7 +1,7 @@
 """The best strings by the samples that the search used, and on fresh samples."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -11,26 +11,9 @@ from agglom_mpi.report.drawing import COLOURS, legend_below, style_axes
 from agglom_mpi.report.figures.figure import Figure, FigureOptions, objective_label
 from agglom_mpi.storage.reader import CampaignData
 
-
-class Finalists(NamedTuple):
-    """Estimates of n strings on fresh samples, and the errors of the search's own objectives.
-
-    Attributes
-    ----------
-    estimates
-        In order of rank.
-    searched_half_width
-        Half of the 95 % interval of the search's own objectives, shape (n,).
-    objective_label
-        Name of the objective.
-    least
-        Lower bound of the objective, where intervals end.
-    """
-
-    estimates: Sequence[Estimate]
-    searched_half_width: np.ndarray
-    objective_label: str = "objective"
-    least: float = 0.0
+Finalists = tuple[Sequence[Estimate], np.ndarray, str, float]
+"""Estimates of n strings on fresh samples in order of rank, half of the 95 % intervals of their
+objectives as searched, (n,), the name of the objective, and its lower bound, where those end."""
 
 
 def draw_finalists(ax: Any, finalists: Finalists) -> Any:
@@ -42,26 +25,11 @@ def draw_finalists(ax: Any, finalists: Finalists) -> Any:
     value = np.array([e.objective for e in estimates])
     ends = np.array([(e.lower, e.upper) for e in estimates]).T
     searched = np.array([e.searched_objective for e in estimates])
-    ax.errorbar(
-        searched,
-        place - 0.12,
-        xerr=[searched - np.maximum(least, searched - half), half],
-        fmt="o",
-        color=COLOURS[1],
-        markerfacecolor="white",
-        capsize=2,
-        label="as searched",
-    )
-    ax.errorbar(
-        value,
-        place + 0.12,
-        xerr=np.abs(ends - value),
-        fmt="D",
-        markersize=5,
-        color=COLOURS[0],
-        capsize=2,
-        label="re-estimate",
-    )
+    bars = searched - np.maximum(least, searched - half), half
+    style = {"fmt": "o", "color": COLOURS[1], "markerfacecolor": "white", "capsize": 2}
+    ax.errorbar(searched, place - 0.12, xerr=bars, label="as searched", **style)
+    style = {"fmt": "D", "markersize": 5, "color": COLOURS[0], "capsize": 2}
+    ax.errorbar(value, place + 0.12, xerr=np.abs(ends - value), label="re-estimate", **style)
     ax.set_yticks(place, [f"#{i + 1} string {e.string}" for i, e in enumerate(estimates)])
     ax.set_ylim(len(estimates) - 0.4, -0.6)
     legend_below(ax)
@@ -69,14 +37,14 @@ def draw_finalists(ax: Any, finalists: Finalists) -> Any:
 
 
 def _finalists_data(data: CampaignData, _: FigureOptions) -> Finalists | None:
-    known = [estimate for estimate in rank_strings(data).estimates if estimate.known]
+    known = list(rank_strings(data).again.values())
     if not known:
         return None
     rows = [rank_strings(data).results[estimate.string] for estimate in known]
     counts = np.array([row["samples_used"] - row["failed"] for row in rows], int)
     errors = np.array([estimate.searched_standard_error for estimate in known], float)
     least = objective_of(data).least
-    return Finalists(known, half_width(errors, counts), objective_label(data), least)
+    return known, half_width(errors, counts), objective_label(data), least
 
 
 Figure(
@@ -87,7 +55,7 @@ Figure(
     draw_finalists,
     "The best strings with 95 % intervals: as searched, by the samples that they were chosen by, "
     "and their re-estimates on fresh samples that no decision has seen.",
-    lambda finalists: (6.0, 1.6 + 0.4 * len(finalists.estimates)),
+    lambda finalists: (6.0, 1.6 + 0.4 * len(finalists[0])),
     empty="no string has been estimated again",
     method="plot_finalists",
     meaning="Draw the best strings as searched and on fresh samples.",

@@ -12,7 +12,7 @@ from agglom_mpi.analysis.shown_units import TIME, shown_unit
 from agglom_mpi.formatting import axis_label
 from agglom_mpi.measurements.datum import Datum
 from agglom_mpi.measurements.quantities import QUANTITIES, MeanLength, Quantile
-from agglom_mpi.report.drawing import COLOURS, style_axes
+from agglom_mpi.report.drawing import COLOURS, draw_band, figure_legend, panels, style_axes
 from agglom_mpi.report.figures.data_fit import TWO_SIDED, compared_strings
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
 from agglom_mpi.storage.reader import CampaignData
@@ -30,83 +30,41 @@ LINE_STYLES: Final = [each.line_style for each in QUANTITIES.values() if each.sh
 CLASSES_LABEL: Final = "classes with a measured quantile"
 
 
-class GrowthCurve(NamedTuple):
-    """A quantity of a string at all times.
+class GrowthPanel(NamedTuple):
+    """A panel of quantities by one weight, in SI units.
 
     Attributes
     ----------
-    string
-        Name of the string.
-    quantity
-        A key of `QUANTITIES`.
-    values, errors
-        Values and their standard errors, shape (T,); nan at the start where it is not known.
+    label
+        Axis label.
+    factor
+        The unit of the axis in SI units.
+    curves
+        Name of a string, a key of `QUANTITIES`, and values with their standard errors at all times,
+        shape (T,); nan at the start where it is not known.
+    points
+        Quantity, time in s, measured value, and the ends of its 95 % interval; the value is nan if
+        only they are known: a quantile of a curve lies somewhere in a class.
     """
-
-    string: str
-    quantity: str
-    values: Floats
-    errors: Floats
-
-
-class MeasuredPoint(NamedTuple):
-    """A measured value with the ends of its 95 % interval; the value is nan if only they are known.
-
-    Such is a quantile of a curve, which lies somewhere in a class.
-    """
-
-    quantity: str
-    time: float
-    value: float
-    lower: float
-    upper: float
-
-
-class GrowthPanel(NamedTuple):
-    """A panel: its axis label, curves and measurements, in the unit of the axis and in seconds."""
 
     label: str
-    curves: list[GrowthCurve]
-    points: list[MeasuredPoint]
+    factor: float
+    curves: list[tuple[str, str, Floats, Floats]]
+    points: list[tuple[str, float, float, float, float]]
 
 
-class Growth(NamedTuple):
-    """Content of a figure over time.
-
-    Attributes
-    ----------
-    times
-        The start and the times of the data, s, shape (T,).
-    shown_time
-        Factor and label of the unit of time on the axes.
-    panels
-    """
-
-    times: Floats
-    shown_time: tuple[float, str]
-    panels: list[GrowthPanel]
+Growth = tuple[Floats, tuple[float, str], list[GrowthPanel]]
+"""The start and the times of the data, (T,), in s, factor and label of the unit of time on the
+axes, and panels."""
 
 
 def draw_growth(figure: Any, growth: Growth) -> NDArray[Any]:
     """Draw a panel for each kind of quantity, and return the axes, (panels,)."""
-    columns, rows = _shape(len(growth.panels))
-    axes = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
-    for unused in axes[len(growth.panels) :]:
-        unused.remove()
-    axes = axes[: len(growth.panels)]
-    factor, unit = growth.shown_time
-    for place, (ax, panel) in enumerate(zip(axes, growth.panels, strict=True)):
-        _draw_panel(ax, growth.times / factor, factor, panel)
-        if place + columns >= len(axes):
-            ax.set_xlabel(f"time ({unit})")
-            ax.xaxis.set_tick_params(labelbottom=True)
-    legend: dict[str, Any] = {}
-    for ax in axes:
-        handles, labels = ax.get_legend_handles_labels()
-        legend |= dict(zip(labels, handles, strict=True))
-    figure.legend(
-        legend.values(), legend.keys(), loc="outside lower center", ncols=columns + 1, frameon=False
-    )
+    times, (factor, unit), shown = growth
+    axes = panels(figure, len(shown), COLUMNS, f"time ({unit})")
+    for ax, panel in zip(axes, shown, strict=True):
+        _draw_panel(ax, times / factor, factor, panel)
+    figure_legend(figure, axes, min(len(axes), COLUMNS) + 1)
     return np.asarray(axes)
 
 
@@ -115,43 +73,36 @@ def _draw_panel(ax: Any, times: Floats, factor: float, panel: GrowthPanel) -> No
     style_axes(ax)
     ax.set_ylabel(panel.label)
     colours: dict[str, str] = {}
-    for curve in panel.curves:
-        label = None if curve.string in colours else curve.string
-        colour = colours.setdefault(curve.string, COLOURS[len(colours) % len(COLOURS)])
-        line = {"color": colour, "marker": "o", "markersize": 2.5}
-        above = 3.0 - 0.1 * len(colours)  # the best string lies above the others
-        kind = QUANTITIES[curve.quantity]
-        ax.plot(times, curve.values, kind.line_style, label=label, zorder=above, **line)
-        half = TWO_SIDED * curve.errors
-        low, high = curve.values - half, curve.values + half
-        ax.fill_between(times, low, high, color=colour, alpha=0.2, linewidth=0)
+    for string, quantity, *curve in panel.curves:
+        label = None if string in colours else string
+        colour = colours.setdefault(string, COLOURS[len(colours) % len(COLOURS)])
+        values, errors = (each / panel.factor for each in curve)
+        kind, half = QUANTITIES[quantity], TWO_SIDED * errors
+        line = {"marker": "o", "markersize": 2.5, "linestyle": kind.line_style, "label": label}
+        line["zorder"] = 3.0 - 0.1 * len(colours)  # the best string lies above the others
+        draw_band(ax, times, values, (values - half, values + half), colour, **line)
         if kind.share is not None and len(colours) == 1:
             end = {"xytext": (12, 0), "textcoords": "offset points", "va": "center"}
-            ax.annotate(curve.quantity, (times[-1], curve.values[-1]), fontsize="small", **end)
-    for point in panel.points:
-        _draw_point(ax, point, factor, 0.012 * float(times[-1]))
+            ax.annotate(quantity, (times[-1], values[-1]), fontsize="small", **end)
+    for quantity, time, *interval in panel.points:
+        ends = np.array(interval) / panel.factor
+        _draw_point(ax, quantity, time / factor, ends, 0.012 * float(times[-1]))
     ax.set_xlim(0.0, 1.1 * float(times[-1]))
 
 
-def _draw_point(ax: Any, point: MeasuredPoint, factor: float, aside: float) -> None:
+def _draw_point(ax: Any, quantity: str, time: float, interval: Floats, aside: float) -> None:
     """Draw a measured value with its error, or the classes that hold a quantile."""
-    time = point.time / factor
+    value, lower, upper = interval
     style = {"color": "0.15", "capsize": 3, "zorder": 4}
-    if not math.isnan(point.value):
-        bars = [[point.value - point.lower], [point.upper - point.value]]
-        ax.errorbar(time, point.value, yerr=bars, fmt="o", markersize=5, label="measured", **style)
+    if not math.isnan(value):
+        bars = [[value - lower], [upper - value]]
+        ax.errorbar(time, value, yerr=bars, fmt="o", markersize=5, label="measured", **style)
         return
-    line_style = QUANTITIES[point.quantity].line_style
+    line_style = QUANTITIES[quantity].line_style
     time += aside * (LINE_STYLES.index(line_style) - 1)
-    middle, half = 0.5 * (point.lower + point.upper), 0.5 * (point.upper - point.lower)
+    middle, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
     found = ax.errorbar(time, middle, yerr=half, fmt="none", label=CLASSES_LABEL, **style)
     found.lines[2][0].set_linestyle(line_style)
-
-
-def _shape(panels: int) -> tuple[int, int]:
-    """Return columns and rows of panels."""
-    columns = min(panels, COLUMNS)
-    return columns, -(-panels // columns)
 
 
 def quantile_bounds(curve: Datum, share: float) -> tuple[float, float] | None:
@@ -169,12 +120,8 @@ def quantile_bounds(curve: Datum, share: float) -> tuple[float, float] | None:
     return (low, high) if low > 0.0 and math.isfinite(high) else None
 
 
-class _Kind(NamedTuple):
-    """Quantities of a panel, all by one weight."""
-
-    label: str
-    quantities: tuple[str, ...]
-    weight: str
+_Kind = tuple[str, tuple[str, ...], str]
+"""Label of a panel, its quantities, and the weight of all of them."""
 
 
 def _kinds(measured: Sequence[Datum]) -> list[_Kind]:
@@ -187,12 +134,12 @@ def _kinds(measured: Sequence[Datum]) -> list[_Kind]:
     ]
     weights = {MeanLength.panel: means or quantiles, Quantile.panel: quantiles or means}
     kinds = [
-        _Kind(panel.format(weight=each), _of_panel(panel), each)
+        (panel.format(weight=each), _of_panel(panel), each)
         for panel, some in weights.items()
         for each in _once(some)
     ]
     others = (d.quantity for d in measured if not d.kind.panel and not d.kind.is_curve)
-    return [*kinds, *(_Kind(each, (each,), "number") for each in _once(others))]
+    return [*kinds, *((each, (each,), "number") for each in _once(others))]
 
 
 def _of_panel(panel: str) -> tuple[str, ...]:
@@ -211,25 +158,33 @@ def _growth(data: CampaignData, options: FigureOptions) -> Growth | None:
     campaign = recorded_campaign(data)
     names = compared_strings(data, options.string)
     kinds = _kinds(campaign.data)
-    curves = [_curves(data, string, name, kinds) for string, name in names.items()]
-    known = [each for each in curves if each is not None]
+    wanted = [(quantity, weight) for _, some, weight in kinds for quantity in some]
+    curves = [_curves(data, string, wanted) for string in names]
+    known = [(name, own) for name, own in zip(names.values(), curves, strict=True) if own]
     if not known:
         return None
     end = float(campaign.scene.end_time)  # data at several times need a fixed one
     times = np.array([0.0, *(min(time, end) for time in data.sizes.census.times)])
-    panels = [
-        _panel(data, kind, [each[place] for each in known], _points(kind, campaign.data, end))
-        for place, kind in enumerate(kinds)
-    ]
-    return Growth(times, shown_unit(data.campaign_text, TIME, "s", float(times[-1])), panels)
+    shown_panels = []
+    for kind in kinds:
+        label, quantities, weight = kind
+        shown = [(name, q, *own[q, weight]) for name, own in known for q in quantities]
+        largest, name = max(float(np.nanmax(curve[2])) for curve in shown), quantities[0]
+        factor, unit = shown_unit(data.campaign_text, name, QUANTITIES[name].unit, largest)
+        points = _points(kind, campaign.data, end)
+        shown_panels.append(GrowthPanel(axis_label(label, unit), factor, shown, points))
+    unit_of_time = shown_unit(data.campaign_text, TIME, "s", float(times[-1]))
+    return times, unit_of_time, shown_panels
 
 
 def _curves(
-    data: CampaignData, string: int, name: str, kinds: Sequence[_Kind]
-) -> list[list[GrowthCurve]] | None:
-    """Return the curves of a string in each panel, in SI units; None where no sample completed."""
+    data: CampaignData, string: int, wanted: Sequence[tuple[str, str]]
+) -> dict[tuple[str, str], tuple[Floats, Floats]]:
+    """Return the values of a string and their errors, in SI units, by quantity and weight.
+
+    Empty where no sample completed.
+    """
     assert data.sizes.census is not None
-    wanted = [(quantity, kind.weight) for kind in kinds for quantity in kind.quantities]
     times = [None if time == math.inf else time for time in data.sizes.census.times]
     asked = [
         Datum.of_value(quantity, 1.0, 1.0, weight, time)
@@ -238,20 +193,13 @@ def _curves(
     ]
     found = string_predictions(data, string, asked)
     if found is None:
-        return None
+        return {}
     shape = len(wanted), len(times)
-    values = found.values.reshape(shape)
-    errors = np.sqrt(np.diag(found.covariance)).reshape(shape)
-    rows = iter(zip(wanted, values, errors, strict=True))
-    curves: list[list[GrowthCurve]] = []
-    for kind in kinds:
-        curves.append([])
-        for _ in kind.quantities:
-            (quantity, _), own, error = next(rows)
-            start = _start(data, string, quantity)
-            curve = np.insert(own, 0, start), np.insert(error, 0, 0.0)
-            curves[-1].append(GrowthCurve(name, quantity, *curve))
-    return curves
+    values, errors = found[1].reshape(shape), np.sqrt(np.diag(found[2])).reshape(shape)
+    return {
+        each: (np.insert(own, 0, _start(data, string, each[0])), np.insert(error, 0, 0.0))
+        for each, own, error in zip(wanted, values, errors, strict=True)
+    }
 
 
 def _start(data: CampaignData, string: int, quantity: str) -> float:
@@ -264,57 +212,37 @@ def _start(data: CampaignData, string: int, quantity: str) -> float:
     return kind.at_start(measured.grains, diameter, temperature)
 
 
-def _points(kind: _Kind, measured: Sequence[Datum], end: float) -> list[MeasuredPoint]:
+def _points(
+    kind: _Kind, measured: Sequence[Datum], end: float
+) -> list[tuple[str, float, float, float, float]]:
     """Return what was measured of the quantities of a panel, in SI units."""
     points = []
+    _, quantities, weight = kind
     for datum in measured:
-        time = end if datum.time is None else datum.time
-        if datum.kind.has_weight and datum.weight != kind.weight:
+        time, own = end if datum.time is None else datum.time, datum.kind
+        if own.has_weight and datum.weight != weight:
             continue
         if datum.edges is not None:
-            for quantity in kind.quantities:
+            for quantity in quantities:
                 share = QUANTITIES[quantity].share
                 bounds = None if share is None else quantile_bounds(datum, share)
                 if bounds is not None:
-                    points.append(MeasuredPoint(quantity, time, math.nan, *bounds))
-            continue
-        own = datum.kind
-        if (quantity := own.shown_as or datum.quantity) in kind.quantities:
+                    points.append((quantity, time, math.nan, *bounds))
+        elif (quantity := own.shown_as or datum.quantity) in quantities:
             value = float(datum.values[0]) / own.factor
             half = TWO_SIDED * math.sqrt(datum.covariance[0, 0]) / own.factor
-            points.append(MeasuredPoint(quantity, time, value, value - half, value + half))
+            points.append((quantity, time, value, value - half, value + half))
     return points
 
 
-def _panel(
-    data: CampaignData,
-    kind: _Kind,
-    curves: Sequence[Sequence[GrowthCurve]],
-    points: Sequence[MeasuredPoint],
-) -> GrowthPanel:
-    """Return a panel in the unit of its axis."""
-    own = [curve for each in curves for curve in each]
-    largest = max(float(np.nanmax(curve.values)) for curve in own)
-    name = kind.quantities[0]
-    factor, unit = shown_unit(data.campaign_text, name, QUANTITIES[name].unit, largest)
-    return GrowthPanel(
-        axis_label(kind.label, unit),
-        [c._replace(values=c.values / factor, errors=c.errors / factor) for c in own],
-        [
-            p._replace(value=p.value / factor, lower=p.lower / factor, upper=p.upper / factor)
-            for p in points
-        ],
-    )
-
-
 def _size(growth: Growth) -> tuple[float, float]:
-    columns, rows = _shape(len(growth.panels))
-    return PANEL_SIZE[0] * columns, PANEL_SIZE[1] * rows + 0.5
+    count = len(growth[2])
+    rows = -(-count // COLUMNS)
+    return PANEL_SIZE[0] * min(count, COLUMNS), PANEL_SIZE[1] * rows + 0.5
 
 
 def _caption(growth: Growth) -> str:
-    points = [point for panel in growth.panels for point in panel.points]
-    ranges = any(math.isnan(point.value) for point in points)
+    ranges = any(math.isnan(point[2]) for panel in growth[2] for point in panel.points)
     classes = " Bars without a point are the classes of a measured curve that hold a quantile."
     return (
         "The best strings at the start and at the times of the data, and measured numbers, with "

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from agglom_mpi.report.drawing import COLOURS, legend_below, style_axes
+from agglom_mpi.report.figures.data_fit import TWO_SIDED
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
 from agglom_mpi.storage.reader import CampaignData
 
@@ -15,8 +16,6 @@ MAX_BARS: Final = 20
 """Maximum number of measurements that are drawn."""
 BAR_HEIGHT: Final = 0.24
 """Height of the figure per bar, inches."""
-TWO_SIDED: Final = 1.96
-"""Standard errors in half a 95 % interval of a normal distribution."""
 
 
 def draw_next(ax: Any, found: "NextMeasurements") -> Any:

@@ -2,12 +2,12 @@
 
 import textwrap
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.analysis.shown_units import unit_of_datum
+from agglom_mpi.analysis.shown_units import unit_of_datum, unit_of_variable
 from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.declaration.units import to_si
 from agglom_mpi.formatting import in_unit
@@ -22,11 +22,10 @@ from agglom_mpi.report.figures.box_panels import (
     draw_corner,
     draw_marginal,
     pair_edges,
-    shown_units_of,
 )
 from agglom_mpi.report.figures.data_fit import (
     ComparedDatum,
-    DrawnValues,
+    Prediction,
     data_fit_size,
     draw_data_fit,
 )
@@ -59,29 +58,24 @@ WARNING_COLOUR: Final = COLOURS[1]
 TRUTH_COLOUR: Final = COLOURS[4]
 
 
-def posterior_points(data: CampaignData, posterior: "Posterior") -> BoxPoints:
+def posterior_points(posterior: "Posterior") -> BoxPoints:
     """Return the strings of a posterior as weighted points, the narrowest variables first."""
     box, weights = posterior.of.box, posterior.weights
     names = sorted(box.names, key=lambda name: posterior.contraction[name])
-    shown = shown_units_of(data, box, names)
     units = box.space.to_unit(posterior.strings)
     ends = [weighted_quantiles(column, weights, (TAIL, 1.0 - TAIL)) for column in units.T]
     low, high = np.array(ends).T
     margin = RANGE_MARGIN * (high - low)
     lower, upper = np.maximum(low - margin, 0.0), np.minimum(high + margin, 1.0)
-    return BoxPoints(box, names, shown, units, weights, lower, upper)
+    return BoxPoints(box, names, units, weights, lower, upper)
 
 
-class ShownPosterior(NamedTuple):
-    """A posterior with points to draw it by, and true values of variables in SI units, by name."""
-
-    of: "Posterior"
-    points: BoxPoints
-    truth: Mapping[str, float]
+ShownPosterior = tuple["Posterior", BoxPoints, Mapping[str, float]]
+"""A posterior with points to draw it by, and true values of variables in SI units, by name."""
 
 
 def shown_posterior(
-    data: CampaignData, posterior: "Posterior | None", truth: Mapping[str, float | str] | None
+    posterior: "Posterior | None", truth: Mapping[str, float | str] | None
 ) -> ShownPosterior | None:
     """Return a posterior to be drawn, whatever was measured.
 
@@ -92,18 +86,19 @@ def shown_posterior(
     """
     if posterior is None:
         return None
-    points = posterior_points(data, posterior)
+    points = posterior_points(posterior)
     known = {name: _true_value(points.box, name, value) for name, value in (truth or {}).items()}
-    return ShownPosterior(posterior, points, known)
+    return posterior, points, known
 
 
 def _caption(shown: ShownPosterior) -> str:
-    left = len(shown.points.names) - MAX_PLOTTED_VARIABLES
+    posterior, points, _ = shown
+    left = len(points.names) - MAX_PLOTTED_VARIABLES
     more = f" The {left} that are narrowed down least are left out." if left > 0 else ""
     return (
-        f"Posterior of the variables, given {shown.of.given}: densities of pairs, regions with "
+        f"Posterior of the variables, given {posterior.given}: densities of pairs, regions with "
         "50 % and 90 % of it, and marginals over the prior (line at 1) with median and central "
-        f"90 %.{more}{_doubt(shown.of)}"
+        f"90 %.{more}{_doubt(posterior)}"
     )
 
 
@@ -155,7 +150,7 @@ def draw_posterior(figure: "matplotlib.figure.Figure", shown: ShownPosterior) ->
 
 def _range_text(points: BoxPoints, posterior: "Posterior", name: str) -> str:
     """Return the median of a variable and the ends of its central 90 %, in its unit."""
-    factor, unit = points.shown_units[points.names.index(name)]
+    factor, unit = unit_of_variable(points.box.campaign.text, points.variable(name))
     low, median, high = (value / factor for value in posterior.quantiles(name, CENTRAL))
     return in_unit(f"{median:.3g} ({low:.3g} to {high:.3g})", unit)
 
@@ -207,11 +202,8 @@ def _truth_handle() -> Any:
     return handle
 
 
-class Predicted(NamedTuple):
-    """All data with what a posterior predicts for them, and why it is unreliable, if it is."""
-
-    compared: list[ComparedDatum]
-    posterior: "Posterior"
+Predicted = tuple[list[ComparedDatum], "Posterior"]
+"""All data with what a posterior predicts for them."""
 
 
 def predicted_data(data: CampaignData, options: FigureOptions) -> Predicted | None:
@@ -222,14 +214,15 @@ def predicted_data(data: CampaignData, options: FigureOptions) -> Predicted | No
     for each in options.posterior.predictions:
         shown = unit_of_datum(data.campaign_text, each.datum)
         note = ", ".join(filter(None, (f"p = {each.p_value:.2g}", each.verdict)))
-        found.append(ComparedDatum(each.datum, [DrawnValues("posterior", each.draws)], shown, note))
-    return Predicted(found, options.posterior)
+        found.append(ComparedDatum(each.datum, [Prediction("posterior", each.draws)], shown, note))
+    return found, options.posterior
 
 
 def draw_predictive(figure: "matplotlib.figure.Figure", predicted: Predicted) -> NDArray[Any]:
     """Draw data beside the predictions of a posterior, and return the axes, (panels,)."""
-    axes = draw_data_fit(figure, predicted.compared)
-    _warn(figure, predicted.posterior.warning)
+    compared, posterior = predicted
+    axes = draw_data_fit(figure, compared)
+    _warn(figure, posterior.warning)
     return axes
 
 
@@ -244,20 +237,20 @@ Figure(
     "set_posterior",
     "set",
     9,
-    lambda data, options: shown_posterior(data, options.mean_posterior, None),
+    lambda _, options: shown_posterior(options.mean_posterior, None),
     draw_posterior,
     _caption,
-    lambda shown: corner_size(len(shown.points.names)),
+    lambda shown: corner_size(len(shown[1].names)),
     panels=True,
 )
 Figure(
     "posterior_pairs",
     "posterior",
     0,
-    lambda data, options: shown_posterior(data, options.posterior, options.truth),
+    lambda _, options: shown_posterior(options.posterior, options.truth),
     draw_posterior,
     _caption,
-    lambda shown: corner_size(len(shown.points.names)),
+    lambda shown: corner_size(len(shown[1].names)),
     panels=True,
     method="plot_posterior",
     meaning="Draw the posterior given all measured data as a corner plot; takes some ten seconds. "
@@ -273,9 +266,9 @@ Figure(
     lambda predicted: (
         "Data beside what the posterior predicts, with 95 % intervals; p is the probability that "
         "a further measurement would differ more, near 0 where a datum disagrees with the model."
-        f"{_doubt(predicted.posterior)}"
+        f"{_doubt(predicted[1])}"
     ),
-    lambda predicted: data_fit_size(predicted.compared),
+    lambda predicted: data_fit_size(predicted[0]),
     panels=True,
     method="plot_predictive",
     meaning="Draw all measured data beside what the posterior predicts for them.",

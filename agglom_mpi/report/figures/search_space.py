@@ -1,4 +1,4 @@
-"""Where the search went: variables against generation, the best strings, sensitivities."""
+"""Where the search went: variables against generation, and the best strings."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
@@ -6,17 +6,17 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.analysis.derived import derived_columns, values_of
+from agglom_mpi.analysis.derived import derived_columns, searched_variables, values_of
 from agglom_mpi.analysis.ranking import rank_strings
-from agglom_mpi.analysis.shown_units import shown_unit
-from agglom_mpi.analysis.tables import searched_variables
+from agglom_mpi.analysis.shown_units import unit_of_variable
 from agglom_mpi.formatting import axis_label, label_of
 from agglom_mpi.report.drawing import (
     COLOURS,
     STRING_LINK,
     few_ticks,
+    figure_legend,
     integer_ticks,
-    legend_below,
+    panels,
     style_axes,
 )
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
@@ -26,11 +26,7 @@ from agglom_mpi.variables import Variable
 if TYPE_CHECKING:
     import matplotlib.figure
 
-    from agglom_mpi.analysis.sensitivity import Sensitivity
-
 Floats = NDArray[np.float64]
-SearchedVariable = tuple[Variable, float, float, bool]
-"""A variable, the ends of its range in SI units, and whether it is searched by its logarithm."""
 
 DERIVED: Final = "a derived quantity"
 """Meaning of what is shown beside the variables."""
@@ -51,11 +47,8 @@ class VariablePath(NamedTuple):
 
     Attributes
     ----------
-    name
-    lower, upper
-        Ends of the range that is searched.
-    logarithmic
-        Whether it is searched by its logarithm.
+    variable
+        With the range that is searched.
     best
         Value of the best string after each generation, shape (G,).
     least, most
@@ -68,10 +61,7 @@ class VariablePath(NamedTuple):
         Factor and label of the unit on the axis.
     """
 
-    name: str
-    lower: float
-    upper: float
-    logarithmic: bool
+    variable: Variable
     best: Floats
     least: Floats
     most: Floats
@@ -81,17 +71,18 @@ class VariablePath(NamedTuple):
     shown_unit: tuple[float, str]
 
 
-def shown_quantities(data: CampaignData) -> list[SearchedVariable]:
+def shown_variables(data: CampaignData) -> list[Variable]:
     """Return the variables that are searched, and derived quantities over the range they took."""
     evaluated = np.isin(data.string_rows()["string"], data.result_rows()["string"])
-    derived = []
+    shown = list(searched_variables(data))
     for column in derived_columns(data):
         values = column.values[evaluated]
         values = values[np.isfinite(values)]
         if column.own and len(values) and values.min() < values.max():
-            variable = Variable(column.name, column.unit, column.name, DERIVED)
-            derived.append((variable, float(values.min()), float(values.max()), False))
-    return searched_variables(data) + derived
+            own = Variable(column.name, column.unit, column.name, DERIVED)
+            lower, upper = float(values.min()), float(values.max())
+            shown.append(own._replace(lower=lower, upper=upper))
+    return shown
 
 
 def variable_paths(data: CampaignData) -> list[VariablePath]:
@@ -99,22 +90,19 @@ def variable_paths(data: CampaignData) -> list[VariablePath]:
     rows, paths = data.generation_rows(), []
     evaluated = np.isin(data.string_rows()["string"], data.result_rows()["string"])
     strings = data.string_rows()[evaluated]
-    for variable, lower, upper, logarithmic in shown_quantities(data):
+    for variable in shown_variables(data):
         tops = [values_of(data, row["population"][: row["top"]], variable.name) for row in rows]
         tops = [values[np.isfinite(values)] for values in tops]
         paths.append(
             VariablePath(
-                variable.name,
-                lower,
-                upper,
-                logarithmic,
+                variable,
                 values_of(data, rows["best_string"], variable.name),
                 np.array([v.min() if len(v) else np.nan for v in tops]),
                 np.array([v.max() if len(v) else np.nan for v in tops]),
                 values_of(data, strings["string"], variable.name),
                 strings["generation"] + 1.0,
                 strings["string"],
-                shown_unit(data.campaign_text, variable.name, variable.unit, upper),
+                unit_of_variable(data.campaign_text, variable),
             )
         )
     return paths
@@ -122,24 +110,10 @@ def variable_paths(data: CampaignData) -> list[VariablePath]:
 
 def draw_paths(figure: "matplotlib.figure.Figure", paths: Sequence[VariablePath]) -> Any:
     """Draw one panel for each of n variables, and return their axes, shape (n,)."""
-    columns = _panel_columns(len(paths))
-    rows = -(-len(paths) // columns)
-    axes = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
-    for unused in axes[len(paths) :]:
-        unused.remove()
-    axes = axes[: len(paths)]
-    for place, (ax, path) in enumerate(zip(axes, paths, strict=True)):
+    axes = panels(figure, len(paths), _panel_columns(len(paths)), "generation")
+    for ax, path in zip(axes, paths, strict=True):
         _draw_path(ax, path)
-        if place + columns >= len(paths):
-            ax.set_xlabel("generation")
-            ax.xaxis.set_tick_params(labelbottom=True)
-    figure.legend(
-        *axes[0].get_legend_handles_labels(),
-        loc="outside lower center",
-        ncols=3,
-        frameon=False,
-        fontsize="small",
-    )
+    figure_legend(figure, axes[:1], 3)
     return axes
 
 
@@ -149,7 +123,7 @@ def _panel_columns(count: int) -> int:
 
 
 def _draw_path(ax: Any, path: VariablePath) -> None:
-    factor, unit = path.shown_unit
+    variable, (factor, unit) = path.variable, path.shown_unit
     generation = np.arange(1, len(path.best) + 1)
     style_axes(ax)
     ax.scatter(
@@ -163,30 +137,20 @@ def _draw_path(ax: Any, path: VariablePath) -> None:
         zorder=3,
     )
     if np.any(path.most > path.least):
-        ax.fill_between(
-            generation,
-            path.least / factor,
-            path.most / factor,
-            color="0.86",
-            linewidth=0,
-            label="range of the best strings",
-        )
-    ax.plot(
-        generation,
-        path.best / factor,
-        color=COLOURS[0],
-        marker="o" if len(generation) < MAX_MARKED else "",
-        markersize=2.5,
-        label="best string",
-    )
-    ax.set_yscale("log" if path.logarithmic else "linear")
-    if path.lower < path.upper:  # an altered file may say otherwise
-        lower, upper = path.lower / factor, path.upper / factor
+        ends = path.least / factor, path.most / factor
+        style = {"color": "0.86", "linewidth": 0, "label": "range of the best strings"}
+        ax.fill_between(generation, *ends, **style)
+    marker = "o" if len(generation) < MAX_MARKED else ""
+    style = {"color": COLOURS[0], "marker": marker, "markersize": 2.5, "label": "best string"}
+    ax.plot(generation, path.best / factor, **style)
+    ax.set_yscale("log" if variable.logarithmic else "linear")
+    if variable.is_searched:  # an altered file may say otherwise
+        lower, upper = variable.lower / factor, variable.upper / factor
         ax.set_ylim(lower, upper)
-        ticks = few_ticks(lower, upper, path.logarithmic)
+        ticks = few_ticks(lower, upper, variable.logarithmic)
         ax.set_yticks(ticks, [f"{tick:.6g}" for tick in ticks])
         ax.yaxis.minorticks_off()
-    ax.set_ylabel(axis_label(path.name, unit), fontsize=8.5)
+    ax.set_ylabel(axis_label(variable.name, unit), fontsize=8.5)
     ax.tick_params(labelsize=8)
     integer_ticks(ax.xaxis)
 
@@ -209,7 +173,7 @@ class BestStrings(NamedTuple):
         Factor and label of the unit of each variable, d.
     """
 
-    searched: list[SearchedVariable]
+    searched: list[Variable]
     values: Floats
     labels: list[str]
     estimated: list[bool]
@@ -220,9 +184,8 @@ class BestStrings(NamedTuple):
 def draw_best_strings(ax: Any, best: BestStrings) -> Any:
     """Draw strings as lines over their variables, each scaled to its range; return the axes."""
     values = best.values
-    heights = np.column_stack(
-        [_relative_value(values[:, i], entry) for i, entry in enumerate(best.searched)]
-    )
+    columns = zip(values.T, best.searched, strict=True)
+    heights = np.column_stack([_relative_value(*each) for each in columns])
     across = np.arange(len(best.searched))
     for at in across:
         ax.axvline(at, color="0.8", linewidth=0.8, zorder=0)
@@ -254,10 +217,10 @@ def draw_best_strings(ax: Any, best: BestStrings) -> Any:
     return ax
 
 
-def _relative_value(values: Floats, entry: SearchedVariable) -> Floats:
+def _relative_value(values: Floats, variable: Variable) -> Floats:
     """Return values scaled to their range, 0 at its lower end and 1 at its upper."""
-    _, lower, upper, logarithmic = entry
-    if logarithmic:
+    lower, upper = variable.lower, variable.upper
+    if variable.logarithmic:
         return np.log(values / lower) / np.log(upper / lower)
     return (values - lower) / (upper - lower)
 
@@ -265,11 +228,12 @@ def _relative_value(values: Floats, entry: SearchedVariable) -> Floats:
 def _label_variables(ax: Any, best: BestStrings) -> None:
     """Write the ends of the range above and below each line, and the names at the bottom."""
     ticks = []
-    for at, (entry, shown) in enumerate(zip(best.searched, best.shown_units, strict=True)):
-        (variable, lower, upper, logarithmic), (factor, unit) = entry, shown
-        ax.text(at, 1.03, f"{upper / factor:.6g}", ha="center", va="bottom", fontsize=8)
-        ax.text(at, -0.03, f"{lower / factor:.6g}", ha="center", va="top", fontsize=8)
-        notes = [part for part in (unit, "log" if logarithmic else "1") if part != "1"]
+    for at, (variable, shown) in enumerate(zip(best.searched, best.shown_units, strict=True)):
+        factor, unit = shown
+        style = {"ha": "center", "fontsize": 8}
+        ax.text(at, 1.03, f"{variable.upper / factor:.6g}", va="bottom", **style)
+        ax.text(at, -0.03, f"{variable.lower / factor:.6g}", va="top", **style)
+        notes = [part for part in (unit, "log" if variable.logarithmic else "1") if part != "1"]
         note = f"\n({', '.join(notes)})" if notes else ""
         ticks.append(f"{label_of(variable.name)}{note}")
     slant = {"rotation": 40, "ha": "right", "rotation_mode": "anchor"}
@@ -279,28 +243,6 @@ def _label_variables(ax: Any, best: BestStrings) -> None:
     ax.set_ylim(0.0, 1.0)
     ax.set_xlim(-0.4, len(ticks) - 0.6)
     ax.spines[["top", "right", "left", "bottom"]].set_visible(False)
-
-
-NamedSensitivity = tuple[Sequence[str], "Sensitivity"]
-"""Names of variables, and their Sobol indices."""
-
-
-def draw_sensitivity(ax: Any, found: NamedSensitivity) -> Any:
-    """Draw first-order and total indices of d variables as bars, and return the axes."""
-    style_axes(ax)
-    names, indices = found
-    order = np.argsort(-indices.total, kind="stable")
-    place = np.arange(len(order))
-    for shift, values, name, colour in (
-        (-0.2, indices.first_order, "alone", COLOURS[0]),
-        (0.2, indices.total, "with others", COLOURS[4]),
-    ):
-        ax.barh(place + shift, 100.0 * values[order], 0.38, color=colour, label=name)
-    ax.set_yticks(place, [label_of(names[i]) for i in order])
-    ax.invert_yaxis()
-    ax.set_xlabel("share of the variance of the objective (%)")
-    legend_below(ax)
-    return ax
 
 
 def _paths_data(data: CampaignData, _: FigureOptions) -> list[VariablePath] | None:
@@ -317,8 +259,8 @@ def _best_data(data: CampaignData, _: FigureOptions) -> BestStrings | None:
     shown = rank_strings(data).order[: BEST + OTHERS]
     if not shown or not searched_variables(data):
         return None
-    entries = shown_quantities(data)
-    columns = [values_of(data, shown, entry[0].name) for entry in entries]
+    variables = shown_variables(data)
+    columns = [values_of(data, shown, variable.name) for variable in variables]
     again = {estimate.string: estimate.objective for estimate in rank_strings(data).estimates}
     labels = []
     for place, string in enumerate(shown[:BEST], 1):
@@ -328,40 +270,19 @@ def _best_data(data: CampaignData, _: FigureOptions) -> BestStrings | None:
             label += f", re-estimate {again[string]:.4g}"
         labels.append(label)
     estimated = [string in again for string in shown[:BEST]]
-    units = [
-        shown_unit(data.campaign_text, each.name, each.unit, upper) for each, _, upper, _ in entries
-    ]
-    return BestStrings(entries, np.column_stack(columns), labels, estimated, shown, units)
+    units = [unit_of_variable(data.campaign_text, each) for each in variables]
+    return BestStrings(variables, np.column_stack(columns), labels, estimated, shown, units)
 
 
 def _best_caption(best: BestStrings) -> str:
     grey = len(best.values) - len(best.labels)
     more = f", the next {grey} in grey" if grey else ""
-    derived = any(variable.meaning == DERIVED for variable, *_ in best.searched)
+    derived = any(variable.meaning == DERIVED for variable in best.searched)
     also = ", or a derived quantity over the range that it took" if derived else ""
     dashed = "" if all(best.estimated) else " Dashed: strings that were not estimated again."
     return (
         f"The best strings with their objectives, as searched and on fresh samples{more}.{dashed} "
         f"Every line is a variable from the bottom to the top of the search box{also}."
-    )
-
-
-def _sensitivity_data(data: CampaignData, options: FigureOptions) -> NamedSensitivity | None:
-    if not options.sensitivity:
-        return None
-    from agglom_mpi.analysis.sensitivity import sensitivity_of
-
-    names, indices = sensitivity_of(data)
-    return None if indices is None or not indices.predicts else (names, indices)
-
-
-def _sensitivity_caption(found: NamedSensitivity) -> str:
-    _, indices = found
-    return (
-        "Share of the variance of the objective over the search box that each variable explains "
-        f"(Sobol indices), by a regression of {indices.strings} strings; it predicts "
-        f"{indices.explained:.0%} of the variance of strings left out, noise of samples is "
-        f"{indices.noise:.0%}."
     )
 
 
@@ -393,15 +314,4 @@ Figure(
     empty="no string is judged yet",
     method="plot_best",
     meaning="Draw the best strings as lines over the search box.",
-)
-
-Figure(
-    "sensitivity",
-    "search",
-    4,
-    _sensitivity_data,
-    draw_sensitivity,
-    _sensitivity_caption,
-    lambda found: (6.0, 1.8 + 0.3 * len(found[0])),
-    empty="too few strings, all worth the same, or a regression that predicts nothing",
 )

@@ -27,8 +27,6 @@ from agglom_mpi.report.figures.box_panels import (
     draw_corner,
     draw_marginal,
     pair_edges,
-    scale_axis,
-    shown_units_of,
     smoothed,
 )
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
@@ -45,8 +43,6 @@ Floats = NDArray[np.float64]
 
 PLOTTED_POINTS: Final = 1 << 15
 """Number of points that panels are made of."""
-MARGINAL_COLUMNS: Final = 3
-"""Maximum number of marginals side by side."""
 REACH_BARS: Final = 40
 """Number of bars of a distribution over the box."""
 AXIS_NAMES: Final = {"mean_radius_ratio": "mean b/b⁰", "objective": "value of the function"}
@@ -64,12 +60,12 @@ class PlottedSet(NamedTuple):
     points: BoxPoints
 
 
-def plotted(data: CampaignData, options: FigureOptions) -> PlottedSet | None:
+def plotted(_: CampaignData, options: FigureOptions) -> PlottedSet | None:
     """Return the set of a campaign with points to draw it by; None where it is empty."""
     of = _calibrated(options)
     if of is None or of.empty or of.volume <= 0.0:
         return None
-    return _plotted(data, of)
+    return _plotted(of)
 
 
 def _calibrated(options: FigureOptions) -> "FeasibleSet | None":
@@ -78,14 +74,13 @@ def _calibrated(options: FigureOptions) -> "FeasibleSet | None":
 
 
 @lru_cache(maxsize=1)  # several figures show it
-def _plotted(data: CampaignData, of: "FeasibleSet") -> PlottedSet:
+def _plotted(of: "FeasibleSet") -> PlottedSet:
     box, lower, upper = of.emulated.box, of.points.lower, of.points.upper
     strings = box.even_strings(PLOTTED_POINTS, lower, upper)
     ordered = sorted(of.variables, key=lambda each: (each.free, each.kept))
     names = [each.name for each in ordered]
     units, probability = box.space.to_unit(strings), of.emulated.probability(strings)
-    shown = shown_units_of(data, box, names)
-    points = BoxPoints(box, names, shown, units, probability, lower, upper)
+    points = BoxPoints(box, names, units, probability, lower, upper)
     return PlottedSet(of, dict(zip(names, ordered, strict=True)), points)
 
 
@@ -129,28 +124,6 @@ def _draw_pair(ax: Any, points: BoxPoints, column: str, row: str) -> Any:
         there = np.histogram2d(x[some], y[some], bins=edges)[0] > 0
         draw_contour(ax, edges, smoothed(there), 0.5, style)
     return image
-
-
-def _marginals_size(count: int) -> tuple[float, float]:
-    """Return width and height of the marginals of some variables, inches."""
-    columns = min(count, MARGINAL_COLUMNS)
-    return max(4.0, 3.0 * columns), 2.4 * -(-count // columns) + 0.4
-
-
-def draw_marginals(figure: "matplotlib.figure.Figure", shown: PlottedSet) -> Any:
-    """Draw a panel for each variable, and return their axes, shape (d,)."""
-    count = len(shown.variables)
-    columns = min(count, MARGINAL_COLUMNS)
-    rows = -(-count // columns)
-    axes = figure.subplots(rows, columns, squeeze=False).ravel()
-    for unused in axes[count:]:
-        unused.remove()
-    for place, (ax, name) in enumerate(zip(axes[:count], shown.variables, strict=True)):
-        _draw_marginal(ax, shown, name)
-        scale_axis(ax.xaxis, shown.points, name, label=True)
-        if place % columns == 0:
-            ax.set_ylabel("density over prior")
-    return axes[:count]
 
 
 def _draw_marginal(ax: Any, shown: PlottedSet, name: str) -> None:
@@ -291,8 +264,9 @@ def _pairs_caption(shown: PlottedSet) -> str:
         "The set in pairs of variables. The colour of a pair of values is the share of the other "
         "variables' values that is in the set; lines enclose pairs for which some values of the "
         f"others are possible (P ≥ {OUTER_PROBABILITY:g}, dashed) or sure "
-        f"(P ≥ {INNER_PROBABILITY:g}, solid). On the diagonal, marginals as in the next "
-        f"figure.{more}"
+        f"(P ≥ {INNER_PROBABILITY:g}, solid). On the diagonal, each variable in the set "
+        "against the prior, which is uniform as the campaign searches (line at 1); free "
+        f"variables, which decide nothing, are grey.{more}"
     )
 
 
@@ -326,17 +300,6 @@ Figure(
     draw_pairs,
     _pairs_caption,
     lambda shown: corner_size(len(shown.variables)),
-    panels=True,
-)
-Figure(
-    "set_marginals",
-    "set",
-    2,
-    plotted,
-    draw_marginals,
-    "Each variable in the set against the prior, which is uniform as the campaign searches (line "
-    "at 1). Free variables, which decide nothing, are grey.",
-    lambda shown: _marginals_size(len(shown.variables)),
     panels=True,
 )
 Figure(

@@ -15,12 +15,8 @@ BINS: Final = 120
 """Intervals of time, about."""
 
 
-class Leg(NamedTuple):
-    """One start of the program: Unix times of its start and end in s, and its ranks."""
-
-    started: float
-    stopped: float
-    ranks: int
+Leg = tuple[float, float, int]
+"""One start of the program: Unix times of its start and end in s, and its ranks."""
 
 
 class Utilisation(NamedTuple):
@@ -64,7 +60,7 @@ def legs_of(rows: np.ndarray, finished: Floats) -> list[Leg]:
             own = finished[(finished >= row["started"]) & (finished < after)]
             end = float(own.max()) if len(own) else float(row["started"])
         if end > row["started"]:
-            legs.append(Leg(float(row["started"]), end, int(row["ranks"])))
+            legs.append((float(row["started"]), end, int(row["ranks"])))
     return legs
 
 
@@ -81,35 +77,28 @@ def utilisation(
         Unix time at which each of n samples ended (s), its duration (s) and the rank that
         simulated it, shape (n,).
     """
-    width = sum(leg.stopped - leg.started for leg in legs) / BINS
-    parts, boundaries, begin = [], [], 0.0
-    for leg in legs:
-        count = max(1, round((leg.stopped - leg.started) / width))
-        edges = np.linspace(leg.started, leg.stopped, count + 1)
-        parts.append((begin + edges - leg.started, *_shares(leg, edges, finished, seconds, rank)))
-        begin += leg.stopped - leg.started
-        boundaries.append(begin)
-    mean, least, most = (np.concatenate([part[i] for part in parts]) for i in (1, 2, 3))
-    edges = np.concatenate([parts[0][0][:1], *(part[0][1:] for part in parts)])
-    available = sum((leg.stopped - leg.started) * leg.ranks for leg in legs)
-    ranks = np.repeat([leg.ranks for leg in legs], [len(part[1]) for part in parts])
-    simulating = float(np.sum(mean * np.diff(edges) * ranks))
-    return Utilisation(edges, mean, least, most, boundaries[:-1], simulating / available)
-
-
-def _shares(
-    leg: Leg, edges: Floats, finished: Floats, seconds: Floats, rank: NDArray[np.int64]
-) -> tuple[Floats, Floats, Floats]:
-    """Return mean, least and most utilisation of the ranks of a leg, B shares each."""
-    own = (finished > leg.started) & (finished <= leg.stopped)
-    finished, seconds, rank = finished[own], seconds[own], rank[own]
-    each = np.array(
-        [
-            busy_time(edges, finished[rank == one] - seconds[rank == one], finished[rank == one])
-            for one in range(leg.ranks)
+    width = sum(stopped - started for started, stopped, _ in legs) / BINS
+    edges, shares, boundaries, simulating, available = [np.zeros(1)], [], [], 0.0, 0.0
+    begin = 0.0
+    for started, stopped, ranks in legs:
+        count = max(1, round((stopped - started) / width))
+        own = np.linspace(started, stopped, count + 1)
+        here = (finished > started) & (finished <= stopped)
+        ends, lengths, of = finished[here], seconds[here], rank[here]
+        busy = [
+            busy_time(own, ends[of == one] - lengths[of == one], ends[of == one])
+            for one in range(ranks)
         ]
-    ) / np.diff(edges)
-    return each.mean(axis=0), each.min(axis=0), each.max(axis=0)
+        each = np.array(busy) / np.diff(own)
+        shares.append([each.mean(axis=0), each.min(axis=0), each.max(axis=0)])
+        edges.append(begin + own[1:] - started)
+        simulating += float(np.sum(shares[-1][0] * np.diff(own))) * ranks
+        available += (stopped - started) * ranks
+        begin += stopped - started
+        boundaries.append(begin)
+    overall = simulating / available
+    mean, least, most = np.concatenate(shares, axis=1)
+    return Utilisation(np.concatenate(edges), mean, least, most, boundaries[:-1], overall)
 
 
 def busy_time(edges: Floats, begin: Floats, end: Floats) -> Floats:
@@ -144,25 +133,12 @@ def draw_utilisation(ax: Any, found: Utilisation) -> Any:
     style_axes(ax)
     ax.set_xlabel("wall-clock time, all legs (s)")
     ax.set_ylabel("time in which ranks simulate (%)")
-    ax.stairs(
-        100.0 * found.mean,
-        found.edges,
-        color=COLOURS[0],
-        linewidth=1.3,
-        baseline=None,
-        label="all ranks",
-    )
+    line = {"color": COLOURS[0], "linewidth": 1.3, "baseline": None, "label": "all ranks"}
+    ax.stairs(100.0 * found.mean, found.edges, **line)
     if (found.most > found.least).any():
-        ax.fill_between(
-            found.edges,
-            100.0 * np.append(found.least, found.least[-1]),
-            100.0 * np.append(found.most, found.most[-1]),
-            step="post",
-            color=COLOURS[0],
-            alpha=0.18,
-            linewidth=0,
-            label="idlest to busiest rank",
-        )
+        ends = (100.0 * np.append(each, each[-1]) for each in (found.least, found.most))
+        band = {"step": "post", "color": COLOURS[0], "alpha": 0.18, "linewidth": 0}
+        ax.fill_between(found.edges, *ends, label="idlest to busiest rank", **band)
     label = f"average {found.overall:.1%}"
     ax.axhline(100.0 * found.overall, color=COLOURS[1], linestyle="--", linewidth=1.2, label=label)
     for place, boundary in enumerate(found.leg_boundaries):

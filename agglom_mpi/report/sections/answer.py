@@ -3,20 +3,16 @@
 from collections.abc import Iterator
 from typing import Any, Final
 
-import numpy as np
-
 from agglom_mpi.analysis.best_strings import best_table, collect_best
-from agglom_mpi.analysis.derived import values_of
+from agglom_mpi.analysis.derived import recorded_box, searched_variables, values_of
 from agglom_mpi.analysis.failed_samples import no_result
 from agglom_mpi.analysis.ranking import listed_strings, rank_strings
-from agglom_mpi.analysis.shown_units import column_of, shown_unit
+from agglom_mpi.analysis.shown_units import column_of, unit_of_variable
 from agglom_mpi.analysis.summary import describe_best
-from agglom_mpi.analysis.tables import searched_variables
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.display.table import Column, Table
 from agglom_mpi.formatting import label_of, pluralise
-from agglom_mpi.report.next_summary import next_text
-from agglom_mpi.report.posterior_summary import data_posterior_text
+from agglom_mpi.report.posterior_summary import next_text, posterior_text
 from agglom_mpi.report.sections.section import Block, Page, bullets, note, section, shown, warning
 from agglom_mpi.report.set_summary import set_text
 from agglom_mpi.storage.reader import CampaignData
@@ -49,20 +45,14 @@ RANGE_COLUMNS: Final = (
 
 def ranges(data: CampaignData) -> Table:
     """Return the variables with the ends of their ranges, the searched ones first."""
-    rows = []
-    searched = [
-        (variable, lower, upper, "by its logarithm" if logarithmic else "evenly")
-        for variable, lower, upper, logarithmic in searched_variables(data)
-    ]
-    fixed = [
-        (variable, float(row["upper"]), float(row["upper"]), "fixed")
-        for variable, row in zip(data.variables.variables, data.variable_rows(), strict=True)
-        if row["searched"] != 1 and not np.isnan(row["lower"])
-    ]
-    for variable, lower, upper, how in [*searched, *fixed]:
-        factor, unit = shown_unit(data.campaign_text, variable.name, variable.unit, upper)
-        row = {"variable": label_of(variable.name), "from": lower / factor, "to": upper / factor}
-        rows.append(row | {"unit": "" if unit == "1" else unit, "searched": how})
+    rows, searched = [], searched_variables(data)
+    fixed = [each for each in recorded_box(data).variables if each.lower == each.upper]
+    for variable in (*searched, *fixed):
+        how = "by its logarithm" if variable.logarithmic else "evenly"
+        factor, unit = unit_of_variable(data.campaign_text, variable)
+        row: dict[str, Any] = {"variable": label_of(variable.name), "unit": unit * (unit != "1")}
+        row |= {"from": variable.lower / factor, "to": variable.upper / factor}
+        rows.append(row | {"searched": how if variable in searched else "fixed"})
     return Table(RANGE_COLUMNS, rows, "Ranges", "ranges")
 
 
@@ -84,8 +74,8 @@ def answer(page: Page) -> Iterator[Block | Table]:
     yield page.figures("answer")
 
 
-@section(2, "Feasible set")
-def set(page: Page) -> Iterator[Block | Table]:
+@section(2, "Feasible set", "set")
+def feasible_set(page: Page) -> Iterator[Block | Table]:
     """Yield the feasible set, if it is asked for."""
     found = page.options.feasible_set
     if found is not None:
@@ -98,7 +88,7 @@ def posterior(page: Page) -> Iterator[Block | Table]:
     """Yield the posterior and what to measure next, if they are asked for."""
     found, further = page.options.posterior, page.options.further
     if found is not None:
-        yield shown(data_posterior_text(found))
+        yield shown(posterior_text(found))
         if further is not None:
             yield shown(next_text(further, page.data.campaign_text))
         yield page.figures("posterior")
@@ -120,8 +110,8 @@ def all_strings(data: CampaignData) -> Table:
     fresh = {each.string: (each.objective, each.standard_error) for each in again}
     generation = {int(row["string"]): int(row["generation"]) + 1 for row in data.string_rows()}
     variables = {
-        variable.name: (column_of(data.campaign_text, variable.name, variable.unit, upper))
-        for variable, _, upper, _ in searched_variables(data)
+        each.name: column_of(data.campaign_text, each.name, each.unit, each.upper)
+        for each in searched_variables(data)
     }
     values = {name: values_of(data, order, name) for name in variables}
     rows: list[dict[str, Any]] = [

@@ -1,11 +1,12 @@
 """A paper's tables of best strings, from a file, with those of a campaign beside them."""
 
 import json
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from agglom_mpi.analysis.derived import values_of
+from agglom_mpi.analysis.best_strings import collect_best
 from agglom_mpi.analysis.ranking import listed_strings, rank_strings
 from agglom_mpi.config.yaml_source import CampaignError, Problem
 from agglom_mpi.display.table import Column, Table
@@ -98,28 +99,19 @@ def beside(published: Table, data: CampaignData) -> Table:
             columns.append(column._replace(key=key, label=f"{column.label}, {RE_ESTIMATE}"))
         else:
             columns.append(column)
-    best = rank_strings(data).order[: listed_strings(data)]
+    names = [each.key for each in published.columns if each.key not in RESULTS]
+    best = collect_best(data, listed_strings(data))
     rows: list[dict[str, Any]] = []
     for place, printed in enumerate(published.rows):
         rank = {"rank": str(place + 1)}
         rows.append({**rank, "from": "published", "mark": "published first", **printed})
-        if place < len(best):
-            names = [each.key for each in published.columns if each.key not in RESULTS]
-            rows.append({**rank, "from": "here", "mark": "here", **_row(data, best[place], names)})
+        if place >= len(best):
+            continue
+        own = {name: best[place].get(name, math.nan) for name in names}
+        for source, mark in (best[place], ""), (best[place]["reestimate"], f" {RE_ESTIMATE}"):
+            if source is not None:
+                growth = source["mean_radius_ratio"]
+                own[f"objective{mark}"] = source["objective"], source["standard_error"]
+                own |= {f"mean_radius_ratio{mark}": growth, f"growth_number{mark}": growth**3}
+        rows.append({**rank, "from": "here", "mark": "here", **own})
     return Table(columns, rows, published.title, published.name, mark="mark")
-
-
-def _row(data: CampaignData, string: int, names: list[str]) -> dict[str, Any]:
-    """Return the row of a campaign's string, without re-estimates where it has none."""
-    row: dict[str, Any] = {name: float(values_of(data, [string], name)[0]) for name in names}
-    result = rank_strings(data).results[string]
-    fresh: list[Any] = [
-        each._asdict() for each in rank_strings(data).estimates if each.string == string
-    ]
-    sources = [(result, ""), *((each, f" {RE_ESTIMATE}") for each in fresh)]
-    for source, mark in sources:
-        growth = float(source["mean_radius_ratio"])
-        row[f"objective{mark}"] = source["objective"], source["standard_error"]
-        row[f"mean_radius_ratio{mark}"] = growth
-        row[f"growth_number{mark}"] = growth**3
-    return row

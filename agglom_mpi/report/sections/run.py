@@ -6,12 +6,22 @@ from typing import Any, Final
 
 import numpy as np
 
+from agglom_mpi.analysis.failed_samples import reason_counts
 from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.display.table import Column, Table
 from agglom_mpi.formatting import format_duration, pluralise
-from agglom_mpi.outcome import COLUMNS, COMPLETED, FAILED, LEDGER, REASONS
-from agglom_mpi.report.sections.section import Block, Page, bullets, folded, note, section, warning
+from agglom_mpi.outcome import COLUMNS, COMPLETED, FAILED, LEDGER
+from agglom_mpi.report.sections.section import (
+    Block,
+    Page,
+    bullets,
+    folded,
+    note,
+    section,
+    shown,
+    warning,
+)
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.schema import FAILURE_CAPACITY
 
@@ -30,11 +40,10 @@ def search(page: Page) -> Iterator[Block | Table]:
     yield figures
     if not figures.content:
         yield note("No generation is done yet.")
-    if page.options.sensitivity and "sensitivity" not in [each.name for each in figures.content]:
-        yield note(
-            "Sensitivity: too few strings, all worth the same, or a regression that predicts "
-            "nothing."
-        )
+    if page.options.sensitivity:
+        from agglom_mpi.analysis.sensitivity import sensitivity_of, sensitivity_table
+
+        yield shown(sensitivity_table(*sensitivity_of(page.data)))
 
 
 @section(5, "Particles")
@@ -204,13 +213,8 @@ def failures(page: Page) -> Iterator[Block | Table]:
     if not len(failed) and not late:
         yield note(f"None of {simulated} failed.")
         return
-    counts = np.bincount(failed["reason"], minlength=len(REASONS)).tolist()
-    known = {code: REASONS[code] for code in range(1, len(REASONS))}
-    lines = [
-        f"{count} of {simulated}: {known.get(code, f'unknown reason ({code})')}"
-        for code, count in enumerate(counts)
-        if count
-    ]
+    reasons = reason_counts(np.sort(failed["reason"]))
+    lines = [f"{count} of {simulated}: {reason}" for reason, count in reasons.items()]
     if late:
         lines.append(f"{pluralise(late, 'sample')} without a row: took longer than max_seconds")
     yield bullets(lines)

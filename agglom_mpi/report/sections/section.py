@@ -126,11 +126,11 @@ class Section(NamedTuple):
 SECTIONS: Final[list[Section]] = []
 
 
-def section(place: int, heading: str) -> Callable[[Any], Any]:
-    """Declare a function as a section of the page that has its name."""
+def section(place: int, heading: str, name: str = "") -> Callable[[Any], Any]:
+    """Declare a function as a section of the page that has its name, or another."""
 
     def declare(blocks: Callable[[Page], Iterator[Block | Table]]) -> Any:
-        SECTIONS.append(Section(blocks.__name__, place, heading, blocks))
+        SECTIONS.append(Section(name or blocks.__name__, place, heading, blocks))
         return blocks
 
     return declare

@@ -1,7 +1,7 @@
 """Search methods that learn nothing, as baselines: random points and Sobol's sequence."""
 
 import warnings
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, ClassVar, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,10 +22,7 @@ SOBOL_BITS: Final = 30
 class Baseline(PopulationMethod):
     """Base class of methods whose proposals depend on no result."""
 
-    @property
-    def favours_low_objectives(self) -> bool:
-        """Whether low objectives decide proposals: they do not."""
-        return False
+    favours_low_objectives: ClassVar[bool] = False
 
     @property
     def summary(self) -> str:
@@ -42,12 +39,8 @@ class Baseline(PopulationMethod):
 class RandomPoints(Baseline):
     """Independent points, uniform in what is allowed of the box."""
 
+    points: ClassVar[str] = "independent random points"
     method: Literal["random"] = "random"
-
-    @property
-    def points(self) -> str:
-        """The points, in words."""
-        return "independent random points"
 
     def build(self, inputs: SearchInputs) -> "RandomSearch":
         """Return the search before its first generation."""
@@ -57,12 +50,8 @@ class RandomPoints(Baseline):
 class SobolPoints(Baseline):
     """A scrambled Sobol sequence (Sobol 1967, Owen 1998), which fills the box evenly."""
 
+    points: ClassVar[str] = "a Sobol sequence"
     method: Literal["sobol"] = "sobol"
-
-    @property
-    def points(self) -> str:
-        """The points, in words."""
-        return "a Sobol sequence"
 
     def build(self, inputs: SearchInputs) -> "SobolSearch":
         """Return the search before its first generation."""

@@ -105,8 +105,7 @@ class CmaesSearch(EvaluatedStrings):
         super().tell(evaluations)
         count = len(evaluations.ids)
         points = self.space.to_unit(self.parameters[-count:])
-        objectives = self.objectives[-count:]
-        objectives = np.where(np.isfinite(objectives), objectives, FAILED_OBJECTIVE)
+        objectives = np.where(np.isinf(new := self.objectives[-count:]), FAILED_OBJECTIVE, new)
         self._strategy.tell(list(zip(points, objectives.tolist(), strict=True)))
         self._best = self.space.to_unit(self.parameters[self._ranked()[:1]])[0]
         self._points = self._drawn(count)

@@ -1,7 +1,7 @@
 """The genetic algorithm of both papers [A 22] [B 7]."""
 
 from collections.abc import Iterator
-from typing import Annotated, Final, Literal
+from typing import Annotated, ClassVar, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,9 @@ from agglom_mpi.search.proposals import (
     GIVEN,
     OFFSPRING,
     RANDOM,
+    EvaluatedStrings,
     Evaluations,
     Proposals,
-    Ranked,
     as_proposals,
     joined_proposals,
 )
@@ -72,6 +72,7 @@ class Genetic(PopulationMethod):
         space. None never restricts.
     """
 
+    has_parents: ClassVar[bool] = True
     method: Literal["genetic"] = "genetic"
     population: Annotated[int, Whole(at_least=4, at_most=10**5)] = 20
     parents: Annotated[int, Whole(at_least=2, multiple_of=2)] = 6
@@ -87,11 +88,6 @@ class Genetic(PopulationMethod):
     def kept(self) -> int:
         """Number of parents."""
         return self.parents
-
-    @property
-    def has_parents(self) -> bool:
-        """Whether strings can race for the parents' places: they can."""
-        return True
 
     @property
     def ranks_itself(self) -> bool:
@@ -158,8 +154,8 @@ class Genetic(PopulationMethod):
         return lines
 
 
-class GeneticSearch:
-    """The population of a genetic search.
+class GeneticSearch(EvaluatedStrings):
+    """The population of a genetic search: the kept parents, then the new strings.
 
     Draws are keyed by seed, generation and slot, and `ask` changes nothing, so that the same
     evaluations always lead to the same proposals.
@@ -173,15 +169,12 @@ class GeneticSearch:
     """
 
     def __init__(self, method: Genetic, inputs: SearchInputs) -> None:
+        super().__init__(method.population)
         self.method = method
         self.space = self.box = inputs.space
         self.seed = inputs.seed
         self.given = inputs.given
-        self.generation = 0
-        self.population_ids = np.empty(0, np.int64)
-        self._parameters = np.empty((0, inputs.space.count))
-        self._objectives = np.empty(0)
-        self._ranked = np.empty(0, np.int64)
+        self._population = np.empty(0, np.int64)
 
     @property
     def parents(self) -> int:
@@ -211,29 +204,19 @@ class GeneticSearch:
         expected = new if self.generation else size
         if len(evaluations.ids) != expected:
             raise ValueError(f"generation {self.generation} has {expected} new strings")
-        kept = self._ranked[: size - new]
-        order = np.argsort(evaluations.ids)
-        objectives = evaluations.objectives[order]
-        objectives = np.where(np.isfinite(objectives), objectives, np.inf)
-        self.population_ids = np.concatenate((self.population_ids[kept], evaluations.ids[order]))
-        self._parameters = np.concatenate((self._parameters[kept], evaluations.parameters[order]))
-        self._objectives = np.concatenate((self._objectives[kept], objectives))
-        self._ranked = np.lexsort((self.population_ids, self._objectives))
-        self.generation += 1
+        kept = self._ranked()[: size - new]
+        super().tell(evaluations)
+        self._population = np.concatenate((kept, np.sort(evaluations.ids)))
         self._restrict()
 
-    def best(self, k: int) -> list[Ranked]:
-        """Return the k best strings of the population, best first."""
-        top = self._ranked[:k]
-        return [Ranked(int(self.population_ids[i]), float(self._objectives[i])) for i in top]
+    @property
+    def population_ids(self) -> NDArray[np.int64]:
+        """Numbers of the strings of the population, in slot order."""
+        return self._population
 
-    def mean_of_top(self, k: int) -> float:
-        """Return the mean objective of the k best strings of the population [A 26]."""
-        return float(np.mean(self._objectives[self._ranked[:k]]))
-
-    def set_error(self) -> float:
-        """Return inf: no set is searched for."""
-        return np.inf
+    def _ranked(self) -> NDArray[np.int64]:
+        order = np.lexsort((self._population, self.objectives[self._population]))
+        return np.asarray(self._population[order])
 
     def known_proposals(self, generation: int) -> tuple[int, Proposals] | None:
         """Return the number of the first random string of a coming generation, and all of these.
@@ -250,9 +233,9 @@ class GeneticSearch:
         return end - len(random.slot), random
 
     def _resampled_parents(self) -> Proposals:
-        kept = self._ranked[: self.parents]
-        proposals = as_proposals(self.generation, self._parameters[kept], AGAIN)
-        proposals.parents[:, 0] = self.population_ids[kept]
+        kept = self._ranked()[: self.parents]
+        proposals = as_proposals(self.generation, self.parameters[kept], AGAIN)
+        proposals.parents[:, 0] = kept
         return proposals
 
     def _random_strings(self, generation: int) -> Proposals:
@@ -265,7 +248,7 @@ class GeneticSearch:
         return as_proposals(generation, parameters, RANDOM, first)
 
     def _offspring(self) -> Proposals:
-        mates = np.repeat(self._ranked[: self.parents].reshape(-1, 2), 2, axis=0)
+        mates = np.repeat(self._ranked()[: self.parents].reshape(-1, 2), 2, axis=0)
         slots = np.arange(self.parents, 2 * self.parents)
         streams = [
             search_stream(self.seed, OFFSPRING_BLEND, self.generation, int(slot)) for slot in slots
@@ -273,15 +256,15 @@ class GeneticSearch:
         blend = np.array(
             [random.uniform(*self.method.blend, self.space.count) for random in streams]
         )
-        better, worse = (self.space.scaled(self._parameters[some]) for some in mates.T)
+        better, worse = (self.space.scaled(self.parameters[some]) for some in mates.T)
         children = self._children(better, worse, blend)
         if self.space.allowed is not None:
             for row in np.flatnonzero(~self.space.allowed(children)).tolist():
                 pair = better[row], worse[row]
                 child = self._allowed_child(*pair, blend[row], streams[row])
-                children[row] = self._parameters[mates[row, 0]] if child is None else child
+                children[row] = self.parameters[mates[row, 0]] if child is None else child
         origin = np.full(slots.size, OFFSPRING, np.int8)
-        return Proposals(self.generation, slots, origin, self.population_ids[mates], children)
+        return Proposals(self.generation, slots, origin, mates, children)
 
     def _children(
         self,
@@ -313,9 +296,9 @@ class GeneticSearch:
         return np.asarray(children[allowed[0]]) if len(allowed) else None
 
     def _restrict(self) -> None:
-        best, rescale = self._ranked[0], self.method.rescale
+        best, rescale = self._ranked()[0], self.method.rescale
         if rescale is None or self.generation % rescale.every:
             return
         # Nothing is known about where to look while every string has failed.
-        if np.isfinite(self._objectives[best]):
-            self.box = self.box.around(self._parameters[best], rescale.factor)
+        if np.isfinite(self.objectives[best]):
+            self.box = self.box.around(self.parameters[best], rescale.factor)

@@ -18,6 +18,7 @@ from agglom_mpi.random_streams import SURROGATE, search_stream
 from agglom_mpi.search.acquisition import (
     PROMISING,
     STARTS,
+    SetAim,
     best_expected,
     candidates_about,
     duplicates_last,
@@ -36,7 +37,6 @@ from agglom_mpi.search.proposals import (
     as_proposals,
     begun_with,
 )
-from agglom_mpi.search.set_aim import SetAim
 
 if TYPE_CHECKING:
     from concurrent.futures import Future

@@ -47,6 +47,11 @@ class GrowthTarget(RadiusObjective):
         """The wanted mean of b/b⁰ with its field."""
         return ("ratio",), self.ratio
 
+    @property
+    def reference(self) -> float:
+        """The wanted mean of b/b⁰."""
+        return self.ratio
+
     def deviation(self, ratio: Ratio) -> Ratio:
         """Return the signed relative deviation from the target radius."""
         return ratio / self.ratio - 1.0
@@ -85,6 +90,11 @@ class MaximumGrowth(RadiusObjective):
     def criterion(self, tolerance: float) -> Criterion:
         """Return the criterion that the mean growth is near its maximum over the box."""
         return NearMaximum(tolerance)
+
+    @property
+    def reference(self) -> float:
+        """b/b⁰ of a single aggregate of all grains."""
+        return math.cbrt(self._grains)
 
     def deviation(self, ratio: Ratio) -> Ratio:
         """Return Π of the samples."""

@@ -288,6 +288,11 @@ class RadiusObjective(Objective):
     def deviation(self, ratio: Ratio) -> Ratio:
         """Return the per-sample quantity whose ensemble mean counts, elementwise."""
 
+    @property
+    def reference(self) -> float | None:
+        """The b/b⁰ whose deviation is 0, where that of others is ratio/reference - 1."""
+        return None
+
     def accumulator(self) -> "RadiusAccumulator":
         """Return an accumulator without samples."""
         return RadiusAccumulator(self)

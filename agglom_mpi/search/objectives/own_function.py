@@ -109,6 +109,8 @@ class MeanOfFunction(Objective):
     """
 
     least: ClassVar[float] = -math.inf
+    scale: ClassVar[float] = 0.0  # unknown: the function may compare anything
+    tolerance_limits: ClassVar[tuple[float, float]] = (-math.inf, math.inf)
     law: Literal["function"] = "function"
     example: ClassVar[str] = '{law: function, call: "growth:loss"}'
     call: Annotated[str, Meaning("module:function, of module.py beside the campaign file")]
@@ -172,11 +174,6 @@ class MeanOfFunction(Objective):
             message = f"must be a function of the same module as {self.call!r}"
             yield ("of_means",), f"is {self.of_means!r}; {message}"
 
-    @property
-    def tolerance_limits(self) -> tuple[float, float]:
-        """None: any value may be the largest one."""
-        return -math.inf, math.inf
-
     def criterion(self, tolerance: float) -> Criterion:
         """Return the criterion that the mean value, or the objective, is at most the tolerance."""
         if self.of_means:
@@ -190,11 +187,6 @@ class MeanOfFunction(Objective):
         if not self.of_means:
             return super().why_infinite
         return f"{self.of_means} raises, or is not finite, at the means of every string"
-
-    @property
-    def scale(self) -> float:
-        """Unknown: the function may compare anything."""
-        return 0.0
 
     def summaries(self, rows: NDArray[np.void]) -> list[SampleSummary]:
         """Return the summaries of samples with their quantities."""

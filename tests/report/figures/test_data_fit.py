@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from agglom_mpi.report.figures.data_fit import (
     ComparedDatum,
-    DrawnPrediction,
+    Prediction,
     closed_edges,
     draw_data_fit,
 )
@@ -32,7 +32,7 @@ NUMBER = Datum.of_value("d50", 1.5e-4, 1e-5, "mass", name="d50 by mass at the en
 
 def compared(datum, values, error):
     values = np.atleast_1d(values)
-    found = DrawnPrediction("#1 string 7", values, error**2 * np.eye(len(values)))
+    found = Prediction("#1 string 7", values, error**2 * np.eye(len(values)))
     return ComparedDatum(datum, [found], (1e-6, "µm"))
 
 

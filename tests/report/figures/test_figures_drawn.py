@@ -16,9 +16,9 @@ from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.report.drawing import Drawing, legend_below, write_drawing
 from agglom_mpi.report.figures import convergence, ensembles
-from agglom_mpi.report.figures.cloud import cloud_size, draw_cloud
+from agglom_mpi.report.figures.cloud import cloud_size, draw_frames
 from agglom_mpi.report.figures.figure import FigureOptions, figures
-from agglom_mpi.report.figures.finalists import Finalists, draw_finalists
+from agglom_mpi.report.figures.finalists import draw_finalists
 from agglom_mpi.report.figures.finite_size import draw_finite_size
 from agglom_mpi.report.figures.radii import draw_radii
 from agglom_mpi.report.sample_particles import RadiusDistribution
@@ -57,10 +57,17 @@ def test_without_matplotlib_a_plot_says_what_to_install(finished, monkeypatch):
         open_campaign(finished).plot_busy(ax=object())
 
 
-def drawn(place, radius, **more):
+def drawn(place, radius, temperature=None):
     figure = Figure(figsize=cloud_size(1), layout="constrained")
     canvas = FigureCanvasAgg(figure)
-    [ax] = draw_cloud(figure, [0.0], [np.array(place)], [np.array(radius)], 0.01, **more)
+    frames = SimpleNamespace(
+        times=np.zeros(1),
+        particles=[len(radius)],
+        positions=np.array([place]),
+        radii=np.array([radius]),
+        temperatures=np.array([temperature or [300.0] * len(radius)]),
+    )
+    [ax] = draw_frames(figure, frames, [0], 0.01)
     canvas.draw()
     [spheres] = [c for c in ax.collections if isinstance(c, EllipseCollection)]
     return ax, spheres
@@ -88,9 +95,9 @@ def test_spheres_in_front_are_drawn_last():
 
 
 def test_particles_are_coloured_by_temperature_where_it_differs():
-    _, spheres = drawn([[0.0] * 3, [0.005] * 3], [1e-3] * 2, temperature=[np.array([300.0, 400.0])])
+    _, spheres = drawn([[0.0] * 3, [0.005] * 3], [1e-3] * 2, temperature=[300.0, 400.0])
     assert sorted(spheres.get_array().tolist()) == [300.0, 400.0]
-    _, same = drawn([[0.0] * 3, [0.005] * 3], [1e-3] * 2, temperature=[np.array([300.0, 300.0])])
+    _, same = drawn([[0.0] * 3, [0.005] * 3], [1e-3] * 2, temperature=[300.0, 300.0])
     assert same.get_array().tolist() == [1.0, 1.0]
 
 
@@ -147,7 +154,7 @@ def test_bands_of_an_objective_that_may_be_negative_are_whole():
 def test_intervals_of_finalists_end_at_the_least_objective(least, low):
     estimate = Estimate(4, 0.1, 0.05, 0.0, 0.2, 10, 0, 2.0, 0.2, 0.25)
     ax = Figure().subplots()
-    draw_finalists(ax, Finalists([estimate], np.array([0.5]), least=least))
+    draw_finalists(ax, ([estimate], np.array([0.5]), "objective", least))
     searched, again = (each.get_paths()[0].vertices[:, 0] for each in ax.collections)
     assert searched.tolist() == pytest.approx([low, 0.7])
     assert again.tolist() == pytest.approx([0.0, 0.2])
@@ -156,7 +163,7 @@ def test_intervals_of_finalists_end_at_the_least_objective(least, low):
 def test_a_negative_objective_keeps_its_interval():
     estimate = Estimate(4, -2.1, 0.05, -2.2, -2.0, 10, 0, 2.0, -2.0, 0.25)
     ax = Figure().subplots()
-    draw_finalists(ax, Finalists([estimate], np.array([0.5]), least=-np.inf))
+    draw_finalists(ax, ([estimate], np.array([0.5]), "objective", -np.inf))
     searched = ax.collections[0].get_paths()[0].vertices[:, 0]
     assert searched.tolist() == pytest.approx([-2.5, -1.5])
 
@@ -260,8 +267,8 @@ def test_radii_by_number_and_by_mass_each_add_up_to_all_particles():
 
 def test_a_rule_that_is_not_satisfied_is_in_the_caption_and_not_in_the_legend():
     estimate = ensembles.RunningEstimate(3, np.array([0.2, 0.1]), np.array([np.nan, 0.1]), 2)
-    points = [ensembles.StoppingPoint("soon", 2), ensembles.StoppingPoint("never", None)]
-    found = ensembles.EnsembleHistories([estimate], points)
+    points = [("soon", 2), ("never", None)]
+    found = [estimate], points, "objective", 0.0
     ax = Figure().subplots()
     ensembles.draw_ensembles(ax, found)
     legend = " ".join(ax.get_legend_handles_labels()[1])

@@ -11,7 +11,6 @@ from agglom_mpi.formatting import scaled_unit, value_with_prefix
 from agglom_mpi.report import sample_particles
 from agglom_mpi.report.figures import convergence, ensembles, search_space
 from agglom_mpi.report.figures.utilisation import (
-    Leg,
     busy_time,
     legs_of,
     utilisation,
@@ -55,22 +54,23 @@ def test_a_running_objective_passes_through_what_the_search_decided(data):
 def test_the_campaigns_own_rule_ends_an_ensemble_where_the_campaign_did(data):
     for string in rank_strings(data).order:
         result = rank_strings(data).results[string]
-        own = ensembles.stopping_points(data, string)[0]
-        assert own.rule.startswith("this campaign's: half-width ≤ 0.03")
+        rule, samples = ensembles.stopping_points(data, string)[0]
+        assert rule.startswith("this campaign's: half-width ≤ 0.03")
         used = result["samples_used"] - result["failed"]
         if result["hit_maximum"]:  # with the fresh samples it may hold after all
-            assert own.samples is None or own.samples >= used
+            assert samples is None or samples >= used
         else:
-            assert own.samples == used
+            assert samples == used
 
 
 def test_paths_are_those_of_the_best_strings_and_stay_in_the_box(data):
     for path in search_space.variable_paths(data):
         ids = data.generation_rows()["best_string"]
-        assert path.best.tolist() == [data.values([i], path.name)[0] for i in ids]
+        assert path.best.tolist() == [data.values([i], path.variable.name)[0] for i in ids]
         assert (path.least <= path.best).all()
         assert (path.best <= path.most).all()
-        assert path.lower <= path.evaluated.min() <= path.evaluated.max() <= path.upper
+        assert path.variable.lower <= path.evaluated.min()
+        assert path.evaluated.max() <= path.variable.upper
 
 
 def test_samples_simulated_again_are_the_recorded_ones(data):
@@ -114,7 +114,7 @@ def test_busy_time_is_the_time_in_which_work_overlaps_each_interval():
 
 
 def test_ranks_that_always_work_are_fully_utilised():
-    legs = [Leg(100.0, 200.0, 2), Leg(500.0, 520.0, 2)]
+    legs = [(100.0, 200.0, 2), (500.0, 520.0, 2)]
     finished = np.concatenate([np.arange(101.0, 201.0), np.arange(501.0, 521.0)])
     both, rank = np.tile(finished, 2), np.repeat([0, 1], len(finished))
     found = utilisation(legs, both, np.ones(len(both)), rank)
@@ -134,7 +134,7 @@ def test_a_leg_that_was_killed_lasts_until_its_last_sample():
         [("started", float), ("stopped", float), ("ranks", int)],
     )
     legs = legs_of(rows, np.array([12.0, 31.0, 55.0]))
-    assert legs == [Leg(10.0, 31.0, 2), Leg(50.0, 60.0, 4)]
+    assert legs == [(10.0, 31.0, 2), (50.0, 60.0, 4)]
 
 
 def test_the_utilisation_is_that_of_the_recorded_legs(data):

@@ -41,7 +41,8 @@ def test_curves_begin_with_the_grains_and_end_with_the_predictions(measured_file
     best = int(open_campaign(measured_file).best()["string"][0])
     curve = panels(measured_file, string=best)["mean diameter by number (µm)"].lines[0]
     assert curve.get_xdata() == pytest.approx([0.0, 2.0, 5.0])  # ms
-    mean, left = string_predictions(read_campaign(measured_file), best).values[-2:]
+    _, values, _ = string_predictions(read_campaign(measured_file), best)
+    mean, left = values[-2:]
     assert curve.get_ydata()[[0, -1]] == pytest.approx([100.0, 1e6 * mean])
     assert panels(measured_file)["particles left"].lines[0].get_ydata()[[0, -1]] == pytest.approx(
         [1.0, left]

@@ -18,7 +18,7 @@ pytest.importorskip("matplotlib")
 
 from matplotlib.figure import Figure
 
-from agglom_mpi.report.figures.data_fit import DrawnValues
+from agglom_mpi.report.figures.data_fit import Prediction
 from agglom_mpi.report.figures.figure import FigureOptions, figures
 from agglom_mpi.report.figures.posterior_figures import (
     pair_density,
@@ -159,10 +159,11 @@ def test_a_true_value_of_no_searched_variable_is_refused(data, posterior, truth)
 
 def test_intervals_of_draws_are_their_quantiles():
     draws = np.linspace(0.0, 1.0, 1001)[:, None] * np.array([1.0, 2.0])
-    found = DrawnValues("posterior", draws).interval(np.array([[1.0, 1.0], [0.0, 1.0]]))
-    assert found.middle == pytest.approx([1.5, 1.0])
-    assert found.low == pytest.approx([0.075, 0.05])
-    assert found.high == pytest.approx([2.925, 1.95])
+    found = Prediction("posterior", draws).interval(np.array([[1.0, 1.0], [0.0, 1.0]]))
+    middle, low, high = found
+    assert middle == pytest.approx([1.5, 1.0])
+    assert low == pytest.approx([0.075, 0.05])
+    assert high == pytest.approx([2.925, 1.95])
 
 
 def test_predictions_stand_beside_all_data_with_their_p_values(data, posterior):

@@ -7,14 +7,16 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from agglom_mpi.formatting import without_nan
 from agglom_mpi.inference.expected_volume import ExpectedVolume
 from agglom_mpi.inference.next_measurement import NextMeasurement, NextMeasurements
 from agglom_mpi.measurements.datum import Datum, datum_name
 from agglom_mpi.measurements.quantities import AssumedError
 from agglom_mpi.report.figures.figure import figures
 from agglom_mpi.report.figures.next_measurement import MAX_BARS, draw_next
-from agglom_mpi.report.next_summary import MAX_SHOWN, PosteriorRequest, next_as_list, next_text
+from agglom_mpi.report.posterior_summary import MAX_MEASUREMENTS, next_text
 from agglom_mpi.report.sections.section import plain_text
+from agglom_mpi.report.set_files import PosteriorRequest
 
 FIVE = AssumedError(0.05, is_relative=True)
 
@@ -55,12 +57,12 @@ def test_a_volume_that_is_not_resolved_is_an_upper_bound(found):
 
 def test_what_has_no_room_in_the_table_is_counted(found):
     text = plain_text(next_text(found, ""), 120)
-    assert sum("by mass at" in line for line in text.splitlines()) == MAX_SHOWN - 1
-    assert str(len(found.ranked) - MAX_SHOWN) in text.splitlines()[-1]
+    assert sum("by mass at" in line for line in text.splitlines()) == MAX_MEASUREMENTS - 1
+    assert str(len(found.ranked) - MAX_MEASUREMENTS) in text.splitlines()[-1]
 
 
 def test_json_and_csv_have_every_measurement(found, tmp_path):
-    rows = json.loads(json.dumps(next_as_list(found), allow_nan=False))
+    rows = json.loads(json.dumps(without_nan(found.records()), allow_nan=False))
     assert [row["measurement"] for row in rows] == [each.name for each in found.ranked]
     assert rows[2]["expected_volume"] == 0.031
     assert rows[2]["error"] == pytest.approx(2e-4)
