@@ -21,13 +21,14 @@ from agglom_mpi.accuracy.study import (
 from agglom_mpi.accuracy.time_integration.control_volume import control_volume_part
 from agglom_mpi.accuracy.time_integration.ensemble import ensemble_part
 from agglom_mpi.accuracy.time_integration.extremes import extremes_part, read_scenes
+from agglom_mpi.accuracy.time_integration.search_history import history_part
 from agglom_mpi.accuracy.time_integration.steps import StudiedScene, steps_part
 from agglom_mpi.analysis.tables import time_on_free_core, wall_over_cpu
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import CampaignError, Problem
 from agglom_mpi.formatting import format_duration, in_unit, pluralise
-from agglom_mpi.storage.reader import CampaignData
+from agglom_mpi.storage.reader import CampaignData, read_inversion
 from agglom_mpi.variables import TEN, volume_fraction
 
 if TYPE_CHECKING:
@@ -46,6 +47,8 @@ class StudySize(NamedTuple):
         Of every time stepper, number of particles and end time.
     pool : int
         Of the event engine: the pool that ensembles are drawn from.
+    again : int
+        Fresh samples of every string that a search held for the best.
     extreme : int
         Of every extreme scene.
     budget : float
@@ -54,12 +57,13 @@ class StudySize(NamedTuple):
 
     samples: int
     pool: int
+    again: int
     extreme: int
     budget: float
 
 
-QUICK: Final = StudySize(samples=60, pool=300, extreme=4, budget=5e7)
-FULL: Final = StudySize(samples=1000, pool=4000, extreme=20, budget=4e9)
+QUICK: Final = StudySize(samples=60, pool=300, again=60, extreme=4, budget=5e7)
+FULL: Final = StudySize(samples=1000, pool=4000, again=400, extreme=20, budget=4e9)
 
 
 def accuracy(options: StudyOptions, world: "Intracomm | None") -> int:
@@ -77,13 +81,13 @@ def scene_study(options: StudyOptions) -> Stages:
     Raises
     ------
     CampaignError
-        If a source or a value cannot be used.
+        If a source, a value or the history cannot be used.
     """
     require_report()
     size = QUICK if options.quick else FULL
     if options.samples is not None:
         pool = max(size.pool, options.samples)
-        size = size._replace(samples=options.samples, pool=pool)
+        size = size._replace(samples=options.samples, pool=pool, again=options.samples)
     campaign, scenes = _read_sources(options)
     facts, chapters = list[str](), dict[str, list[StudyPart]]()
     if campaign is not None:
@@ -95,6 +99,9 @@ def scene_study(options: StudyOptions) -> Stages:
         if refused := scene_error(Setup(scene.campaign, scene.parameters, 1)):
             raise CampaignError(Problem(scene.campaign.name, None, "scene", refused))
         parts = [steps_part(scene), ensemble_part(scene), control_volume_part(scene)]
+        if options.history:
+            history = read_inversion(options.history, options.allow_code)
+            parts.append(history_part(history, size.again, campaign.user_function))
         chapters["Error against run time"] = parts
     if scenes:
         scenes = {name: closed(each, each.parameters())[0] for name, each in scenes.items()}
@@ -131,9 +138,10 @@ def _read_sources(options: StudyOptions) -> tuple[Campaign | None, dict[str, Cam
                 message = "is a directory without any scene; allowed: one with *.yaml files"
                 raise CampaignError(Problem(source, None, "SOURCE", message))
             scenes |= found
-    if options.settings and not files:
-        message = "is for a scene or campaign; all sources are directories"
-        raise CampaignError(Problem("agglom accuracy", None, "--set", message))
+    for option, given in (("--set", options.settings), ("--history", options.history)):
+        if given and not files:
+            message = "is for a scene or campaign; all sources are directories"
+            raise CampaignError(Problem("agglom accuracy", None, option, message))
     return load_campaign(files[0], options.allow_code) if files else None, scenes
 
 

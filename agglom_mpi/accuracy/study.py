@@ -344,6 +344,7 @@ class StudyOptions(NamedTuple):
     settings: Mapping[str, float | str]
     samples: int | None = None
     quick: bool = False
+    history: str | None = None
     max_walltime: float | None = None
     quiet: bool = False
     accept_code_change: bool = False
@@ -360,6 +361,8 @@ class StudyOptions(NamedTuple):
             words += ["--set", f"{name}={value}"]
         if self.samples is not None:
             words += ["--samples", str(self.samples)]
+        if self.history is not None:
+            words += ["--history", self.history]
         flags = {"--allow-code": self.allow_code, "--quick": self.quick, "--answer": self.answer}
         words += [flag for flag, given in flags.items() if given]
         return words if self.map is None else [*words, "--map", self.map]

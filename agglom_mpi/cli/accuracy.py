@@ -20,7 +20,8 @@ from agglom_mpi.cli.common import (
 @click.command(
     epilog=examples(
         "agglom accuracy jobs/quickstart.yaml --quick --out accuracy",
-        "mpirun -n 2 agglom accuracy jobs/accretion_2003.yaml --out study",
+        "mpirun -n 2 agglom accuracy jobs/accretion_2003.yaml --history accretion_2003.h5 "
+        "--out study",
         "mpirun -n 2 agglom accuracy jobs/accuracy/answer_quick.yaml --answer --out answer",
         "agglom accuracy jobs/accretion_2003.yaml jobs/extremes --out maps --map collapse,heat",
     )
@@ -30,6 +31,9 @@ from agglom_mpi.cli.common import (
 @click.option("--quick", is_flag=True, help="Use few set-ups and samples; takes under a minute.")
 @SETTINGS
 @click.option("--samples", type=click.IntRange(2, 10**6), help="Number of samples per set-up.")
+@click.option(
+    "--history", metavar="FILE.h5", help="Also re-estimate the best strings of this campaign file."
+)
 @click.option(
     "--answer",
     is_flag=True,
@@ -64,6 +68,8 @@ def accuracy(**options: Any) -> None:
     """
     if options["answer"]:
         _check_answer(options)
+    elif options["map"] is not None and options["history"] is not None:
+        raise click.UsageError("--history is for a study without --map")
 
     def run(world: Any) -> int:
         from agglom_mpi.accuracy.command import accuracy
@@ -76,7 +82,7 @@ def accuracy(**options: Any) -> None:
 
 def _check_answer(options: dict[str, Any]) -> None:
     """Raise a UsageError if there are options that an answer study does not take."""
-    others = ("quick", "settings", "samples", "map")
+    others = ("quick", "settings", "samples", "history", "map")
     given = ["--set" if name == "settings" else f"--{name}" for name in others if options[name]]
     if given or len(options["sources"]) != 1:
         wrong = f"not {', '.join(given)}" if given else f"not {len(options['sources'])}"

@@ -5,6 +5,7 @@ import shutil
 import subprocess
 
 import h5py
+import numpy as np
 import pytest
 from agglom_here import agglom_here
 from campaign_runs import environment, need_mpirun
@@ -43,7 +44,7 @@ def folder(shared_campaign, tmp_path_factory):
 @pytest.fixture(scope="module")
 def studied(folder):
     """Return that folder with the quick study of both."""
-    done = run(folder, "small.yaml", "--quick", "--samples", 12, "-o", "a")
+    done = run(folder, "small.yaml", "--quick", "--samples", 12, "--history", "small.h5", "-o", "a")
     assert done.returncode == 0, done.stderr
     assert done.stdout == ""
     return folder
@@ -64,24 +65,27 @@ def test_the_report_has_every_section_with_its_figures_and_tables(studied):
         "Time integration",
         "Ensemble",
         "Control volume and end time",
+        "Inversion",
     ):
         assert f"### {title}" in text
     assert text.startswith("# Accuracy: Quickstart")
-    assert "`agglom accuracy small.yaml --out a --samples 12 --quick`" in text
+    assert "`agglom accuracy small.yaml --out a --samples 12 --history small.h5 --quick`" in text
     for line in text.splitlines():
         if line.startswith("!["):
             picture = line.rpartition("(")[2].rstrip(")")
             assert (studied / "a" / picture).stat().st_size > 1000
             assert (studied / "a" / picture).with_suffix(".svg").exists()
-    assert {"time_integration", "box_particles"} <= {
+    assert {"time_integration", "box_particles", "inversion", "inversion_history"} <= {
         path.stem for path in (studied / "a").glob("*.csv")
     }
 
 
-@pytest.mark.parametrize("command", ["report", "simulate --string 0"])
+@pytest.mark.parametrize("command", ["report", "simulate --string 0", "accuracy -o b --history"])
 @pytest.mark.slow
 def test_a_study_has_no_best_strings_to_be_shown_or_replayed(studied, command):
-    done = agglom_here(studied, *command.split(), "a/samples.h5")
+    words = [*command.split(), "a/samples.h5"]
+    words += ["small.yaml"] if "accuracy" in command else []
+    done = agglom_here(studied, *words)
     expected = "a/samples.h5: holds the samples of an accuracy study, not an inversion's\n"
     assert (done.returncode, done.stdout, done.stderr) == (2, "", expected)
 
@@ -124,11 +128,26 @@ def test_a_forged_sample_of_a_study_is_found_by_its_digest(studied, tmp_path):
 
 
 @pytest.mark.slow
+def test_strings_are_estimated_again_on_samples_that_no_decision_has_seen(studied):
+    history = read_campaign(studied / "small.h5")
+    again = read_campaign(studied / "a" / "samples.h5")
+    number = next(
+        int(row["string"])
+        for row in again.string_rows()
+        if row["string"] == len(again.string_rows()) - 1
+    )
+    fresh = again.sample_rows(number)["mean_radius_ratio"]
+    seen = history.all_sample_rows()["mean_radius_ratio"]
+    assert len(fresh) == 12
+    assert not np.isin(fresh, seen).any()
+
+
+@pytest.mark.slow
 def test_a_finished_study_only_writes_its_report_again(studied):
     report = studied / "a" / "report.md"
     samples = (studied / "a" / "samples.h5").read_bytes()
     report.unlink()
-    arguments = ("small.yaml", "--quick", "--samples", 12, "-o", "a")
+    arguments = ("small.yaml", "--quick", "--samples", 12, "--history", "small.h5", "-o", "a")
     done = run(studied, *arguments)
     assert done.returncode == 0, done.stderr
     assert "nothing to do" in done.stderr
@@ -139,7 +158,7 @@ def test_a_finished_study_only_writes_its_report_again(studied):
 @pytest.mark.slow
 def test_ranks_and_a_stop_in_between_change_no_sample(studied):
     need_mpirun()
-    arguments = ("small.yaml", "--quick", "--samples", 12, "-o", "b")
+    arguments = ("small.yaml", "--quick", "--samples", 12, "--history", "small.h5", "-o", "b")
     stopped = run(studied, *arguments, "--max-walltime", "0.01", ranks=2)
     assert stopped.returncode == 75, stopped.stderr
     assert not (studied / "b" / "report.md").exists()
@@ -163,6 +182,7 @@ def test_another_study_in_the_same_directory_is_refused(studied):
     [
         (["nowhere.yaml", "-o", "x"], "nowhere.yaml: no such file"),
         (["small.yaml", "-o", "x", "--set", "density=heavy"], "density: is the text 'heavy'"),
+        (["small.yaml", "-o", "x", "--history", "no.h5"], "no.h5: No such file or"),
         (["small.yaml", "-o", "small.h5"], "small.h5: File exists"),
         (["small.yaml", "-o", "x", "--set", "activation_energy=1e9"], "scene: "),
     ],

@@ -15,6 +15,8 @@ NEXT = ["report", "tiny.h5", "--out", "OUT", "--posterior", "--what-next", "--wh
         (["simulate", "tiny.h5", "--string", "0", "--strict"], "--strict"),
         (["simulate", "tiny.yaml", "--samples", "2", "--sample", "0"], "--samples"),
         (["plan", "tiny.yaml", "--from", "tiny.h5", "--seconds", "20"], "--seconds"),
+        (["accuracy", "tiny.yaml", "-o", "OUT", "--map", "--history", "tiny.h5"], "--history"),
+        (["accuracy", "SCENES", "-o", "OUT", "--history", "tiny.h5"], "--history"),
         (["accuracy", "SCENES", "-o", "OUT", "--set", "density=6000"], "--set"),
         (["export", "tiny.h5", "--compact", "OUT", "--unused"], "--unused"),
         (["report", "tiny.h5", "--feasible-set", "--posterior"], "--posterior"),

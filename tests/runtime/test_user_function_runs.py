@@ -11,6 +11,7 @@ from campaign_runs import assert_same, decisions, finish, invert, state
 from click.testing import CliRunner
 from user_function_runs import WORTH, write_own
 
+from agglom_mpi.accuracy.time_integration import search_history
 from agglom_mpi.cli import main
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import CampaignError
@@ -169,6 +170,16 @@ def test_a_forecast_takes_the_samples_of_the_same_function_only(agglom, own):
         (own / "shape.py").write_text(source)
     assert done.exit_code == 2
     assert "own.h5: objective.call: " in done.stderr
+
+
+def test_strings_are_estimated_again_with_the_unchanged_function_only(own):
+    history = read_campaign(own / "own.h5")
+    code = load_campaign(own / "own.yaml", allow_code=True).user_function
+    setups = search_history.history_part(history, 5, code).setups
+    assert all(setup.campaign.user_function == code for setup in setups.values())
+    for other in (None, code._replace(sha256="0" * 64)):
+        with pytest.raises(CampaignError, match="a function that is not run from a file: give"):
+            search_history.history_part(history, 5, other)
 
 
 def test_a_resume_with_the_same_source_ends_as_one_run_does(own, tmp_path):
