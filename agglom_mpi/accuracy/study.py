@@ -384,24 +384,29 @@ def run_stages(
     program
         Called on rank 0 alone; may raise the user's mistakes.
     count
-        Number of its stages, as every rank knows from the options.
+        Number of its stages, as every rank knows from the options; without any, nothing is run.
     """
     display, found = StudyDisplay(options.quiet), list[CampaignData]()
     stages, stop = program(), StopRequest(options.max_walltime)
 
+    def advance() -> tuple[str, Study]:
+        return stages.send(found[-1]) if found else next(stages)
+
     def read() -> RunRequest:
-        name, study = stages.send(found[-1]) if found else next(stages)
+        name, study = advance()
         path = Path(options.out) / name
         check_writable(path)
         return RunRequest(study, path, options.accept_code_change, options.database)
 
     def finish(request: RunRequest) -> None:
         found.append(read_campaign(request.path, options.allow_code))
-        if len(found) < count:
-            return
-        display.message("writing the report")
+        if len(found) == count:
+            display.message("writing the report")
+            write()
+
+    def write() -> None:
         try:
-            stages.send(found[-1])
+            advance()
         except StopIteration as end:
             display.message(f"{end.value} with its figures and tables")
 
@@ -409,4 +414,6 @@ def run_stages(
         code = run_on_all_ranks(read, display, finish, world, stop=stop)
         if code != FINISHED:
             return code
+    if count == 0 and (world is None or world.rank == 0):
+        write()
     return FINISHED

@@ -1,6 +1,5 @@
 """`agglom accuracy`: measure error against run time."""
 
-import sys
 from typing import Any
 
 import click
@@ -13,6 +12,7 @@ from agglom_mpi.cli.common import (
     SETTINGS,
     accept_code_change,
     examples,
+    exit_with,
     run_connected,
 )
 
@@ -45,7 +45,7 @@ from agglom_mpi.cli.common import (
     flag_value="all",
     metavar="[PLANE,...]",
     help="Map where each method breaks, in the given planes or in all: softening, heat, collapse, "
-    "masses, scale.",
+    "masses, scale, impact, cooling.",
 )
 @MAX_WALLTIME
 @QUIET
@@ -77,7 +77,7 @@ def accuracy(**options: Any) -> None:
 
         return accuracy(StudyOptions(**options), world)
 
-    sys.exit(run_connected(run))
+    exit_with(run_connected)(run=run)
 
 
 def _check_answer(options: dict[str, Any]) -> None:

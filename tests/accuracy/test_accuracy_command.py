@@ -239,3 +239,10 @@ def test_an_unknown_plane_is_one_message(folder):
     assert "collapse" in done.stderr
     assert "Traceback" not in done.stderr
     assert not (folder / "x").exists()
+
+
+def test_laws_alone_are_mapped_without_any_sample(folder):
+    done = run(folder, "small.yaml", "--quick", "--map", "cooling", "-o", "laws")
+    assert done.returncode == 0, done.stderr
+    assert (folder / "laws" / "map_cooling.png").stat().st_size > 1000
+    assert not list((folder / "laws").glob("*.h5"))

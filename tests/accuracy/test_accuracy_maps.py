@@ -6,11 +6,11 @@ from accuracy_rows import frame_of, made_up
 from matplotlib.figure import Figure
 
 from agglom_mpi.accuracy.maps.cells import Cell
-from agglom_mpi.accuracy.maps.command import plane_names
+from agglom_mpi.accuracy.maps.command import needs_samples, plane_names
 from agglom_mpi.accuracy.maps.plane_map import COLLAPSE, REFUSED, MapSize, PlaneMap
 from agglom_mpi.accuracy.maps.planes import DEFAULT, LASTING, PLANES, points
 from agglom_mpi.accuracy.maps.scene import file_text, map_scene
-from agglom_mpi.accuracy.maps.section import map_section
+from agglom_mpi.accuracy.maps.section import plane_section
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import CampaignError
@@ -167,7 +167,7 @@ def test_the_section_has_the_numbers_of_its_cells():
 
     found = collapse_map(rows)
     lines = {"fixed, 200 steps": "agglom simulate cell.yaml"}
-    section = map_section(found, {}, lines)
+    section = plane_section(found, {}, lines)
     table = frame_of(section.tables[0]).set_index("method")
     assert table.loc["fixed, 200 steps", "sound"] == 0.0
     assert table.loc[DEFAULT, "sound"] == pytest.approx(3.0 / 4.0)
@@ -185,4 +185,9 @@ def test_the_section_has_the_numbers_of_its_cells():
 def test_an_unknown_plane_is_named_with_what_is_allowed():
     with pytest.raises(CampaignError, match=r"is 'colapse'; allowed: all, softening"):
         plane_names("heat,colapse")
-    assert plane_names("all") == tuple(PLANES)
+    assert plane_names("all") == (*PLANES, "impact", "cooling")
+
+
+def test_the_names_of_planes_tell_whether_anything_is_simulated():
+    for names, expected in (("impact,cooling", False), ("impact,heat", True), ("all", True)):
+        assert needs_samples(names) == expected

@@ -6,7 +6,7 @@ from typing import ClassVar
 import pytest
 
 from agglom_mpi import load_campaign
-from agglom_mpi.accuracy.maps.planes import PLANES
+from agglom_mpi.accuracy.maps.cooling import grain_of, linear_limit
 from agglom_mpi.config.describe import missing_fields
 from agglom_mpi.physics import scales
 from agglom_mpi.physics.contact import CompressionRecoveryDuration, Duration
@@ -112,7 +112,8 @@ def test_a_cooling_law_without_euler_steps_is_exact_with_every_engine(campaign, 
     assert "time of last cooling" not in missing_fields(with_law(campaign, cooling=law))
 
 
-def test_the_map_of_heat_asks_a_law_for_its_rate(campaign, value):
-    scene = with_law(campaign, cooling=NewtonianCooling())
-    across, _ = PLANES["heat"].point(scene, value)
-    assert across == scales.collision_rate(scene, value) / 0.5
+def test_the_study_of_cooling_asks_a_law_for_its_rest_and_its_longest_step(campaign):
+    scene = with_law(campaign, cooling=NewtonianCooling()).build(campaign.parameters())
+    grain = grain_of(scene)
+    assert grain.rest == 300.0
+    assert linear_limit(grain, 400.0) == 2.0

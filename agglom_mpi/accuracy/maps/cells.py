@@ -1,11 +1,12 @@
-"""Cells of a map of two numbers, and what becomes of a method in one.
+"""A map of two numbers: its axes, its cells, and what becomes of a method in one.
 
 Cells are squares of the unit square, refined where a value changes. Those of level l have the edge
 1/(grid·2^l). A cell with children is no leaf; the leaves cover the square.
 """
 
+from abc import ABC
 from collections.abc import Collection, Iterator, Mapping
-from typing import Any, Final, NamedTuple
+from typing import Any, ClassVar, Final, NamedTuple
 
 import numpy as np
 
@@ -126,3 +127,67 @@ class CellResult(NamedTuple):
     def resolved(self) -> bool:
         """Whether the error is larger than what chance makes it."""
         return bool(abs(self.error) > RESOLVED * self.standard_error)
+
+
+class MapPlane(ABC):
+    """Two numbers that a map varies, and how it shows errors.
+
+    Attributes
+    ----------
+    name, title
+        As a command line and a report name it.
+    x, y
+        Its axes.
+    error, ends
+        Label and ends of the scale of the errors.
+    """
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+    x: ClassVar[Axis]
+    y: ClassVar[Axis]
+    error: ClassVar[str] = "relative error of mean b/b⁰"
+    ends: ClassVar[tuple[float, float]] = (1e-3, 1.0)
+
+    def shown_error(self, result: CellResult) -> float:
+        """Return the magnitude of a resolved error; nan where there is none to show."""
+        return abs(result.error) if result.resolved else np.nan
+
+
+class CellMap:
+    """The cells of a plane by every method.
+
+    Parameters
+    ----------
+    plane
+        What is mapped.
+    grid
+        Number of cells of level 0 along a side.
+
+    Attributes
+    ----------
+    results
+        Of each method, the default one first, its cells.
+    """
+
+    def __init__(self, plane: MapPlane, grid: int) -> None:
+        self.plane, self.grid = plane, grid
+        self.results: dict[str, dict[Cell, CellResult]] = {}
+
+    def numbers(self, cell: Cell) -> tuple[float, float]:
+        """Return the two numbers at the centre of a cell."""
+        across, up = cell.centre(self.grid)
+        return self.plane.x.value(across), self.plane.y.value(up)
+
+    def refined(self, level: int) -> dict[str, list[Cell]]:
+        """Return the cells of a level at the edges of each method's soundness."""
+        return {
+            method: [
+                child
+                for cell in edge_cells(
+                    {cell: result.sound for cell, result in own.items()}, self.grid, level - 1
+                )
+                for child in cell.children()
+            ]
+            for method, own in self.results.items()
+        }

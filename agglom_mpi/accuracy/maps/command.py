@@ -10,10 +10,11 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from agglom_mpi.accuracy.maps.laws import LAW_PLANES, law_section
 from agglom_mpi.accuracy.maps.plane_map import FULL, QUICK, MapSize, PlaneMap
 from agglom_mpi.accuracy.maps.planes import PLANES
 from agglom_mpi.accuracy.maps.scene import Values, file_text, map_scene
-from agglom_mpi.accuracy.maps.section import map_section
+from agglom_mpi.accuracy.maps.section import plane_section
 from agglom_mpi.accuracy.report import require_report, write_document
 from agglom_mpi.accuracy.study import Setup, Stages, Study, StudyOptions, closed, run_stages
 from agglom_mpi.accuracy.time_integration.extremes import read_scenes
@@ -44,7 +45,8 @@ def map_accuracy(options: StudyOptions, world: "Intracomm | None") -> int:
     size = QUICK if options.quick else FULL
     if options.samples is not None:
         size = size._replace(samples=options.samples)
-    return run_stages(options, world, lambda: map_study(options, size), size.levels)
+    levels = size.levels if needs_samples(options.map or ALL) else 0
+    return run_stages(options, world, lambda: map_study(options, size), levels)
 
 
 def map_study(options: StudyOptions, size: MapSize) -> Stages:
@@ -66,21 +68,17 @@ def map_study(options: StudyOptions, size: MapSize) -> Stages:
     source = load_campaign(files[0], options.allow_code)
     scene = map_scene(source, options.settings, size.grains, size.budget)
     scenes = dict(_points(source, options))
-    maps, refusals = [], list[str]()
-    for name in names:
-        refusal = PLANES[name].refusal(scene)
-        if refusal and options.map != ALL:
-            raise CampaignError(Problem(files[0], None, f"--map {name}", refusal))
-        if refusal:
-            refusals.append(f"{name}: {refusal}")
-        else:
-            maps.append(PlaneMap(PLANES[name], scene, size))
-    if not maps:
-        raise CampaignError(Problem(files[0], None, f"--map {ALL}", "; ".join(refusals)))
+    maps = []
+    for plane in (PLANES[name] for name in names if name in PLANES):
+        refusal = plane.refusal(scene)
+        if not refusal:
+            maps.append(PlaneMap(plane, scene, size))
+        elif options.map != ALL:
+            raise CampaignError(Problem(files[0], None, f"--map {plane.name}", refusal))
     directory = Path(options.out)
     directory.mkdir(parents=True, exist_ok=True)
     seconds, samples, stage = 0.0, 0, None
-    for level in range(size.levels):
+    for level in range(size.levels if maps else 0):
         setups: dict[str, Setup] = {}
         for plane_map in maps:
             setups |= plane_map.setups(level)
@@ -93,7 +91,11 @@ def map_study(options: StudyOptions, size: MapSize) -> Stages:
         rows = file.all_sample_rows()
         seconds, samples = seconds + float(time_on_free_core(rows).sum()), samples + len(rows)
     sections = [
-        map_section(each, scenes, dict(_reproduced(each, directory, size.samples))) for each in maps
+        plane_section(each, scenes, dict(_reproduced(each, directory, size.samples)))
+        for each in maps
+    ]
+    sections += [
+        law_section(LAW_PLANES[name](scene), options.quick) for name in names if name in LAW_PLANES
     ]
     spent = f"{pluralise(samples, 'sample')}, {format_duration(seconds)} of processor time"
     title = f"Stability maps: {source.title or source.name}"
@@ -118,15 +120,20 @@ def _reproduced(plane_map: PlaneMap, directory: Path, samples: int) -> Iterator[
         yield method, f"agglom simulate {shlex.quote(str(path))} --samples {samples}"
 
 
+def needs_samples(planes: str) -> bool:
+    """Return whether anything is to be simulated for a list of planes, as every rank knows."""
+    return any(name.strip() not in LAW_PLANES for name in planes.split(","))
+
+
 def plane_names(text: str) -> tuple[str, ...]:
-    """Return the planes that a list of names, separated by commas, asks for.
+    """Return the planes and laws that a list of names, separated by commas, asks for.
 
     Raises
     ------
     CampaignError
         If one is unknown.
     """
-    known = tuple(PLANES)
+    known = (*PLANES, *LAW_PLANES)
     if text == ALL:
         return known
     names = tuple(name.strip() for name in text.split(","))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.accuracy.maps.cells import Axis, Cell, CellResult, leaves
+from agglom_mpi.accuracy.maps.cells import Cell, CellMap, CellResult, MapPlane, leaves
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -28,11 +28,6 @@ POINT_STYLES: Final[Mapping[bool, Mapping[str, Any]]] = {
 """How scenes are marked, and rows of a paper, whose names are like `[A] row 1`."""
 
 
-ERROR_LABEL: Final = "relative error of mean b/b⁰"
-ERROR_ENDS: Final = (1e-3, 1.0)
-"""Ends of the scale of the errors."""
-
-
 def map_size(panels: int) -> tuple[float, float]:
     """Return width and height of a figure of some panels, inches."""
     rows, columns = _layout(panels)
@@ -47,37 +42,33 @@ def _layout(panels: int) -> tuple[int, int]:
 
 def draw_map(
     figure: "matplotlib.figure.Figure",
-    sides: tuple[Axis, Axis],
-    grid: int,
-    results: Mapping[str, Mapping[Cell, CellResult]],
+    found: CellMap,
     points: Mapping[str, NDArray[np.float64]],
 ) -> None:
     """Draw a map.
 
     Parameters
     ----------
-    sides
-        Its axes across and up, logarithmic.
-    grid
-        Number of cells of level 0 along a side.
-    results
-        Cells of each method, which has a panel.
+    found
+        Its cells by each method, which has a panel; both axes are logarithmic.
     points
         Scenes to be marked where they lie on the map, by name, (2,).
     """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import LogNorm
 
+    plane, results = found.plane, found.results
+    sides = plane.x, plane.y
     rows, columns = _layout(len(results))
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
-    colours = ScalarMappable(LogNorm(*ERROR_ENDS), "Blues")
+    colours = ScalarMappable(LogNorm(*plane.ends), "Blues")
     low, high = (np.array([side.value(end) for side in sides]) for end in (0.0, 1.0))
     shown = {n: at for n, at in points.items() if (low <= at).all() and (at <= high).all()}
     panels = [{cell: own[cell] for cell in leaves(own)} for own in results.values()]
-    found = [result for cells in panels for result in cells.values()]
-    kinds = list(dict.fromkeys(result.trouble for result in found if result.trouble))
+    shown_results = [result for cells in panels for result in cells.values()]
+    kinds = list(dict.fromkeys(each.trouble for each in shown_results if each.trouble))
     for ax, method, cells in zip(axes.flat, results, panels, strict=False):
-        _draw_panel(ax, sides, grid, cells, kinds, colours)
+        _draw_panel(ax, plane, found.grid, cells, kinds, colours)
         ax.set_title(method, fontsize="small")
         for name, place in shown.items():
             style = POINT_STYLES[name.startswith("[")]
@@ -90,8 +81,8 @@ def draw_map(
         axes[(len(results) - 1 - column) // columns, column].tick_params(labelbottom=True)
     figure.supxlabel(sides[0].label, fontsize="medium")
     figure.supylabel(sides[1].label, fontsize="medium")
-    figure.colorbar(colours, ax=axes, label=ERROR_LABEL, extend="both", shrink=0.8)
-    _add_legend(figure, kinds, shown, any(result.excuse for result in found))
+    figure.colorbar(colours, ax=axes, label=plane.error, extend="both", shrink=0.8)
+    _add_legend(figure, kinds, shown, any(each.excuse for each in shown_results))
 
 
 def _plain_ticks(ax: Any) -> None:
@@ -104,7 +95,7 @@ def _plain_ticks(ax: Any) -> None:
 
 def _draw_panel(
     ax: Any,
-    sides: tuple[Axis, Axis],
+    plane: MapPlane,
     grid: int,
     cells: Mapping[Cell, CellResult],
     kinds: Sequence[str],
@@ -116,8 +107,8 @@ def _draw_panel(
     # Beginning, middle and end of the cells on both axes, shape (2, n, 3).
     places = np.array([[(cell.column, cell.row), (cell.edge(grid),) * 2] for cell in cells])
     ends = (places[:, 0, :, None] + [0.0, 0.5, 1.0]) * places[:, 1, :, None]
-    x, y = (side.value(ends[:, i]) for i, side in enumerate(sides))
-    errors = np.array([abs(each.error) if each.resolved else np.nan for each in cells.values()])
+    x, y = (side.value(ends[:, i]) for i, side in enumerate((plane.x, plane.y)))
+    errors = np.array([plane.shown_error(each) for each in cells.values()])
     shown = np.where(np.isnan(errors)[:, None], 1.0, colours.to_rgba(np.nan_to_num(errors)))
     corners: Any = np.stack([x[:, [0, 2, 2, 0]], y[:, [0, 0, 2, 2]]], axis=-1)
     levels = np.array([cell.level for cell in cells])

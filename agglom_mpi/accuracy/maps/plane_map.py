@@ -5,7 +5,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.accuracy.maps.cells import Cell, CellResult, edge_cells, first_cells, leaves
+from agglom_mpi.accuracy.maps.cells import Cell, CellMap, CellResult, first_cells, leaves
 from agglom_mpi.accuracy.maps.planes import DEFAULT, Plane
 from agglom_mpi.accuracy.maps.scene import MapScene
 from agglom_mpi.accuracy.soundness import (
@@ -59,44 +59,22 @@ QUICK: Final = MapSize(grid=4, levels=2, samples=4, grains=40, budget=2000, quic
 FULL: Final = MapSize(grid=6, levels=3, samples=5, grains=100, budget=3000, quick=False)
 
 
-class PlaneMap:
+class PlaneMap(CellMap):
     """The cells of one plane by every method, level by level.
 
     Parameters
     ----------
     plane, scene, size
         What is mapped, and how finely.
-
-    Attributes
-    ----------
-    results
-        Of each method, the default one first, its cells.
     """
 
+    plane: Plane
+
     def __init__(self, plane: Plane, scene: MapScene, size: MapSize) -> None:
-        self.plane = plane
+        super().__init__(plane, size.grid)
         self.size = size
-        self.results: dict[str, dict[Cell, CellResult]] = {}
         self._scene = scene
         self._campaigns: dict[Cell, dict[str, Campaign] | str] = {}
-
-    def numbers(self, cell: Cell) -> tuple[float, float]:
-        """Return the two numbers at the centre of a cell."""
-        across, up = cell.centre(self.size.grid)
-        return self.plane.x.value(across), self.plane.y.value(up)
-
-    def refined(self, level: int) -> dict[str, list[Cell]]:
-        """Return the cells of a level at the edges of each method's soundness."""
-        return {
-            method: [
-                child
-                for cell in edge_cells(
-                    {cell: result.sound for cell, result in own.items()}, self.size.grid, level - 1
-                )
-                for child in cell.children()
-            ]
-            for method, own in self.results.items()
-        }
 
     def campaign(self, cell: Cell, method: str) -> Campaign | None:
         """Return the scene of a cell by a method; None if it is refused."""
@@ -114,7 +92,7 @@ class PlaneMap:
             If every cell is refused.
         """
         if level == 0:
-            first = first_cells(self.size.grid)
+            first = first_cells(self.grid)
             found = [self._methods(cell) for cell in first]
             known = next((methods for methods in found if not isinstance(methods, str)), None)
             if known is None:

@@ -6,14 +6,15 @@ in a plane but where `excuse` says so.
 """
 
 import math
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.accuracy.maps.cells import Axis
+from agglom_mpi.accuracy.maps.cells import Axis, MapPlane
+from agglom_mpi.accuracy.maps.cooling import grain_of
 from agglom_mpi.accuracy.maps.scene import MapScene, Values
 from agglom_mpi.accuracy.study import with_scene
 from agglom_mpi.accuracy.time_integration.published_method import as_published
@@ -51,24 +52,16 @@ CEILING: Final = 1000.0
 """Longest over shortest adaptive step, as published [B 6.14]."""
 
 
-class Plane(ABC):
+class Plane(MapPlane):
     """Two dimensionless numbers, or a length and a speed, that a map varies.
 
     Attributes
     ----------
-    name, title
-        As a command line and a report name it.
-    x, y
-        Its axes.
     remedy
         Name of the method that must be sound where the default one is excused; empty if none is.
     """
 
     remedy: ClassVar[str] = ""
-    name: ClassVar[str]
-    title: ClassVar[str]
-    x: ClassVar[Axis]
-    y: ClassVar[Axis]
 
     def refusal(self, scene: MapScene) -> str:
         """Return why a scene has no such plane; empty if it has one."""
@@ -185,8 +178,8 @@ class Heat(Plane):
         share = heat * math.pi * built.radius**2 / content
         if built.cooling is None:
             return math.inf, share
-        surface, capacity = 4.0 * math.pi * built.radius**2, built.mass * built.laws.heat_capacity
-        slope = rate_slope(built.cooling.law, values["temperature"], surface, capacity)
+        law, surface, capacity, _ = grain_of(built)
+        slope = rate_slope(law, values["temperature"], surface, capacity)
         rate = scales.collision_rate(section, values)
         return (rate / slope if slope > 0.0 else math.inf), share
 
