@@ -85,6 +85,11 @@ def _section(scene: StudiedScene, samples: Mapping[str, Rows]) -> ReportSection:
     )
     figures = [
         Drawing(
+            "box_particles",
+            "Mean growth against the number of particles, with 95 % bands.",
+            lambda figure: _draw(figure, sizes, "particles", "number of particles N"),
+        ),
+        Drawing(
             "box_finite_size",
             "Bias of mean growth against the limit of many grains with 95 % bands, standard "
             "deviation of one sample, and processor time × variance of a sample over that of "
@@ -95,7 +100,7 @@ def _section(scene: StudiedScene, samples: Mapping[str, Rows]) -> ReportSection:
         Drawing(
             "box_end_time",
             "Mean growth against the end time, with 95 % bands.",
-            lambda figure: _draw_end_times(figure, times),
+            lambda figure: _draw(figure, times, "end time (s)", "end time T (s)"),
         ),
     ]
     tables = [
@@ -202,12 +207,13 @@ BOX_COLUMNS: Final = (
 )
 
 
-def _draw_end_times(figure: "matplotlib.figure.Figure", times: "pd.DataFrame") -> None:
-    mean, half, ends = times["mean b/b0"], times["half width"], times["end time (s)"]
-    curve = Curve("mean b/b⁰", ends, mean, mean - half, mean + half)
-    scales = ("log", "linear")
-    axes = draw_curves(figure, [curve], "end time T (s)", "mean b/b⁰", scales=scales)
-    axes.set_xticks(list(ends), [_plain(value) for value in ends])
+def _draw(
+    figure: "matplotlib.figure.Figure", frame: "pd.DataFrame", column: str, label: str
+) -> None:
+    mean, half = frame["mean b/b0"], frame["half width"]
+    curve = Curve("mean b/b⁰", frame[column], mean, mean - half, mean + half)
+    axes = draw_curves(figure, [curve], label, "mean b/b⁰", scales=("log", "linear"))
+    axes.set_xticks(list(frame[column]), [_plain(value) for value in frame[column]])
     axes.minorticks_off()
 
 

@@ -181,6 +181,13 @@ def _figures(
         axes.plot(count, best, "k--", linewidth=1.0, label="number fixed beforehand")
         axes.legend(frameon=False, fontsize="small")
 
+    def belief(figure: "matplotlib.figure.Figure") -> None:
+        believed = "relative error that the tolerance stands for"
+        axes = draw_curves(figure, _curves(rules, "error believed"), believed, wrong)
+        axes.axline((1e-2, 1e-2), (1e-3, 1e-3), color="0.5", linewidth=0.8)
+        axes.legend(frameon=False, fontsize="small", loc="upper left")
+        axes.set_ylim(top=5.0 * rules["rms error"].max())
+
     def coverage(figure: "matplotlib.figure.Figure") -> None:
         curves, label = (
             _curves(rules, "samples, mean", "coverage"),
@@ -191,6 +198,7 @@ def _figures(
 
     return (
         Drawing("ensemble_error", sentences.paragraph("error_caption"), error),
+        Drawing("ensemble_belief", sentences.paragraph("belief_caption"), belief),
         Drawing("ensemble_coverage", sentences.paragraph("coverage_caption"), coverage),
     )
 

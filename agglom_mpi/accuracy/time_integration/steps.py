@@ -92,6 +92,7 @@ FLOORS: Final = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 QUICK_FLOORS: Final = (1e-2, 1e-3)
 CAPS: Final = (1000.0, 10.0, 1.0)
 """Longest over shortest adaptive step; the first is published [B 6.14]."""
+AXIS: Final = "processor time of a sample (s)"
 STEP: Final = "shortest step (s)"
 """Column of the shortest step, nan for the published methods, whose steps are not varied."""
 TOLERANCES: Final = (0.05, 0.01, 0.002)
@@ -207,13 +208,20 @@ def _section(scene: StudiedScene, samples: Mapping[str, Rows]) -> ReportSection:
         failed=[row for _, row in frame[frame["failed"] > 0].iterrows()],
         overlaps=steps.groupby("method", sort=False)["overlaps per sample"].max().items(),
     )
-    figure = Drawing(
-        "time_integration_error",
-        sentences.paragraph("error_caption"),
-        lambda figure: _draw_error(figure, steps, cost[TIME]),
-    )
+    figures = [
+        Drawing(
+            "time_integration",
+            sentences.paragraph("bias_caption"),
+            lambda figure: _draw_signed(figure, steps, cost[TIME]),
+        ),
+        Drawing(
+            "time_integration_error",
+            sentences.paragraph("error_caption"),
+            lambda figure: _draw_error(figure, steps, cost[TIME]),
+        ),
+    ]
     table = frame_table(frame, "One row is one set-up.", "time_integration", METHOD_COLUMNS)
-    return sentences.section("Time integration", [figure], [table])
+    return sentences.section("Time integration", figures, [table])
 
 
 def measured_methods(scene: StudiedScene, samples: Mapping[str, Rows]) -> "pd.DataFrame":
@@ -279,20 +287,34 @@ METHOD_COLUMNS: Final = (
 )
 
 
-def _draw_error(figure: "matplotlib.figure.Figure", frame: "pd.DataFrame", cost: float) -> None:
+def _draw_signed(figure: "matplotlib.figure.Figure", frame: "pd.DataFrame", cost: float) -> None:
     curves = []
-    for method, rows in frame.groupby("method", sort=False):
-        low, high = (rows[name] for name in QUARTILES)
-        error = 100.0 * _bound(rows)
-        curves.append(Curve(str(method), rows[TIME], error, cost_low=low, cost_high=high))
-    label = "|bias| of mean b/b⁰, at most (%)"
-    axes = draw_curves(figure, curves, "processor time of a sample (s)", label)
+    for curve, rows in _curves(frame):
+        bias, half = 100.0 * rows["relative bias"], 100.0 * rows["relative half width"]
+        curves.append(curve._replace(error=bias, low=bias - half, high=bias + half))
+    axes = draw_curves(figure, curves, AXIS, "bias of mean b/b⁰ (%)", scales=("log", "linear"))
+    axes.axhline(0.0, color="0.5", linewidth=0.8)
+    axes.plot([cost], [0.0], "k*", markersize=9, label="event")
+    axes.legend(frameon=False, fontsize="small")
+
+
+def _draw_error(figure: "matplotlib.figure.Figure", frame: "pd.DataFrame", cost: float) -> None:
+    curves = [curve for curve, _ in _curves(frame)]
+    axes = draw_curves(figure, curves, AXIS, "|bias| of mean b/b⁰, at most (%)")
     # No error has no place on a logarithmic axis: the star stands on its lower end.
     axes.axvline(cost, color="k", linewidth=0.8, linestyle=":")
     bottom = axes.get_xaxis_transform()
     event = "event, no error in time"
     axes.plot([cost], [0.0], "k*", markersize=9, label=event, transform=bottom, clip_on=False)
     axes.legend(edgecolor="none", fontsize="small")  # opaque over the spreads of times
+
+
+def _curves(frame: "pd.DataFrame") -> Iterator[tuple[Curve, "pd.DataFrame"]]:
+    """Yield the curve of each method's errors against the time of a sample, with its rows."""
+    for method, rows in frame.groupby("method", sort=False):
+        low, high = (rows[name] for name in QUARTILES)
+        error = 100.0 * _bound(rows)
+        yield Curve(str(method), rows[TIME], error, cost_low=low, cost_high=high), rows
 
 
 def _bound(rows: "pd.DataFrame") -> "pd.Series":
