@@ -12,6 +12,7 @@ from rules import difference, ensemble_of, half_width, settled_moments
 from agglom_mpi.accuracy.time_integration import stopping_study
 from agglom_mpi.accuracy.time_integration.ensemble import ensemble_section
 from agglom_mpi.accuracy.time_integration.stopping_study import (
+    FIRST_MOMENT,
     OWN,
     PUBLISHED_TOLERANCES,
     WITH_ERROR,
@@ -19,6 +20,7 @@ from agglom_mpi.accuracy.time_integration.stopping_study import (
     at_stop,
     families,
     of_rules,
+    pooled_moments,
     proportion,
     root_mean_square,
     run_paths,
@@ -34,8 +36,6 @@ from agglom_mpi.search.studied_rules import STUDIED_RULES
 from agglom_mpi.statistics import t_95
 
 GRAINS = 60
-FIRST_MOMENT = "successive difference, mean radius"
-"""Name of a studied rule, which the moments rule of order 1 is too."""
 CAMPAIGN = """
 title: A pool to draw from
 seed: 5
@@ -129,8 +129,7 @@ def test_moments_of_a_path_are_those_of_all_its_particles():
             row[f"radius_moment_{order}"] = np.mean((radii - radii.mean()) ** order)
     everyone = np.concatenate(groups)
     expected = [np.mean((everyone - everyone.mean()) ** order) for order in (2, 3, 4)]
-    paths = run_paths(pool, growth_target(), np.arange(len(pool))[:, None])
-    assert [moment[-1, 0] for moment in paths.central] == pytest.approx(expected, rel=1e-12)
+    assert pooled_moments(pool)[1:] == pytest.approx(expected, rel=1e-12)
 
 
 def test_the_first_moment_alone_is_the_successive_difference_of_the_mean_radius():

@@ -13,6 +13,7 @@ from agglom_mpi.accuracy.answer.answer_report import (
     answer_section,
     draw_factor,
     expected_times,
+    last_answers,
     sentence,
     times_of,
     verdict,
@@ -69,6 +70,13 @@ def test_expected_times_are_those_of_the_first_answers_within_a_target(study):
     assert ratio["default", 0.1] == 1.0
 
 
+def test_the_last_answers_are_what_users_would_publish(study):
+    frame = last_answers(study, answers(study, ERRORS)).set_index("setting")
+    assert frame.loc["default", "error, mean"] == pytest.approx((0.2 + 0.05) / 2)
+    assert frame.loc["default", "last answer within the target"] == 0.5
+    assert frame.loc["Sobol points", "error, most"] == 0.3
+
+
 @pytest.mark.parametrize(
     ("ratio", "word"),
     [
@@ -107,10 +115,10 @@ def test_a_section_has_all_targets_that_are_resolved_or_says_which_are_not(study
     assert section.failures == ("Targets below the resolution of 0.05: 0.01.",)
     assert [figure.name for figure in section.figures] == ["answer_searches"]
     tables = {table.name: table for table in section.tables}
-    assert set(tables) == {"answers", "expected_run_times", "compared"}
+    assert set(tables) == {"answers", "expected_run_times", "last_answers", "compared"}
     assert len(section.conclusions) == len(frame_of(tables["compared"])) == len(study.settings)
     for table in tables.values():
-        assert not table.columns or all(line[0] and all(line[2:]) for line in table.cells)
+        assert not table.columns or all(all(line[1:]) for line in table.cells)
 
 
 def test_labels_of_a_figure_do_not_overlap(study):

@@ -24,7 +24,7 @@ from agglom_mpi.accuracy.study import StudyOptions
 from agglom_mpi.analysis.tables import wall_over_cpu
 from agglom_mpi.config.answer_study import DEFAULT, AnswerStudy, file_stem
 from agglom_mpi.display.table import Column
-from agglom_mpi.formatting import format_digits, format_duration, format_seconds
+from agglom_mpi.formatting import format_digits, format_duration, format_percent, format_seconds
 from agglom_mpi.report.drawing import COLOURS, Drawing, log_ticks, style_axes
 from agglom_mpi.storage.reader import CampaignData
 
@@ -77,7 +77,7 @@ def write_answer_report(
 
 def answer_section(study: AnswerStudy, answers: Answers, times: Sequence[Times]) -> ReportSection:
     """Return the section on all settings."""
-    expected = expected_times(study, times)
+    expected, last = expected_times(study, times), last_answers(study, answers)
     compared = expected[expected["target"] == study.compared]
     place = study.targets.index(study.compared)
     small = [f"{target:g}" for target in study.targets if target < answers.resolution]
@@ -94,6 +94,7 @@ def answer_section(study: AnswerStudy, answers: Answers, times: Sequence[Times])
     what = f"Expected cost of an error of at most {study.compared:g}: one row is one setting."
     tables = [
         frame_table(compared, what, "compared", EXPECTED_COLUMNS),
+        frame_table(last, "The answers at the end of the runs.", "last_answers", LAST_COLUMNS),
         frame_table(expected, "One row is one setting and target.", "expected_run_times"),
         frame_table(answers.frame, "One row is one generation of a run.", "answers"),
     ]
@@ -114,10 +115,9 @@ def answer_section(study: AnswerStudy, answers: Answers, times: Sequence[Times])
 
 def times_of(study: AnswerStudy, answers: Answers) -> list[Times]:
     """Return the times of all settings, the default first."""
-    found, frame = [], answers.frame
-    for setting in study.settings:
-        own = (frame["factor"] == setting.factor) & (frame["setting"] == setting.name)
-        runs = [rows for _, rows in frame[own].groupby("seed", sort=True)]
+    found = []
+    for frame in answers.by_setting(study):
+        runs = [rows for _, rows in frame.groupby("seed", sort=True)]
         errors = [rows["bound"].to_numpy(np.float64) for rows in runs]
         costs = {cost: [rows[cost].to_numpy(np.float64) for rows in runs] for cost in COSTS}
         found.append(
@@ -155,6 +155,28 @@ def expected_times(study: AnswerStudy, times: Sequence[Times]) -> "pd.DataFrame"
 def band_names(name: str) -> tuple[str, str, str]:
     """Return the columns of a value and its band."""
     return name, f"{name}, low", f"{name}, high"
+
+
+def last_answers(study: AnswerStudy, answers: Answers) -> "pd.DataFrame":
+    """Return the error of the last answer of each setting over its runs: mean, least and most."""
+    import pandas as pd
+
+    rows = []
+    for setting, frame in zip(study.settings, answers.by_setting(study), strict=True):
+        last = frame.groupby("seed").last()
+        within = float((last["bound"] <= study.compared).mean())
+        rows.append(
+            {
+                "factor": setting.factor,
+                "setting": setting.name,
+                "error, mean": last["error"].mean(),
+                "error, least": last["error"].min(),
+                "error, most": last["error"].max(),
+                "last answer within the target": within,
+                **{f"{cost}, mean": last[cost].mean() for cost in COSTS},
+            }
+        )
+    return pd.DataFrame(rows)
 
 
 def band_text(band: Band, form: str = "number") -> str:
@@ -199,11 +221,23 @@ def _expected(row: Any, cost: str) -> Band:
 
 
 EXPECTED_COLUMNS: Final = (
-    Column("setting", text=True),
     Column("factor", text=True),
-    Column("runs that reach it"),
+    Column("setting", text=True),
     RowColumn("samples", format=lambda row: band_text(_expected(row, COST_SAMPLES))),
     RowColumn("processor time", format=lambda row: band_text(_expected(row, COST_SECONDS), "time")),
+)
+LAST_COLUMNS: Final = (
+    Column("setting", text=True),
+    Column("error, mean", format=format_digits),
+    RowColumn(
+        "least to most",
+        format=lambda row: " to ".join(
+            format_digits(row[f"error, {end}"]) for end in ("least", "most")
+        ),
+    ),
+    Column("last answer within the target", "within the target", format=format_percent),
+    Column(f"{COST_SAMPLES}, mean", "samples", format=".0f"),
+    Column(f"{COST_SECONDS}, mean", "time", format=lambda time: f"{time:.3g} s"),
 )
 
 

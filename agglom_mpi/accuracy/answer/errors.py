@@ -1,7 +1,7 @@
 """Errors of the answers of all runs of a study, by samples that no run has used."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple
 
@@ -62,6 +62,14 @@ class Answers(NamedTuple):
     quantity: str
     reference: str
     resolution: float
+
+    def by_setting(self, study: AnswerStudy) -> "Sequence[pd.DataFrame]":
+        """Return the rows of each setting, in the order of the study."""
+        frame = self.frame
+        return [
+            frame[(frame["factor"] == setting.factor) & (frame["setting"] == setting.name)]
+            for setting in study.settings
+        ]
 
 
 class FreshSamples(Study):

@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
+FIRST_MOMENT: Final = "successive difference, mean radius"
+"""Name of a studied rule, which the moments rule of order 1 is too."""
+
 WITH_ERROR: Final = "standard error"
 """Name of the studied rule whose tolerance is a half-width."""
 
@@ -51,6 +54,11 @@ class EstimatePaths(NamedTuple):
     deviation: Floats
     standard_error: Floats
     central: tuple[Floats, Floats, Floats]
+
+    @property
+    def moments(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """Moments 1 to 4 as stopping rules compare them."""
+        return (self.mean, *self.central)
 
     @property
     def states(self) -> EnsembleState[Floats]:
@@ -108,6 +116,13 @@ def at_stop(values: Floats, stops: Stops) -> Floats:
     return values[stops.used - 1, np.arange(values.shape[1])]
 
 
+def pooled_moments(pool: np.ndarray) -> Floats:
+    """Return mean b^f/b⁰ over samples and pooled central moments 2, 3, 4 of a pool, shape (4,)."""
+    everyone = np.arange(len(pool))[:, None]
+    central = [float(moment[-1, 0]) for moment in _pooled(pool, everyone)]
+    return np.array([float(np.mean(pool["mean_radius_ratio"])), *central])
+
+
 def _member(values: Floats) -> float:
     """Return the median, or the value above it, which is a member of `values`."""
     return float(np.sort(values)[len(values) // 2])
@@ -158,12 +173,15 @@ class Truth(NamedTuple):
         Mean of the objective's signed deviation; the objective is its magnitude.
     slope
         Change of the deviation with b^f/b⁰, positive.
+    moments
+        Mean and pooled central moments 2, 3, 4, shape (4,).
     """
 
     mean: float
     spread: float
     deviation: float
     slope: float
+    moments: Floats
 
 
 def truth_of(pool: np.ndarray, objective: RadiusObjective) -> Truth:
@@ -175,6 +193,7 @@ def truth_of(pool: np.ndarray, objective: RadiusObjective) -> Truth:
         spread=float(np.std(ratio)),
         deviation=float(np.mean(objective.deviation(ratio))),
         slope=abs(float(ends[1] - ends[0])),
+        moments=pooled_moments(pool),
     )
 
 
@@ -242,6 +261,8 @@ def evaluate(
     bound = nominal_error(rule, truth)
     error = at_stop(paths.mean, stops) / truth.mean - 1.0
     rms, low, high = root_mean_square(error)
+    place = rule.highest_moment - 1
+    highest = at_stop(paths.moments[place], stops) / truth.moments[place]
     factor = np.array([t_95(used - 1) for used in stops.used.tolist()])
     half_width = factor * at_stop(paths.standard_error, stops)
     covered = np.abs(at_stop(paths.deviation, stops) - truth.deviation) <= half_width
@@ -260,6 +281,7 @@ def evaluate(
         "rms error, low": low,
         "rms error, high": high,
         "median error": float(np.median(np.abs(error))),
+        "rms error, highest moment": root_mean_square(highest - 1.0)[0],
         "stopped by luck": lucky,
         "stopped by luck, standard error": lucky_error,
         "coverage": coverage,
