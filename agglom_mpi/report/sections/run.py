@@ -19,7 +19,6 @@ from agglom_mpi.report.sections.section import (
     folded,
     note,
     section,
-    shown,
     warning,
 )
 from agglom_mpi.storage.reader import CampaignData
@@ -40,10 +39,11 @@ def search(page: Page) -> Iterator[Block | Table]:
     yield figures
     if not figures.content:
         yield note("No generation is done yet.")
-    if page.options.sensitivity:
-        from agglom_mpi.analysis.sensitivity import sensitivity_of, sensitivity_table
-
-        yield shown(sensitivity_table(*sensitivity_of(page.data)))
+    if page.options.sensitivity and "sensitivity" not in [each.name for each in figures.content]:
+        yield note(
+            "Sensitivity: too few strings, all worth the same, or a regression that predicts "
+            "nothing."
+        )
 
 
 @section(5, "Particles")
