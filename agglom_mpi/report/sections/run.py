@@ -1,6 +1,7 @@
 """Sections on the run: search, particles, samples, starts, worst samples, failures, origin."""
 
 from collections.abc import Iterator
+from contextlib import suppress
 from datetime import UTC, datetime
 from typing import Any, Final
 
@@ -21,7 +22,9 @@ from agglom_mpi.report.sections.section import (
     section,
     warning,
 )
+from agglom_mpi.search.ensemble import can_be_judged
 from agglom_mpi.storage.reader import CampaignData
+from agglom_mpi.storage.recorded_campaign import code_note, recorded_campaign
 from agglom_mpi.storage.schema import FAILURE_CAPACITY
 
 LAST: Final = 20
@@ -70,10 +73,23 @@ def samples(page: Page) -> Iterator[Block | Table]:
 def run(page: Page) -> Iterator[Block | Table]:
     """Yield how busy the ranks were, and the starts of the program."""
     yield page.figures("run")
-    if len(page.data.legs()):
-        yield legs(page.data)
-    else:
+    if not len(page.data.legs()):
         yield note("The campaign has not been started yet.")
+        return
+    yield legs(page.data)
+    ranks = int(page.data.legs()["ranks"].max())
+    employed = len(np.unique(page.data.all_sample_rows()["rank"]))
+    if 0 < employed < ranks:
+        yield note(
+            f"{employed} of {ranks} ranks simulated: there was no more work, or rank 0 had no time "
+            "for more ranks."
+        )
+    if not code_note(page.data):
+        with suppress(CampaignError):  # the section on the campaign shows that it is damaged
+            campaign = recorded_campaign(page.data)
+            judged = can_be_judged(campaign.ensemble, campaign.objective)
+            who = "the rank that simulates" if judged else "rank 0"
+            yield note(f"This version lets {who} end a string.")
 
 
 LEG_COLUMNS: Final = (
