@@ -162,7 +162,7 @@ def test_the_page_has_the_figures_of_the_set_and_the_table_beside_it(path, tmp_p
     assert grid.read_text().startswith("relative_speed (m/s),")
     page = (tmp_path / "page" / "report.html").read_text()
     assert "share of the box" in page
-    figures = ("set_pairs", "set_group", "set_reliability", "set_posterior")
+    figures = ("set_pairs", "set_marginals", "set_group", "set_reliability", "set_posterior")
     for name in figures:
         assert (tmp_path / "page" / f"{name}.png").stat().st_size > 5000
         assert f"{name}.svg" in page

@@ -1,4 +1,4 @@
-"""Where the search went: variables against generation, and the best strings."""
+"""Where the search went: variables against generation, the best strings, sensitivities."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
@@ -16,6 +16,7 @@ from agglom_mpi.report.drawing import (
     few_ticks,
     figure_legend,
     integer_ticks,
+    legend_below,
     panels,
     style_axes,
 )
@@ -25,6 +26,8 @@ from agglom_mpi.variables import Variable
 
 if TYPE_CHECKING:
     import matplotlib.figure
+
+    from agglom_mpi.analysis.sensitivity import Sensitivity
 
 Floats = NDArray[np.float64]
 
@@ -245,6 +248,28 @@ def _label_variables(ax: Any, best: BestStrings) -> None:
     ax.spines[["top", "right", "left", "bottom"]].set_visible(False)
 
 
+NamedSensitivity = tuple[Sequence[str], "Sensitivity"]
+"""Names of variables, and their Sobol indices."""
+
+
+def draw_sensitivity(ax: Any, found: NamedSensitivity) -> Any:
+    """Draw first-order and total indices of d variables as bars, and return the axes."""
+    style_axes(ax)
+    names, indices = found
+    order = np.argsort(-indices.total, kind="stable")
+    place = np.arange(len(order))
+    for shift, values, name, colour in (
+        (-0.2, indices.first_order, "alone", COLOURS[0]),
+        (0.2, indices.total, "with others", COLOURS[4]),
+    ):
+        ax.barh(place + shift, 100.0 * values[order], 0.38, color=colour, label=name)
+    ax.set_yticks(place, [label_of(names[i]) for i in order])
+    ax.invert_yaxis()
+    ax.set_xlabel("share of the variance of the objective (%)")
+    legend_below(ax)
+    return ax
+
+
 def _paths_data(data: CampaignData, _: FigureOptions) -> list[VariablePath] | None:
     paths = variable_paths(data)
     return paths if paths and len(data.generation_rows()) else None
@@ -286,6 +311,25 @@ def _best_caption(best: BestStrings) -> str:
     )
 
 
+def _sensitivity_data(data: CampaignData, options: FigureOptions) -> NamedSensitivity | None:
+    if not options.sensitivity:
+        return None
+    from agglom_mpi.analysis.sensitivity import sensitivity_of
+
+    names, indices = sensitivity_of(data)
+    return None if indices is None or not indices.predicts else (names, indices)
+
+
+def _sensitivity_caption(found: NamedSensitivity) -> str:
+    _, indices = found
+    return (
+        "Share of the variance of the objective over the search box that each variable explains "
+        f"(Sobol indices), by a regression of {indices.strings} strings; it predicts "
+        f"{indices.explained:.0%} of the variance of strings left out, noise of samples is "
+        f"{indices.noise:.0%}."
+    )
+
+
 Figure(
     "search_paths",
     "search",
@@ -314,4 +358,15 @@ Figure(
     empty="no string is judged yet",
     method="plot_best",
     meaning="Draw the best strings as lines over the search box.",
+)
+
+Figure(
+    "sensitivity",
+    "search",
+    4,
+    _sensitivity_data,
+    draw_sensitivity,
+    _sensitivity_caption,
+    lambda found: (6.0, 1.8 + 0.3 * len(found[0])),
+    empty="too few strings, all worth the same, or a regression that predicts nothing",
 )

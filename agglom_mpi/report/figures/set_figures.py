@@ -27,6 +27,7 @@ from agglom_mpi.report.figures.box_panels import (
     draw_corner,
     draw_marginal,
     pair_edges,
+    scale_axis,
     smoothed,
 )
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
@@ -43,6 +44,8 @@ Floats = NDArray[np.float64]
 
 PLOTTED_POINTS: Final = 1 << 15
 """Number of points that panels are made of."""
+MARGINAL_COLUMNS: Final = 3
+"""Maximum number of marginals side by side."""
 REACH_BARS: Final = 40
 """Number of bars of a distribution over the box."""
 AXIS_NAMES: Final = {"mean_radius_ratio": "mean b/b⁰", "objective": "value of the function"}
@@ -124,6 +127,28 @@ def _draw_pair(ax: Any, points: BoxPoints, column: str, row: str) -> Any:
         there = np.histogram2d(x[some], y[some], bins=edges)[0] > 0
         draw_contour(ax, edges, smoothed(there), 0.5, style)
     return image
+
+
+def _marginals_size(count: int) -> tuple[float, float]:
+    """Return width and height of the marginals of some variables, inches."""
+    columns = min(count, MARGINAL_COLUMNS)
+    return max(4.0, 3.0 * columns), 2.4 * -(-count // columns) + 0.4
+
+
+def draw_marginals(figure: "matplotlib.figure.Figure", shown: PlottedSet) -> Any:
+    """Draw a panel for each variable, and return their axes, shape (d,)."""
+    count = len(shown.variables)
+    columns = min(count, MARGINAL_COLUMNS)
+    rows = -(-count // columns)
+    axes = figure.subplots(rows, columns, squeeze=False).ravel()
+    for unused in axes[count:]:
+        unused.remove()
+    for place, (ax, name) in enumerate(zip(axes[:count], shown.variables, strict=True)):
+        _draw_marginal(ax, shown, name)
+        scale_axis(ax.xaxis, shown.points, name, label=True)
+        if place % columns == 0:
+            ax.set_ylabel("density over prior")
+    return axes[:count]
 
 
 def _draw_marginal(ax: Any, shown: PlottedSet, name: str) -> None:
@@ -264,9 +289,8 @@ def _pairs_caption(shown: PlottedSet) -> str:
         "The set in pairs of variables. The colour of a pair of values is the share of the other "
         "variables' values that is in the set; lines enclose pairs for which some values of the "
         f"others are possible (P ≥ {OUTER_PROBABILITY:g}, dashed) or sure "
-        f"(P ≥ {INNER_PROBABILITY:g}, solid). On the diagonal, each variable in the set "
-        "against the prior, which is uniform as the campaign searches (line at 1); free "
-        f"variables, which decide nothing, are grey.{more}"
+        f"(P ≥ {INNER_PROBABILITY:g}, solid). On the diagonal, marginals as in the next "
+        f"figure.{more}"
     )
 
 
@@ -300,6 +324,17 @@ Figure(
     draw_pairs,
     _pairs_caption,
     lambda shown: corner_size(len(shown.variables)),
+    panels=True,
+)
+Figure(
+    "set_marginals",
+    "set",
+    2,
+    plotted,
+    draw_marginals,
+    "Each variable in the set against the prior, which is uniform as the campaign searches (line "
+    "at 1). Free variables, which decide nothing, are grey.",
+    lambda shown: _marginals_size(len(shown.variables)),
     panels=True,
 )
 Figure(

@@ -1,6 +1,7 @@
 """Sections on the run: search, particles, samples, starts, worst samples, failures, origin."""
 
 from collections.abc import Iterator
+from contextlib import suppress
 from datetime import UTC, datetime
 from typing import Any, Final
 
@@ -19,10 +20,11 @@ from agglom_mpi.report.sections.section import (
     folded,
     note,
     section,
-    shown,
     warning,
 )
+from agglom_mpi.search.ensemble import can_be_judged
 from agglom_mpi.storage.reader import CampaignData
+from agglom_mpi.storage.recorded_campaign import code_note, recorded_campaign
 from agglom_mpi.storage.schema import FAILURE_CAPACITY
 
 LAST: Final = 20
@@ -40,10 +42,11 @@ def search(page: Page) -> Iterator[Block | Table]:
     yield figures
     if not figures.content:
         yield note("No generation is done yet.")
-    if page.options.sensitivity:
-        from agglom_mpi.analysis.sensitivity import sensitivity_of, sensitivity_table
-
-        yield shown(sensitivity_table(*sensitivity_of(page.data)))
+    if page.options.sensitivity and "sensitivity" not in [each.name for each in figures.content]:
+        yield note(
+            "Sensitivity: too few strings, all worth the same, or a regression that predicts "
+            "nothing."
+        )
 
 
 @section(5, "Particles")
@@ -70,10 +73,23 @@ def samples(page: Page) -> Iterator[Block | Table]:
 def run(page: Page) -> Iterator[Block | Table]:
     """Yield how busy the ranks were, and the starts of the program."""
     yield page.figures("run")
-    if len(page.data.legs()):
-        yield legs(page.data)
-    else:
+    if not len(page.data.legs()):
         yield note("The campaign has not been started yet.")
+        return
+    yield legs(page.data)
+    ranks = int(page.data.legs()["ranks"].max())
+    employed = len(np.unique(page.data.all_sample_rows()["rank"]))
+    if 0 < employed < ranks:
+        yield note(
+            f"{employed} of {ranks} ranks simulated: there was no more work, or rank 0 had no time "
+            "for more ranks."
+        )
+    if not code_note(page.data):
+        with suppress(CampaignError):  # the section on the campaign shows that it is damaged
+            campaign = recorded_campaign(page.data)
+            judged = can_be_judged(campaign.ensemble, campaign.objective)
+            who = "the rank that simulates" if judged else "rank 0"
+            yield note(f"This version lets {who} end a string.")
 
 
 LEG_COLUMNS: Final = (
