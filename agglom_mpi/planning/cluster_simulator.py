@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from agglom_mpi.judge import Judge, samples_needed
 from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.planning.forecast import FREE, MAX_SIMULATED, Forecast, MessageCosts
-from agglom_mpi.scheduling.estimators import RANGE_SECONDS
 from agglom_mpi.scheduling.interface import ReturnedPart
 from agglom_mpi.scheduling.scheduler import Scheduler
 from agglom_mpi.search.decisions import Decision, StringEvaluated, StringsProposed
@@ -32,12 +31,14 @@ class SampleInFlight(NamedTuple):
 
     Attributes
     ----------
-    string, sample
-        Its numbers.
+    string
+        Its string.
     seconds
         Its time, s.
     needed
         Whether it is not withdrawn.
+    sample
+        Its number.
     ends
         Whether it is the last one of its task.
     leaves_out
@@ -47,9 +48,9 @@ class SampleInFlight(NamedTuple):
     """
 
     string: int
-    sample: int
     seconds: float
     needed: bool = True
+    sample: int = 0
     ends: bool = False
     leaves_out: bool = False
     begin: float = 0.0
@@ -382,8 +383,8 @@ class ClusterSimulator:
         if self._assigned > MAX_SIMULATED:
             raise TooManySamples
         seconds = drawn.seconds[first : first + count]
-        samples = [SampleInFlight(string, first + i, each) for i, each in enumerate(seconds)]
-        samples[0] = samples[0]._replace(begin=RANGE_SECONDS)
+        samples = [SampleInFlight(string, each, sample=first + i) for i, each in enumerate(seconds)]
+        samples[0] = samples[0]._replace(begin=self._costs.task)
         samples[-1] = samples[-1]._replace(ends=True, leaves_out=count < most)
         return samples
 

@@ -49,12 +49,15 @@ class MessageCosts(NamedTuple):
         Of rank 0, to evaluate and to store a sample.
     part
         Of rank 0, for the samples of one string in a message, whatever their number.
+    task
+        Of a rank, to begin and to end the samples of one string.
     """
 
     latency: float = 0.0
     message: float = 0.0
     sample: float = 0.0
     part: float = 0.0
+    task: float = 0.0
 
 
 FREE: Final = MessageCosts()

@@ -24,7 +24,7 @@ from agglom_mpi.runtime.messages import PART, RankMessage
 from agglom_mpi.runtime.silence import GoneRanks
 from agglom_mpi.runtime.stop_request import StopRequest
 from agglom_mpi.runtime.worker_pool import WorkerPool
-from agglom_mpi.scheduling.estimators import ROUND_TRIP_SECONDS
+from agglom_mpi.scheduling.estimators import RANGE_SECONDS, ROUND_TRIP_SECONDS
 from agglom_mpi.search.ensemble import judge_of
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.storage.checksums import checksums
@@ -292,4 +292,4 @@ def fitted_costs(costs: list[PollCost]) -> MessageCosts:
         table = table[excess <= OUTLIER * np.median(np.abs(excess)) + ROUNDING * table[:, 0]]
         found, _ = nnls(table[:, 1:], table[:, 0])
     message, part, sample, _ = found.tolist()
-    return MessageCosts(LATENCY, message / 2.0 + MPI_SECONDS, sample, part)
+    return MessageCosts(LATENCY, message / 2.0 + MPI_SECONDS, sample, part, RANGE_SECONDS)

@@ -37,9 +37,6 @@ BUSY_SHARE: Final = 0.4
 """Share of its time that rank 0 spends on messages, if all ranks work, above which they grow. Less
 than half, as cancellations come in bursts."""
 
-FULL_SHARE: Final = 0.8
-"""Share of its time on messages at which rank 0 is full: more ranks would only wait for it."""
-
 SAMPLE_SHARE: Final = 0.25
 """Minimum useful ratio of the cost of a message to that of its samples: longer messages would save
 less, and more of their samples turn out not to be needed."""
@@ -190,9 +187,9 @@ class BatchSizer:
         return math.sqrt(2.0 * waiting / ranks * cost / self.mean_seconds)
 
     def most_ranks(self, size: int) -> float:
-        """Return the number of ranks that fill rank 0 with messages of `size` samples."""
+        """Return the number of ranks whose messages of `size` samples take all of rank 0's time."""
         cost = self._costs.message + size * self._costs.sample
-        return max(1.0, FULL_SHARE * size * self.mean_seconds / cost) if cost else math.inf
+        return 1.0 + size * self.mean_seconds / cost if cost else math.inf
 
     def range_weight(self, ranks: int, size: int) -> float:
         """Return how much the work of rank 0 counts against a rank's, 1 … `ranks`.

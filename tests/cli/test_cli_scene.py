@@ -66,7 +66,7 @@ def test_a_scene_is_not_searched(scene, options):
         ("density: 6142", "density: 1e200", "  density", "is 1e+200; must be 0 or in size between"),
         ("size_ratio: 0.633", "size_ratio: 0.95", "  size_ratio", "0.95, a volume fraction of 0.4"),
         ("temperature: 330.7 K", "temperature: 0 K", "  temperature", "must be above absolute"),
-        ("particles: 100", "particles: 1", "  particles", "is 1; at least 2 are needed for a coll"),
+        ("particles: 100", "particles: 1", "  particles", "is 1; must be at least 2"),
         ("relative_speed: 4.3", "relative_speed: -1", "  relative_speed", "is -1; must be 0 m/s"),
     ],
 )  # fmt: skip

@@ -17,7 +17,7 @@ from agglom_mpi.storage.verify import verify_rows
 
 NUMBERS = {"particles": 10, "generations": 4, "max_samples": 12, "population": 8, "parents": 2}
 """Of a campaign with so few samples, and particles, that a run takes a moment."""
-CALLS = {"begun": 500, "enlarged": 100}
+CALLS = {"begun": 300, "enlarged": 100}
 """Calls that take room and are let fail: of a run that begins, and of one whose file grows."""
 SHARE = 40
 """One in so many of them fails, unless more are asked for."""

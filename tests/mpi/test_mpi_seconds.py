@@ -65,12 +65,21 @@ def test_a_sample_that_takes_too_long_is_failed_and_has_no_row(tmp_path, ranks):
         assert values.startswith(before[name]) or name.startswith("samples.")
 
 
+TWO_AT_ONCE = """
+import agglom_mpi.scheduling.scheduler as scheduler
+
+scheduler.MOST_JUDGED = 2
+"""
+"""Ends the run before the string of the sample is decided by others."""
+
+
 @pytest.mark.slow
 def test_a_sample_of_an_undecided_string_is_tried_again(tmp_path):
     write(tmp_path / "small.yaml")
     path = tmp_path / "small.yaml"
     path.write_text(path.read_text() + "  max_failures: 1\n")
-    with injected(hangs([(0, 1)]), *HANGS_REPLACES):
+    most = "agglom_mpi.scheduling.scheduler.MOST_JUDGED"
+    with injected(hangs([(0, 1)]) + TWO_AT_ONCE, *HANGS_REPLACES, most):
         assert invert(tmp_path, "small.yaml").returncode == 1
     assert state(tmp_path / "small.h5")[0] == "failed"
     finish(tmp_path, "small.yaml")

@@ -49,9 +49,9 @@ def told():
 silence.ALIVE_EVERY, abort_flag.LONGEST_STEP = 0.05, 5.0
 decoded, error = pool.decoded, Display.error
 
-def decoding(rank, tag, records):
+def decoding(rank, tag, records, *result):
     note(f"words-{{rank}}", str(tag))
-    return decoded(rank, tag, records)
+    return decoded(rank, tag, records, *result)
 
 def telling(self, text):
     note("said", text)

@@ -8,7 +8,9 @@ from agglom_mpi.planning.cluster_simulator import SampleInFlight, SimulatedRank
 
 TICKS = st.integers(0, 6)
 SAMPLES = st.lists(
-    st.builds(SampleInFlight, st.integers(0, 3), TICKS, st.just(True)), min_size=1, max_size=4
+    st.builds(SampleInFlight, st.integers(0, 3), TICKS, st.just(True), begin=st.just(0.0)),
+    min_size=1,
+    max_size=4,
 )
 BATCHES = st.lists(st.tuples(TICKS, SAMPLES), min_size=1, max_size=4)
 
@@ -28,7 +30,7 @@ def lived(batches, cancelled, at):
     for later, samples in batches:
         received += later
         now = max(now, received)
-        for string, seconds, _ in samples:
+        for string, seconds, *_ in samples:
             took = 0
             while took < seconds and not (string == cancelled and now >= at):
                 took, now = took + 1, now + 1
