@@ -114,8 +114,10 @@ def follow(state, ratio):
 
 @inlined
 def has_settled(before, after, tolerance):
-    """Return whether a quantity changed by at most a share of itself."""
-    return before == after or abs(after - before) <= tolerance * abs(after)
+    """Return whether a quantity changed by at most a share of itself, elementwise."""
+    # Not a strict inequality, as [A 25, 27] print it: a quantity that stays at 0 has settled, and
+    # so has an objective that stays at inf.
+    return (before == after) | (abs(after - before) <= tolerance * abs(after))
 
 
 def samples_needed(judge: Judge, completed: NDArray[np.bool_], ratios: NDArray[np.float64]) -> int:

@@ -292,7 +292,7 @@ class Coordinator:
             self._store(messages, together)
             self._hanging.learn(together.results)
         if len(together.parts):
-            self.recorder.tally.count_left_out(together.parts)
+            self.recorder.tally.add_times(together.parts)
             returned = rank_parts(messages)
             fresh = [each for each in returned if each.part.first >= self._fresh[0]]
             if len(fresh) < len(returned):

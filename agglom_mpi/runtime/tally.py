@@ -98,7 +98,7 @@ class RunTally:
     def count(self, results: NDArray[np.void]) -> None:
         """Count samples, rows of `/samples`, (n,), each once."""
         self.samples += len(results)
-        self.count_left_out(results)
+        self.add_times(results)
         self._failed += results["state"].tobytes().count(FAILED)
 
     def count_fresh(self, results: NDArray[np.void]) -> None:
@@ -107,10 +107,10 @@ class RunTally:
         for seconds in results["seconds"].tolist():
             self.fresh_times.add(seconds)
 
-    def count_left_out(self, parts: NDArray[np.void]) -> None:
-        """Count the times of parts of tasks, (n,), whose samples were not needed any more."""
-        self.busy_seconds += float(parts["seconds"].sum())
-        self.cpu_seconds += float(parts["cpu_seconds"].sum())
+    def add_times(self, records: NDArray[np.void]) -> None:
+        """Add the times of samples, or of those that parts of tasks have left out, (n,)."""
+        self.busy_seconds += float(records["seconds"].sum())
+        self.cpu_seconds += float(records["cpu_seconds"].sum())
 
 
 def _seconds_of_legs(data: CampaignData) -> float:

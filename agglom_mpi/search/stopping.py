@@ -25,7 +25,7 @@ from agglom_mpi.declaration.declared import LATER, FieldPath
 from agglom_mpi.declaration.field_types import NONE, Flag
 from agglom_mpi.declaration.needed import needed
 from agglom_mpi.formatting import pluralise
-from agglom_mpi.judge import HALF_WIDTH, MEAN_RADIUS, OBJECTIVE
+from agglom_mpi.judge import HALF_WIDTH, MEAN_RADIUS, OBJECTIVE, has_settled
 from agglom_mpi.search.racing import Racing
 from agglom_mpi.statistics import t_95
 
@@ -169,13 +169,6 @@ def rows_of(states: EnsembleState[Floats], rows: slice) -> EnsembleState[Floats]
     )
 
 
-def _settled(before: Any, after: Any, tolerance: float) -> Any:
-    """Return whether a quantity changed by at most a share of itself, elementwise."""
-    # Not a strict inequality, as [A 25, 27] print it: a quantity that stays at 0 has settled, and
-    # so has an objective that stays at inf.
-    return (before == after) | (abs(after - before) <= tolerance * abs(after))
-
-
 def _share(tolerance: float) -> str:
     return f"{tolerance:g}".replace("e-0", "e-")
 
@@ -257,8 +250,8 @@ class SuccessiveDifference(AdaptiveRule):
     def holds(self, before: EnsembleState[Any], after: EnsembleState[Any]) -> Any:
         """Compare the running means."""
         if self.quantity == "mean_radius":
-            return _settled(before.mean_radius_ratio, after.mean_radius_ratio, self.tolerance)
-        return _settled(before.objective, after.objective, self.tolerance)
+            return has_settled(before.mean_radius_ratio, after.mean_radius_ratio, self.tolerance)
+        return has_settled(before.objective, after.objective, self.tolerance)
 
 
 class Moments(AdaptiveRule):
@@ -297,12 +290,12 @@ class Moments(AdaptiveRule):
 
     def holds(self, before: EnsembleState[Any], after: EnsembleState[Any]) -> Any:
         """Compare the moments up to the order."""
-        settled = _settled(before.mean_radius_ratio, after.mean_radius_ratio, self.tolerance)
+        settled = has_settled(before.mean_radius_ratio, after.mean_radius_ratio, self.tolerance)
         for moment in range(self.order - 1):
             assert before.central_moments is not None
             assert after.central_moments is not None
             first, second = before.central_moments[moment], after.central_moments[moment]
-            settled = settled & _settled(first, second, self.tolerance)
+            settled = settled & has_settled(first, second, self.tolerance)
         return settled
 
 

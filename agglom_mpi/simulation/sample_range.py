@@ -104,12 +104,11 @@ def new_watch(
     begun: NDArray[np.float64] | None = None,
     max_seconds: float = np.inf,
     budget: float = np.inf,
-    judge: Judge | None = None,
 ) -> Watch:
-    """Return a watch; times in s."""
+    """Return a watch whose judge is never asked; times in s."""
     begun = np.zeros(1) if begun is None else begun
     limits = np.array([max_seconds, budget])
-    return Watch(abort, begun, limits, CLOCKS, new_judge() if judge is None else judge)
+    return Watch(abort, begun, limits, CLOCKS, new_judge())
 
 
 def new_results(count: int, layout: CensusLayout | None = None) -> SampleResults:
