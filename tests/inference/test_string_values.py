@@ -79,7 +79,8 @@ def test_values_of_any_quantity_at_a_time_of_the_censuses(measured):
     )
     found, turned = string_values(measured, data), string_values(measured, data[::-1])
     assert np.array_equal(found.values, turned.values[:, ::-1])
-    assert np.all(found.values[:, 1] <= 1.0)
+    rounding = 4.0 * np.finfo(float).eps  # of a mean of samples that keep all their grains
+    assert np.all(found.values[:, 1] <= 1.0 + rounding)
     early, late = (
         string_values(measured, (Datum.of_value("particles_left", 0.3, 0.1, time=time),)).values
         for time in (2e-3, None)
