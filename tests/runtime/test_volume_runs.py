@@ -17,7 +17,7 @@ from campaign_runs import (
 )
 from click.testing import CliRunner
 from once import made_once, shared_folder
-from reestimation_runs import best_by_search
+from reestimation_runs import best_by_search, fresh_rows
 from volume_runs import volume_bytes, volume_counts
 
 from agglom_mpi.analysis.file_check import check_file
@@ -189,15 +189,18 @@ def test_an_objective_that_contains_n_keeps_the_campaigns_own(tmp_path):
     text = path.read_text().replace("{law: growth_target, ratio: 2}", "maximum_growth")
     path.write_text(text)
     finish(tmp_path, "most.yaml", "-q")
-    opened = open_campaign(tmp_path / "most.h5")
+    opened, file = open_campaign(tmp_path / "most.h5"), read_campaign(tmp_path / "most.h5")
     largest = 100 ** (1 / 3)
     for row in opened.volumes.itertuples():
-        assert row.objective == pytest.approx(1.0 - row.mean_radius_ratio / largest, rel=1e-9)
+        samples = fresh_rows(file.path) if row.volume == 1 else file.volume_rows(row.volume)
+        ratios = samples["mean_radius_ratio"][samples["string"] == row.string]
+        # Samples in larger volumes may outgrow all grains of the campaign's own.
+        assert row.objective == pytest.approx(np.mean(abs(1.0 - ratios / largest)), rel=1e-9)
     for row in opened.limits.itertuples():
         # Of grains that all merge too few are left for a limit.
         assert np.isfinite(row.limit) == (row.why_no_limit == "")
         assert row.limit_objective == pytest.approx(
-            1.0 - row.limit / largest, rel=1e-9, nan_ok=True
+            abs(1.0 - row.limit / largest), rel=1e-9, nan_ok=True
         )
 
 
