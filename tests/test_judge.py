@@ -7,9 +7,9 @@ from goals import growth_target, maximum_growth
 from hypothesis import strategies as st
 from rules import difference, half_width, settled_moments
 
-from agglom_mpi.judge import MEANS, take_samples
+from agglom_mpi.judge import take_samples
 from agglom_mpi.outcome import FAILED_SUMMARY
-from agglom_mpi.search.ensemble import Ensemble, can_be_judged, judge_of
+from agglom_mpi.search.ensemble import Ensemble, can_be_judged
 from agglom_mpi.search.racing import Racing
 
 MOST = 40
@@ -21,16 +21,13 @@ RULES = [
 OBJECTIVES = [growth_target(), growth_target(1.25), maximum_growth(100.0)]
 
 
-def outcome(ratio):
-    return FAILED_SUMMARY._replace(completed=True, mean_radius_ratio=ratio, particles=10)
+def outcome(ratio, left):
+    return FAILED_SUMMARY._replace(completed=True, mean_radius_ratio=ratio, particles=left)
 
 
 def judge_from(ensemble):
     """Return a judge that goes on where an ensemble is."""
-    means = np.zeros((), MEANS)
-    ratio, deviation = ensemble._ratio, ensemble._objective.mean
-    means[()] = ratio.count, ratio.mean, deviation.mean, deviation.squares
-    return judge_of(ensemble.rule, ensemble.radius_objective, means, MOST)
+    return ensemble.judge(ensemble.means, MOST)
 
 
 @examples(
@@ -42,27 +39,26 @@ def judge_from(ensemble):
 )
 def test_a_judge_ends_a_string_where_its_ensemble_does(rule, objective, values, begin):
     ratios = np.resize(values, MOST)
+    left = np.arange(MOST) % 7 + 1
     ensemble, judge = Ensemble(rule, objective, 100), None
     for sample, ratio in enumerate(ratios.tolist()):
         if ensemble.finished:
             break
         if sample == begin:
             judge = judge_from(ensemble)
-        ensemble.add(outcome(ratio))
+        ensemble.add(outcome(ratio, int(left[sample])))
     used = ensemble.samples_used
     if judge is not None:
-        taken = take_samples(judge, np.full(MOST - begin, True), ratios[begin:])
+        taken = take_samples(judge, np.full(MOST - begin, True), ratios[begin:], left[begin:])
         assert begin + taken == used
-        assert judge.state["decided"][0] == ensemble._converged
-        assert judge.state["ratio"][0] == ensemble._ratio.mean
-        assert judge.state["deviation"][0] == ensemble._objective.mean.mean
-        assert judge.state["squares"][0] == ensemble._objective.mean.squares
+        assert judge.is_decided == ensemble._converged
+        assert judge.state[0].item()[: len(ensemble.means)] == ensemble.means
 
 
 def test_after_a_failed_sample_a_judge_ends_nothing():
     judge = judge_from(Ensemble(RULES[-1], OBJECTIVES[0], 100))
     completed = np.arange(MOST) != 3
-    assert take_samples(judge, completed, np.ones(MOST)) == MOST
+    assert take_samples(judge, completed, np.ones(MOST), np.ones(MOST, int)) == MOST
     assert judge.state["completed"][0] == 3
 
 

@@ -18,7 +18,7 @@ def compile(campaigns: tuple[str, ...], allow_code: bool) -> int:
     from agglom_mpi.compilation.kernels import cache_folder
     from agglom_mpi.config.loading import check_campaign
     from agglom_mpi.formatting import format_duration
-    from agglom_mpi.search.mean_paths import compile_loop
+    from agglom_mpi.judge import compile_loop
     from agglom_mpi.simulation.compilation import compile_kernels
 
     loaded = [check_campaign(path, allow_code) for path in campaigns]

@@ -44,7 +44,6 @@ _KERNEL_SOURCES: Final = (
     "measurements/layout.py",
     "outcome.py",
     "physics/*.py",
-    "search/mean_paths.py",
     "simulation/**/*.py",
 )
 

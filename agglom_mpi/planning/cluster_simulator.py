@@ -10,7 +10,7 @@ from typing import Final, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.judge import Judge, samples_needed
+from agglom_mpi.judge import EnsembleMeans, Judge, samples_needed
 from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.planning.forecast import FREE, MAX_SIMULATED, Forecast, MessageCosts
 from agglom_mpi.scheduling.interface import ReturnedPart
@@ -151,10 +151,11 @@ class DrawnSamples:
     def needed(self, first: int, count: int, judge: Judge) -> int:
         """Return how many of `count` samples from `first` on a judge asks for."""
         taken = 0
-        while taken < count and not judge.state["decided"][0]:
+        while taken < count and not judge.is_decided:
             rows = self.rows(first + taken, min(count - taken, max(BLOCK, taken)))
             completed = rows["state"] == COMPLETED
-            taken += samples_needed(judge, completed, rows["mean_radius_ratio"])
+            numbers = rows["mean_radius_ratio"], rows["particles"]
+            taken += samples_needed(judge, completed, *numbers)
         return taken
 
     def draw(self, count: int) -> None:
@@ -377,7 +378,8 @@ class ClusterSimulator:
             drawn = self._drawn[string] = DrawnSamples(self._workload, parameters)
         most = count
         if task["judged"]:
-            count = drawn.needed(first, count, self.inversion.judge(string, task["means"], count))
+            means = EnsembleMeans._make(task["means"].item())
+            count = drawn.needed(first, count, self.inversion.judge(string, means, count))
         drawn.draw(first + count)
         self._assigned += count
         if self._assigned > MAX_SIMULATED:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from agglom_mpi.judge import EnsembleMeans
 from agglom_mpi.planning.cluster_simulator import DrawnSamples, Workload
 from agglom_mpi.planning.forecast import MessageCosts
 from agglom_mpi.runtime.coordinator import Coordinator
@@ -188,7 +189,9 @@ class InstantRanks:
         if task["judged"]:
             campaign = self._experiment.setup(string).campaign
             objective = campaign.objective_at(task["parameters"])
-            judge = judge_of(campaign.ensemble, objective, task["means"], count)
+            means = EnsembleMeans._make(task["means"].item())
+            particles = campaign.scene.particles
+            judge = judge_of(campaign.ensemble, objective, particles, means, count)
             size = drawn.needed(first, count, judge)
         rows = drawn.rows(first, size).copy()
         rows["string"], rows["sample"] = string, np.arange(first, first + size)

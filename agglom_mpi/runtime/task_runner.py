@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.config.own_components import permitted_modules
-from agglom_mpi.judge import Judge, decides, new_judge
+from agglom_mpi.judge import EnsembleMeans, Judge, decides, new_judge
 from agglom_mpi.measurements.layout import CENSUS_COLUMNS
 from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, FailureReason, final_particles
 from agglom_mpi.random_streams import key_words
@@ -151,8 +151,8 @@ class StringScene(NamedTuple):
         """Return what ends a task that is judged, a record of `task_type`; None of others."""
         if not task["judged"]:
             return None
-        rule, count = self.setup.campaign.ensemble, int(task["count"])
-        return judge_of(rule, self.objective, task["means"], count)
+        rule, means = self.setup.campaign.ensemble, EnsembleMeans._make(task["means"].item())
+        return judge_of(rule, self.objective, self.scene.particles, means, int(task["count"]))
 
 
 def scene_of(setup: SampleSetup, parameters: NDArray[np.float64]) -> Scene:
@@ -282,7 +282,7 @@ class SampleTask(Task):
         self._judge = new_judge()
 
     def _goes_on(self) -> bool:
-        if self._judge.state["decided"][0]:
+        if self._judge.is_decided:
             self.cancel()
         return super()._goes_on()
 
@@ -383,7 +383,8 @@ class SampleTask(Task):
                 self._rows[name][at] = 0
         else:
             row = self._records[at]
-            decides(self._judge, row["state"] == COMPLETED, row["mean_radius_ratio"])
+            numbers = row["mean_radius_ratio"], row["particles"]
+            decides(self._judge, row["state"] == COMPLETED, *numbers)
             if self._final is not None:
                 self._finals.append(self._final)
         self._times[at] = *spent, time.time()

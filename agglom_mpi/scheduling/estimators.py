@@ -50,9 +50,15 @@ class MessageCostModel:
 
     A regression line through the costs of recent messages of different lengths, exponentially
     weighted. Where all have the same length, the whole cost counts as that of a message.
+
+    Attributes
+    ----------
+    message, sample
+        Cost of a message without its samples, and of a sample, s.
     """
 
     def __init__(self) -> None:
+        self.message = self.sample = 0.0
         self._messages = 0
         self._seconds = self._samples = 0.0  # means per message
         self._variance = self._covariance = 0.0
@@ -81,19 +87,10 @@ class MessageCostModel:
         self._seconds += weight * dearer
         self._variance = (1.0 - weight) * (self._variance + weight * longer**2)
         self._covariance = (1.0 - weight) * (self._covariance + weight * longer * dearer)
-
-    @property
-    def sample(self) -> float:
-        """Cost of a sample, s."""
-        if not self._variance:
-            return 0.0
-        slope = self._covariance / (self._variance + (LEAST_SPREAD * self._samples) ** 2)
-        return min(max(0.0, slope), self._seconds / self._samples)
-
-    @property
-    def message(self) -> float:
-        """Cost of a message without its samples, s."""
-        return max(0.0, self._seconds - self.sample * self._samples)
+        if self._variance:
+            slope = self._covariance / (self._variance + (LEAST_SPREAD * self._samples) ** 2)
+            self.sample = min(max(0.0, slope), self._seconds / self._samples)
+        self.message = max(0.0, self._seconds - self.sample * self._samples)
 
 
 class BatchSizer:

@@ -9,6 +9,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.judge import EnsembleMeans
 from agglom_mpi.scheduling.interface import ReturnedPart
 
 MESSAGES_IN_FLIGHT: Final = 2
@@ -25,7 +26,7 @@ class SampleRange(NamedTuple):
     string: int
     first: int
     size: int
-    means: tuple[float, ...] | None = None
+    means: EnsembleMeans | None = None
 
     def split(self, count: int) -> tuple["SampleRange", "SampleRange"]:
         """Return the first `count` samples, and the others."""

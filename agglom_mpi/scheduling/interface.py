@@ -12,7 +12,7 @@ from typing import Final, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.judge import MEANS
+from agglom_mpi.judge import MEANS, EnsembleMeans
 
 STRING_STRIDE: Final = 10**12
 """Distance of the numbers of one string in successive volumes; above any number of strings."""
@@ -77,11 +77,8 @@ class SampleDemand(Protocol):
     def progress(self, string: int) -> StringProgress | None:
         """Return the progress of an open string or one proposed ahead; None once it is complete."""
 
-    def judged_from(self, string: int) -> tuple[float, ...] | None:
-        """Return the means from which on whoever simulates a live string may end it, or None.
-
-        They are those of `judge.MEANS`.
-        """
+    def judged_from(self, string: int) -> EnsembleMeans | None:
+        """Return the means from which on whoever simulates a live string may end it, or None."""
 
     def samples_used(self, string: int) -> int:
         """Return the number of samples that a complete string has used."""

@@ -304,9 +304,10 @@ class Scheduler:
     def _first(self, queue: PriorityQueue) -> tuple[float, int]:
         """Return the highest probability of a queue, 0 if it is empty, and its string."""
         while first := queue.first():
-            if self._learnt[first[1]] == self.sample_counts.strings:
+            # Probabilities grow with what is learnt, up to 1.
+            if first[0] == 1.0 or self._learnt[first[1]] == self.sample_counts.strings:
                 return first
-            self._prioritise(first[1])  # probabilities grow with what is learnt
+            self._prioritise(first[1])
         return 0.0, -1
 
     def _next_range(self, string: int, progress: StringProgress, limit: int) -> SampleRange:

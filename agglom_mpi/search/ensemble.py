@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.judge import HALF_WIDTH, MEANS, Judge, new_judge
+from agglom_mpi.judge import HALF_WIDTH, EnsembleMeans, Judge, new_judge
 from agglom_mpi.outcome import SampleSummary
 from agglom_mpi.search.objectives.objective import Objective, RadiusAccumulator, RadiusObjective
 from agglom_mpi.search.stopping import EnsembleState, FixedNumber, StoppingRule
@@ -36,21 +36,6 @@ class EnsembleResult(NamedTuple):
     """n^f = (mean b^f/b⁰)³ [B 7.2]."""
     mean_grains: float
     """Mean over samples of grains per particle left, which is not `growth_number`."""
-
-
-class EnsembleMeans(NamedTuple):
-    """Running means of an ensemble: after each completed sample, they lead to the next ones."""
-
-    completed: int
-    """Number of completed samples."""
-    ratio: float
-    """Mean of b^f/b⁰ over samples; nan without any, as the other means."""
-    deviation: float
-    """Mean over samples of the quantity whose magnitude is the objective."""
-    squares: float
-    """Sum of the squared distances from that mean."""
-    grains: float
-    """Mean over samples of the grains per particle left."""
 
 
 class Ensemble:
@@ -119,16 +104,24 @@ class Ensemble:
     def follows_means(self) -> bool:
         """Whether completed samples may be added by `means` and `follow`, not one by one.
 
-        The objective must be one of the mean radius, the rule one without higher moments. Failed
-        samples may end an ensemble, so that they and those after them are added one by one.
+        Rule and objective must have a compiled form. Failed samples may end an ensemble, so that
+        they and those after them are added one by one.
         """
-        means_suffice = isinstance(self._objective, RadiusAccumulator)
-        return means_suffice and not (self.rule.needs_moments or self.failed or self._before[1])
+        accumulator = self._objective
+        return (
+            isinstance(accumulator, RadiusAccumulator)
+            and is_compiled(self.rule, accumulator.objective)
+            and not (self.failed or self._before[1])
+        )
 
     @property
     def has_judge(self) -> bool:
         """Whether whoever simulates the samples may end an ensemble that follows means."""
         return can_be_judged(self.rule, self.radius_objective)
+
+    def judge(self, means: EnsembleMeans, samples: int) -> Judge:
+        """Return the judge of an ensemble that follows means, as `judge_of`."""
+        return judge_of(self.rule, self.radius_objective, self.particles, means, samples)
 
     @property
     def radius_objective(self) -> RadiusObjective:
@@ -229,39 +222,44 @@ class Ensemble:
         )
 
 
-def can_be_judged(rule: StoppingRule, objective: Objective) -> bool:
-    """Return whether rule and objective have a compiled form, and nobody else ends a string.
-
-    In a race others do.
-    """
+def is_compiled(rule: StoppingRule, objective: Objective) -> bool:
+    """Return whether rule and objective have a compiled form, a `Judge`."""
     is_compiled = isinstance(objective, RadiusObjective) and objective.reference is not None
-    return is_compiled and rule.compares is not None and rule.racing is None
+    return is_compiled and rule.compares is not None
 
 
-def judge_of(rule: StoppingRule, objective: Objective, means: np.void, samples: int) -> Judge:
-    """Return what ends a string as an ensemble does that `has_judge`.
+def can_be_judged(rule: StoppingRule, objective: Objective) -> bool:
+    """Return whether whoever simulates a string may end it: in a race others do."""
+    return is_compiled(rule, objective) and rule.is_adaptive and rule.racing is None
+
+
+def judge_of(
+    rule: StoppingRule,
+    objective: Objective,
+    particles: int,
+    means: EnsembleMeans,
+    samples: int,
+) -> Judge:
+    """Return what ends a string as its ensemble does.
 
     Parameters
     ----------
-    rule, objective
-        Of the ensemble.
+    rule, objective, particles
+        Of the ensemble; they have a compiled form.
     means
-        Its running means, a record of `judge.MEANS`.
+        Its running means.
     samples
         Maximum number of further samples.
     """
     assert isinstance(objective, RadiusObjective)
-    judge = new_judge()
-    for name in MEANS.names or ():
-        judge.state[name] = means[name]
-    state = judge.state[0]
-    state["asked"], state["compares"], state["tolerance"] = True, rule.compares, rule.tolerance
-    state["fewest"], state["reference"] = rule.min_samples, objective.reference
-    state["magnitudes"] = not objective.is_magnitude
-    if rule.compares != HALF_WIDTH:
-        return judge
-    most = int(means["completed"]) + samples
-    return judge._replace(factors=_t_factors(1 << most.bit_length()))
+    judge, most = new_judge(), means.completed + samples
+    judge.state[0] = (
+        *(*means, particles, True, rule.compares, rule.tolerance, rule.min_samples),
+        *(objective.reference, not objective.is_magnitude, False),
+    )
+    if rule.compares == HALF_WIDTH:
+        return judge._replace(factors=_t_factors(1 << most.bit_length()))
+    return judge
 
 
 @cache

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.judge import Judge
+from agglom_mpi.judge import EnsembleMeans, Judge
 from agglom_mpi.outcome import SampleSummary, summaries
 from agglom_mpi.search.decisions import (
     Decision,
@@ -16,7 +16,7 @@ from agglom_mpi.search.decisions import (
     StringsProposed,
 )
 from agglom_mpi.search.ending import EndingCriterion
-from agglom_mpi.search.ensemble import Ensemble, EnsembleResult, judge_of
+from agglom_mpi.search.ensemble import Ensemble, EnsembleResult
 from agglom_mpi.search.methods.method import RunningSearch
 from agglom_mpi.search.proposals import AGAIN, Evaluations, Proposals
 from agglom_mpi.search.racing import RaceEntry, Racing
@@ -127,26 +127,19 @@ class Inversion:
             return None
         return Progress(ensemble.samples_used, ensemble.max_samples)
 
-    def judged_from(self, string: int) -> tuple[float, ...] | None:
-        """Return the means from which on whoever simulates a live string may end it, or None.
-
-        They are those of `judge.MEANS`.
-        """
+    def judged_from(self, string: int) -> EnsembleMeans | None:
+        """Return the means from which on whoever simulates a live string may end it, or None."""
         ensemble = self._live(string)
         assert ensemble is not None
         if not (ensemble.follows_means and ensemble.has_judge):
             return None
-        means = ensemble.means
-        return means.completed, means.ratio, means.deviation, means.squares
+        return ensemble.means
 
-    def judge(self, string: int, means: np.void, samples: int) -> Judge:
-        """Return what ends a string with `judged_from`, after its next `samples` at the latest.
-
-        `means` is a record of `judge.MEANS`.
-        """
+    def judge(self, string: int, means: EnsembleMeans, samples: int) -> Judge:
+        """Return what ends a string with `judged_from`, after its next `samples` at the latest."""
         ensemble = self._live(string)
         assert ensemble is not None
-        return judge_of(ensemble.rule, ensemble.radius_objective, means, samples)
+        return ensemble.judge(means, samples)
 
     def samples_used(self, string: int) -> int:
         """Return the number of samples that a complete string has used."""

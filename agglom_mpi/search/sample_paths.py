@@ -1,32 +1,21 @@
-"""Many samples at once: ensembles that follow their running means through arrays of samples.
+"""Many samples at once: ensembles take them through compiled code, as far as they need them.
 
-An ensemble's decisions depend on its samples in their order. So the running means of many ensembles
-are computed one sample after the other, by one compiled loop; then one call of the stopping rule
-decides where each of them ends.
+An ensemble's decisions depend on its samples in their order, and its judge takes those of a string
+one after the other: see `judge`.
 """
 
-from bisect import bisect_left
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.judge import EnsembleMeans, samples_needed
 from agglom_mpi.outcome import COMPLETED, SampleSummary
-from agglom_mpi.search.ensemble import Ensemble, EnsembleMeans
-from agglom_mpi.search.mean_paths import MeanPaths, mean_paths
-from agglom_mpi.search.objectives.objective import Objective, RadiusObjective
-from agglom_mpi.search.stopping import EnsembleState, StoppingRule, rows_of
+from agglom_mpi.search.ensemble import Ensemble
 
 Rows = NDArray[np.void]
-Floats = NDArray[np.float64]
-
-RATIO, DEVIATION, GRAINS = range(3)
-"""Numbers of a sample whose means are followed; see `EnsembleMeans`."""
-
-EARLIER, LATER = slice(None, -1), slice(1, None)
-"""States before and after each step of a path."""
 
 
 class SampleBatch:
@@ -43,51 +32,28 @@ class SampleBatch:
     def __init__(self, rows: Rows, summarise: Callable[[Rows], list[SampleSummary]]) -> None:
         self._rows = rows
         self._summarise = summarise
-        self._numbers: dict[tuple[int, int], tuple[Objective, Floats]] = {}
 
     @cached_property
-    def _all_completed(self) -> bool:
-        return self._rows["state"].tobytes().count(COMPLETED) == len(self._rows)
+    def _columns(self) -> tuple[NDArray[np.bool_], NDArray[np.float64], NDArray[np.int64]]:
+        """Whether each sample completed, its b^f/b⁰, and its particles left, (n,)."""
+        completed, left = self._rows["state"] == COMPLETED, self._rows["particles"]
+        if not left[completed].all():
+            raise ZeroDivisionError("a completed sample has no particles")
+        return completed, self._rows["mean_radius_ratio"].copy(), left.copy()
 
-    def completed(self, begin: int, end: int) -> bool:
-        """Return whether none of a range of samples failed."""
-        return self._all_completed or bool((self._rows["state"][begin:end] == COMPLETED).all())
-
-    def summaries(self, begin: int, end: int) -> list[SampleSummary]:
-        """Return the summaries of a range of samples."""
-        return self._summarise(self._rows[begin:end])
-
-    def numbers(self, objective: RadiusObjective, particles: int) -> Floats:
-        """Return the numbers of each sample whose means an ensemble follows, (3, n).
-
-        Parameters
-        ----------
-        objective
-            That of the ensemble.
-        particles
-            Number of particles at the start of a sample.
+    def columns(self, begin: int, end: int) -> tuple[NDArray[Any], ...]:
+        """Return what a judge takes of a range of samples.
 
         Raises
         ------
         ZeroDivisionError
             If a completed sample has no particles.
         """
-        key = id(objective), particles
-        found = self._numbers.get(key)
-        if found is None:  # with the objective, whose identity no other one gets as long as it is
-            found = self._numbers[key] = objective, self._compute_numbers(objective, particles)
-        return found[1]
+        return tuple(column[begin:end] for column in self._columns)
 
-    def _compute_numbers(self, objective: RadiusObjective, particles: int) -> Floats:
-        left, numbers = self._rows["particles"], np.empty((3, len(self._rows)))
-        numbers[RATIO] = self._rows["mean_radius_ratio"]
-        numbers[DEVIATION] = objective.deviation(numbers[RATIO])
-        if not left.all():
-            if (self._rows["state"][left == 0] == COMPLETED).any():
-                raise ZeroDivisionError("a completed sample has no particles")
-            left = np.where(left == 0, 1, left)
-        np.divide(particles, left, out=numbers[GRAINS])
-        return numbers
+    def summaries(self, begin: int, end: int) -> list[SampleSummary]:
+        """Return the summaries of a range of samples."""
+        return self._summarise(self._rows[begin:end])
 
 
 class SamplePart(NamedTuple):
@@ -108,75 +74,37 @@ NewSamples: TypeAlias = tuple[Ensemble, list[SamplePart]]
 
 def extend(batches: Sequence[NewSamples]) -> None:
     """Add samples to ensembles, to each as many as it needs; each ensemble stands there once."""
-    by_rule: dict[int, list[NewSamples]] = {}
     for ensemble, parts in batches:
-        completed = (batch.completed(begin, end) for batch, begin, end in parts)
-        if ensemble.follows_means and all(completed):
-            by_rule.setdefault(id(ensemble.rule), []).append((ensemble, parts))
-        else:
-            _add_one_by_one(ensemble, parts)
-    for group in by_rule.values():
-        _follow(group[0][0].rule, group)
+        for batch, begin, end in parts:
+            if not ensemble.finished:
+                _add(ensemble, batch, begin, end)
 
 
-def _add_one_by_one(ensemble: Ensemble, parts: list[SamplePart]) -> None:
-    for batch, begin, end in parts:
+def _add(ensemble: Ensemble, batch: SampleBatch, begin: int, end: int) -> None:
+    """Add consecutive samples to an ensemble: those after a failed one, too, one by one."""
+    if ensemble.follows_means:
+        allowed = begin + ensemble.max_samples - ensemble.samples_used
+        begin += _follow(ensemble, batch, begin, min(end, allowed))
+    if not ensemble.finished and begin < end:
         for outcome in batch.summaries(begin, end):
+            ensemble.add(outcome)
             if ensemble.finished:
                 return
-            ensemble.add(outcome)
 
 
-def _follow(rule: StoppingRule, group: list[NewSamples]) -> None:
-    """Let ensembles of one rule follow their means, each to where the rule first holds."""
-    sizes = [sum(end - begin for _, begin, end in parts) for _, parts in group]
-    paths = _paths(group, sizes)
-    ends, fewest = _where_it_holds(rule, paths), max(rule.min_samples, 2)
-    ratios, deviations, grains = paths.means
-    squares, begin = paths.squares[DEVIATION], 0
-    for (ensemble, _), size in zip(group, sizes, strict=True):
-        # One sample satisfies no rule.
-        place = bisect_left(ends, begin + max(0, fewest - ensemble.completed - 1))
-        added, allowed = size, ensemble.max_samples - ensemble.samples_used
-        converges = place < len(ends) and ends[place] < begin + size
-        if converges:
-            added = ends[place] - begin + 1
-        last = begin + min(added, allowed)
-        columns = paths.counts, ratios, deviations, squares, grains
-        means = EnsembleMeans(*[column.item(last) for column in columns])
-        ensemble.follow(means, converges and added <= allowed)
-        begin += size + 1
-
-
-def _paths(group: list[NewSamples], sizes: list[int]) -> MeanPaths:
-    """Return the running means of ensembles before and after each of their new samples."""
-    numbers = [
-        batch.numbers(ensemble.radius_objective, ensemble.particles)[:, begin:end]
-        for ensemble, parts in group
-        for batch, begin, end in parts
-    ]
-    now = [ensemble.means for ensemble, _ in group]
-    means = np.array([(each.ratio, each.deviation, each.grains) for each in now])
-    squares = np.array([(0.0, each.squares, 0.0) for each in now])
-    counts = [each.completed for each in now]
-    return mean_paths(np.concatenate(numbers, axis=1), sizes, counts, means, squares)
-
-
-def _where_it_holds(rule: StoppingRule, paths: MeanPaths) -> list[int]:
-    """Return the numbers of the steps of all paths at which a rule holds, ascending.
-
-    Step i leads from state i to state i + 1. That from the end of one path to the beginning of the
-    next has no meaning.
-    """
-    counts, ratios = paths.counts[:, None], paths.means[RATIO][:, None]
-    objectives = np.abs(paths.means[DEVIATION][:, None])
-    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        errors = np.sqrt(paths.squares[DEVIATION][:, None] / (counts - 1) / counts)
-        states = EnsembleState(counts, ratios, objectives, errors, None)
-        holds = rule.holds(rows_of(states, EARLIER), rows_of(states, LATER))
-    if isinstance(holds, np.ndarray):
-        return np.flatnonzero(holds).tolist()
-    return list(range(len(counts) - 1)) if holds else []
+def _follow(ensemble: Ensemble, batch: SampleBatch, begin: int, end: int) -> int:
+    """Let an ensemble follow its means up to the first sample that failed; return how many."""
+    completed, ratios, left = batch.columns(begin, end)
+    if not completed.all():
+        size = int(completed.argmin())
+        completed, ratios, left = completed[:size], ratios[:size], left[:size]
+    if not len(completed):
+        return 0
+    judge = ensemble.judge(ensemble.means, len(completed))
+    taken = samples_needed(judge, completed, ratios, left)
+    state = judge.state[0].item()
+    ensemble.follow(EnsembleMeans(*state[: len(EnsembleMeans._fields)]), judge.is_decided)
+    return taken
 
 
 class WaitingSamples:

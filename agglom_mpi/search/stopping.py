@@ -25,7 +25,7 @@ from agglom_mpi.declaration.declared import LATER, FieldPath
 from agglom_mpi.declaration.field_types import NONE, Flag
 from agglom_mpi.declaration.needed import needed
 from agglom_mpi.formatting import pluralise
-from agglom_mpi.judge import HALF_WIDTH, MEAN_RADIUS, OBJECTIVE, has_settled
+from agglom_mpi.judge import HALF_WIDTH, MEAN_RADIUS, NOTHING, OBJECTIVE, has_settled
 from agglom_mpi.search.racing import Racing
 from agglom_mpi.statistics import t_95
 
@@ -360,6 +360,7 @@ class FixedNumber(StoppingRule):
     tolerance: ClassVar[float] = math.nan
     racing: ClassVar[None] = None
     label: ClassVar[str] = "a fixed number of samples"
+    compares: ClassVar[int] = NOTHING
     samples: Annotated[int, Whole(at_least=1, at_most=10**6, meaning="a number of samples")]
 
     @property

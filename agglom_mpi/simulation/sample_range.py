@@ -166,7 +166,8 @@ def simulate_range(scene, room, random, draws, watch, results):
 @inlined
 def is_last(watch, record):
     """Return whether a finished sample was the last one that its string needs."""
-    return decides(watch.judge, record["state"] == result.COMPLETED, record["mean_radius_ratio"])
+    completed, ratio = record["state"] == result.COMPLETED, record["mean_radius_ratio"]
+    return decides(watch.judge, completed, ratio, record["particles"])
 
 
 @inlined

@@ -78,6 +78,14 @@ def test_long_samples_end_a_setup_at_its_budget_but_not_before_the_fewest(campai
         assert count == expected
 
 
+def test_a_budget_ends_a_setup_whose_samples_come_at_once(campaign):
+    setups = {"one": Setup(campaign, campaign.parameters(), 100)}
+    inversion = Study(campaign, setups, 4.5 * MOVES_PER_STEP * 10).inversion(None)
+    list(inversion.start())
+    list(inversion.complete(0, 0, rows_of([outcome(steps=10)] * 100)))
+    assert inversion.samples_used(0) == 5
+
+
 def test_a_setup_that_mostly_fails_is_given_up(campaign):
     ensemble = BudgetedEnsemble(Setup(campaign, campaign.parameters(), 1000), 1e9)
     while not ensemble.finished:

@@ -30,7 +30,7 @@ from agglom_mpi.runtime.worker_pool import WorkerPool
 from agglom_mpi.storage.writer import CampaignWriter
 
 try:
-    from agglom_mpi.judge import samples_needed
+    from agglom_mpi.judge import EnsembleMeans, samples_needed
     from agglom_mpi.runtime.messages import PART
     from agglom_mpi.search.ensemble import judge_of
 except ImportError:  # an earlier version, where rank 0 alone ends a string
@@ -75,10 +75,11 @@ class InstantTask:
             return RankMessage(self._runner.rank, rows)
         if self._task["judged"]:
             campaign = self._runner.experiment.campaign
-            judge = judge_of(
-                campaign.ensemble, campaign.objective, self._task["means"], self._count
-            )
-            needed = samples_needed(judge, rows["state"] == 1, rows["mean_radius_ratio"])
+            particles, means = campaign.scene.particles, self._task["means"].item()
+            rule = campaign.ensemble, campaign.objective, particles
+            judge = judge_of(*rule, EnsembleMeans._make(means), self._count)
+            numbers = rows["mean_radius_ratio"], rows["particles"]
+            needed = samples_needed(judge, rows["state"] == 1, *numbers)
             rows = rows[:needed]
         self._runner.add_checksums(rows)
         part = np.zeros(1, PART)

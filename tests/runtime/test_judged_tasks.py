@@ -29,7 +29,7 @@ def task(campaign, judged_from=None):
     batch["first"], batch["count"] = BEFORE, MOST - BEFORE
     batch["parameters"] = campaign.parameters()
     if judged_from is not None:
-        batch["judged"], batch["means"] = True, tuple(judged_from.means[:4])
+        batch["judged"], batch["means"] = True, judged_from.means
     return batch[0]
 
 

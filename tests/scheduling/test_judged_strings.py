@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scheduler_worlds import campaign, in_order, scheduler_of, simulated
 from summary_rows import rows_of
 
-from agglom_mpi.judge import take_samples
+from agglom_mpi.judge import EnsembleMeans, take_samples
 from agglom_mpi.scheduling.interface import ReturnedPart
 
 
@@ -32,8 +32,11 @@ class Ranks:
         rows = rows_of([simulated(string, parameters, first + i) for i in range(count)])
         size = count
         if task["judged"]:
-            judge = self.inversion.judge(string, task["means"], count)
-            size = take_samples(judge, np.full(count, True), rows["mean_radius_ratio"])
+            means = EnsembleMeans._make(task["means"].item())
+            judge = self.inversion.judge(string, means, count)
+            size = take_samples(
+                judge, np.full(count, True), rows["mean_radius_ratio"], rows["particles"]
+            )
         self.simulated += size
         self.ranges += 1
         return ReturnedPart(string, first, size, size < count), rows[:size]

@@ -11,9 +11,7 @@ from summary_rows import rows_of
 
 from agglom_mpi.outcome import summaries
 from agglom_mpi.search.ensemble import Ensemble
-from agglom_mpi.search.mean_paths import mean_paths
 from agglom_mpi.search.sample_paths import SampleBatch, SamplePart, extend
-from agglom_mpi.statistics import RunningMean
 
 RULES = (
     difference(1e-3),
@@ -108,39 +106,10 @@ def test_a_resampled_ensemble_follows_paths_from_where_it_was():
     assert repr(many.result()) == repr(one_by_one(single, more).result())
 
 
-@examples(50, st.integers(0, 10**6), st.lists(st.integers(0, 40), min_size=1, max_size=5))
-def test_mean_paths_have_the_bits_of_one_value_after_the_other(seed, sizes):
-    chance = np.random.default_rng(seed)
-    values = chance.normal(5.0, 2.0, (2, sum(sizes)))
-    before = chance.integers(0, 3, len(sizes)).tolist()
-    running = [[RunningMean() for _ in values] for _ in sizes]
-    for means, count in zip(running, before, strict=True):
-        for mean in means:
-            for value in chance.normal(5.0, 2.0, count):
-                mean.add(float(value))
-    starts = [
-        np.array([[getattr(mean, name) for mean in means] for means in running])
-        for name in ("mean", "squares")
-    ]
-    paths = mean_paths(values, sizes, before, *starts)
-    begin = 0
-    for ensemble, (means, size) in enumerate(zip(running, sizes, strict=True)):
-        for number, mean in enumerate(means):
-            for step in range(size + 1):
-                state = begin + ensemble + step
-                columns = paths.counts, paths.means[number], paths.squares[number]
-                found = [column[state].item() for column in columns]
-                assert repr(found) == repr([mean.count, mean.mean, mean.squares])
-                if step < size:
-                    mean.add(float(values[number, begin + step]))
-        begin += size
-
-
 def test_completed_samples_without_particles_are_an_error_and_failed_ones_have_none():
     rows = rows_of([completed(2.0, 40, (0.1, 0.01, 0.03)), failed()])
     rows["particles"][1] = 0
-    numbers = SampleBatch(rows, summaries).numbers(OBJECTIVES[0], PARTICLES)
-    assert np.isfinite(numbers[:, 0]).all()
+    assert SampleBatch(rows, summaries).columns(0, 2)[0].tolist() == [True, False]
     rows["particles"][0] = 0
     with pytest.raises(ZeroDivisionError, match="completed"):
-        SampleBatch(rows, summaries).numbers(OBJECTIVES[0], PARTICLES)
+        SampleBatch(rows, summaries).columns(0, 2)
