@@ -122,7 +122,8 @@ class FiniteSize(NamedTuple):
             return f"not resolved: at most {most:.2g} at 95 %"
         if not self.exceeds:
             return "within the standard error"
-        return f"{abs(shift.value) / error:.1f} times the standard error"
+        times, grains = abs(shift.value) / error, self.volumes[0].grains
+        return f"{times:.1f} times the standard error of the mean with {grains:,} grains"
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""

@@ -6,7 +6,7 @@ from typing import Final
 
 import click
 
-from agglom_mpi.cli.common import examples, launch
+from agglom_mpi.cli.common import HELP, examples, launch
 from agglom_mpi.launcher import is_first_rank
 from agglom_mpi.runtime.stop_request import interrupt_on_signals
 from agglom_mpi.version import __version__
@@ -48,7 +48,7 @@ class _Commands(click.Group):
         "agglom-invert jobs/quickstart.yaml",
         "agglom report quickstart.h5",
     ),
-    context_settings={"max_content_width": 100},
+    context_settings=HELP,
 )
 @click.version_option(__version__)
 def main() -> None:

@@ -31,6 +31,12 @@ from agglom_mpi.runtime.stop_request import ignore_signals
 LEAST_ADDRESS_SPACE: Final = 1 << 29
 """Minimum address space of a simulation, bytes: with less, libraries abort or hang."""
 
+HELP: Final[dict[str, Any]] = {
+    "max_content_width": 100,
+    "help_option_names": ["-h", "--help"],
+}
+"""Settings of the help of all commands."""
+
 
 def say(text: str, error: bool = False) -> None:
     """Print a text without control sequences, on standard error if asked for."""

@@ -1,5 +1,6 @@
 """`agglom explain`: what the keys of a campaign file mean."""
 
+import shutil
 import sys
 import textwrap
 from collections.abc import Iterator
@@ -13,8 +14,8 @@ from agglom_mpi.errors import UserError
 if TYPE_CHECKING:
     from agglom_mpi.config.explanation import Topic
 
-WIDTH: Final = 100
-"""Most columns of a line."""
+WIDTHS: Final = 40, 100
+"""Fewest and most columns of a line; in between, the terminal's."""
 MOST_PAGES: Final = 2
 """Number of topics of one name that are explained one by one; more are listed."""
 INDENT: Final = "  "
@@ -66,7 +67,7 @@ def _page(topic: "Topic") -> Iterator[str]:
 
     yield ".".join(topic.path)
     for paragraph in (topic.meaning, *topic.further):
-        yield from textwrap.wrap(paragraph, WIDTH, initial_indent=INDENT, subsequent_indent=INDENT)
+        yield from _wrapped(paragraph, INDENT, INDENT)
     facts = {
         "allowed": topic.allowed.replace("`", ""),
         "default": "none: it must be given" if topic.default is None else topic.default,
@@ -78,7 +79,7 @@ def _page(topic: "Topic") -> Iterator[str]:
         yield ""
         for name, text in given.items():
             first, later = f"{INDENT}{name:8s} ", INDENT + " " * 9
-            yield from textwrap.wrap(text, WIDTH, initial_indent=first, subsequent_indent=later)
+            yield from _wrapped(text, first, later)
     if keys := below(topic.path):
         yield ""
         yield from _table(keys)
@@ -98,6 +99,12 @@ def _table(topics: "list[Topic]", *, whole: bool = False) -> Iterator[str]:
         shown = "; ".join(fact for fact in facts if fact)
         text = f"{topic.meaning} ({shown})" if shown else topic.meaning
         indent = INDENT + " " * width
-        lines = textwrap.wrap(text, WIDTH, initial_indent=indent, subsequent_indent=indent)
+        lines = _wrapped(text, indent, indent)
         yield f"{INDENT}{name:{width}s}{lines[0].strip()}"
         yield from lines[1:]
+
+
+def _wrapped(text: str, first: str, later: str) -> list[str]:
+    """Return the lines of a text, indented, as wide as the terminal."""
+    width = min(max(WIDTHS[0], shutil.get_terminal_size((WIDTHS[1], 24)).columns), WIDTHS[1])
+    return textwrap.wrap(text, width, initial_indent=first, subsequent_indent=later)

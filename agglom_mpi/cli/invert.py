@@ -9,6 +9,7 @@ from agglom_mpi.cli.common import (
     ALLOW_CODE,
     DATABASE,
     GENERATIONS,
+    HELP,
     MAX_WALLTIME,
     QUIET,
     STRICT,
@@ -22,7 +23,7 @@ from agglom_mpi.version import __version__
 @click.command(
     "agglom-invert",
     epilog=examples("mpirun -n 2 agglom-invert jobs/accretion_2003.yaml"),
-    context_settings={"max_content_width": 100},
+    context_settings=HELP,
 )
 @click.argument("campaign")
 @click.option(
@@ -33,7 +34,7 @@ from agglom_mpi.version import __version__
 )
 @click.option(
     "--seed",
-    type=click.IntRange(0, 2**63 - 1),
+    type=click.IntRange(0),
     metavar="N",
     help="Seed; replaces that of the campaign. The file is then called STEM_seedN.h5.",
 )

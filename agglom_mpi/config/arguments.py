@@ -5,6 +5,7 @@ ValueError that begins with `is` and says what is allowed; the caller names the 
 """
 
 import math
+import sys
 from numbers import Integral, Real
 from typing import Any, Final, NamedTuple
 
@@ -23,11 +24,13 @@ class Amount(NamedTuple):
 
 
 def read_count(value: Any, least: int = 0) -> int:
-    """Return a whole number of at least `least`; raise a ValueError for anything else."""
-    if isinstance(value, Integral) and not isinstance(value, bool) and int(value) >= least:
+    """Return a whole number of at least `least`, of 64 bits; raise a ValueError for others."""
+    is_whole = isinstance(value, Integral) and not isinstance(value, bool)
+    if is_whole and least <= int(value) <= sys.maxsize:
         return int(value)
+    most = f" and at most {sys.maxsize}" if is_whole and int(value) > sys.maxsize else ""
     text = f"the text {value!r}"[:MAX_CHARACTERS] if isinstance(value, str) else shown(value)
-    raise ValueError(f"is {text}; must be a whole number of at least {least}")
+    raise ValueError(f"is {text}; must be a whole number of at least {least}{most}")
 
 
 def count_argument(file: object, field: str, value: Any, least: int = 0) -> int:

@@ -178,6 +178,7 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
 
     def with_seed(self, seed: int) -> "Campaign":
         """Return the campaign with another seed, which its `text` has, too."""
+        seed = self.count("seed", seed)
         return replace(self, seed=seed, text=with_seed(self.text, self.name, seed))
 
     def with_generations(self, generations: int) -> "Campaign":

@@ -257,12 +257,16 @@ def limits_of(number: In | Whole) -> Iterator[str]:
     above = number.above if isinstance(number, In) else None
     below = number.below if isinstance(number, In) else None
     bounds = [
-        f"{sign} {bound:g}"
+        f"{sign} {_bound_text(bound)}"
         for sign, bound in ((">", above), ("≥", lowest), ("≤", highest), ("<", below))
-        if bound is not None
+        if bound is not None and bound < sys.maxsize
     ]
     if bounds:
         yield ", ".join(bounds)
+
+
+def _bound_text(bound: float) -> str:
+    return f"{bound:,}".replace(",", " ") if isinstance(bound, int) else f"{bound:g}"
 
 
 def texts_of(annotation: Any) -> tuple[str, ...]:

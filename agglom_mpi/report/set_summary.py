@@ -83,7 +83,8 @@ def _shares(of: FeasibleSet) -> Facts:
         search = " of a search with aim: set" if is_other else ""
         error = (
             f"{format_percent(of.expected_error, 3)} of the set's volume is wrongly in or out of "
-            f"P ≥ 0.5; {samples_to_halve(of):,} more samples{search} would halve it"
+            f"P ≥ 0.5; {samples_to_halve(of):,} more samples{search} would halve it (raise "
+            "stopping.generations and start the same command again)"
         )
         rows.append(("expected error", error))
     if of.criterion.maximum is not None:

@@ -1,11 +1,12 @@
 """`agglom explain`: every key of a campaign file, in words."""
 
 import re
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 
-from agglom_mpi.cli.explain import WIDTH, explain
+from agglom_mpi.cli.explain import WIDTHS, explain
 from agglom_mpi.config.explanation import topics
 
 
@@ -29,7 +30,20 @@ def test_every_key_has_a_page_that_fits_a_terminal(path):
     topic = topics()[path]
     assert " ".join(topic.meaning.split()) in " ".join(done.output.split())
     assert topic.example in " ".join(done.output.split())
-    assert all(len(line) <= WIDTH for line in lines)
+    assert all(len(line) <= WIDTHS[1] for line in lines)
+
+
+def test_lines_are_as_wide_as_the_terminal(monkeypatch):
+    for columns, most in (("70", 70), ("300", WIDTHS[1])):
+        monkeypatch.setenv("COLUMNS", columns)
+        widths = [len(line) for line in run("ensemble.standard_error").output.splitlines()]
+        assert most - 20 < max(widths) <= most
+
+
+def test_limits_read_as_people_write_numbers():
+    assert "(whole number ≥ 0; default 0)" in run().output
+    assert "≤ 1 000 000" in run("ensemble.fixed").output
+    assert "(number > 0, < 1; default 0.05)" in run("search.surrogate").output
 
 
 def test_a_key_of_laws_names_the_command_that_explains_one_of_them():
@@ -60,3 +74,11 @@ def test_markdown_has_a_row_for_every_key():
     assert done.exit_code == 0
     for path in topics():
         assert f"`{path[-1]}`" in done.output
+
+
+def test_the_tables_of_the_campaign_file_in_the_readme_are_those_of_the_command():
+    rows = set(run("--markdown").output.splitlines())
+    lines = Path("jobs/README.md").read_text().splitlines()
+    limited = [line for line in lines if re.match(r"\| `.*[≤≥]", line)]
+    assert len(limited) > 40
+    assert [line for line in limited if line not in rows] == []

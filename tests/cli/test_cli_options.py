@@ -113,6 +113,13 @@ def test_the_list_of_commands_says_in_a_line_what_each_that_is_there_does(name):
     assert line.split(maxsplit=1)[1] == main.commands[name].short_help
 
 
+@pytest.mark.parametrize(("command", "words"), [(main, []), (main, ["plan"]), (invert_command, [])])
+def test_the_short_option_gives_the_same_help(command, words):
+    short, long = (CliRunner().invoke(command, [*words, each]) for each in ("-h", "--help"))
+    assert short.stdout == long.stdout
+    assert short.exit_code == 0
+
+
 def test_the_version_is_the_packages():
     import agglom_mpi
 

@@ -44,3 +44,9 @@ def test_a_campaign_with_another_seed_is_the_one_whose_text_has_it(text):
     assert changed.seed == 11
     assert Campaign.from_text(changed.text).identity() == changed.identity()
     assert changed.identity() == Campaign.from_text(text).identity() | {"seed": 11}
+
+
+@pytest.mark.parametrize("seed", [-1, 2**63, 1.5, "7"])
+def test_a_seed_that_no_file_has_room_for_is_refused(seed):
+    with pytest.raises(CampaignError, match=r"seed: is .*must be a whole number of at least 0"):
+        Campaign.from_text(TEXT).with_seed(seed)

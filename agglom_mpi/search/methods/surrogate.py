@@ -5,7 +5,7 @@ cube. A generation is drawn by Thompson sampling (Thompson 1933; Hernández-Loba
 string is the optimum of another function drawn from the posterior.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal
 
 import numpy as np
@@ -66,7 +66,7 @@ class Surrogate(SearchMethod):
     aim
         Whether the best string or the set of strings that meet the target is searched for.
     tolerance
-        Tolerance of the set, relative to the target; None: 0.05.
+        Tolerance of the set, relative to the target.
     """
 
     lag: ClassVar[int] = 2
@@ -76,6 +76,7 @@ class Surrogate(SearchMethod):
     initial: Annotated[int, Whole(at_least=8, at_most=10**4)] = 48
     batch: Annotated[int, Whole(at_least=2, at_most=10**4)] = 24
     aim: Annotated[Literal["best", "set"], LATER] = "best"
+    SUPPLIED: ClassVar[Mapping[str, str]] = {"tolerance": f"{SET_TOLERANCE:g}"}
     tolerance: Annotated[Annotated[float, In("1", above=0, below=1)] | None, LATER] = None
 
     def build(self, inputs: SearchInputs) -> "SurrogateSearch":
