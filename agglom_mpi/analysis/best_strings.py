@@ -94,7 +94,8 @@ def _variable_columns(file: CampaignData, best: Sequence[dict[str, Any]]) -> Ite
     for variable in recorded_box(file).variables:
         if variable.is_used:
             note = "" if variable.is_searched else "fixed"
-            yield column_of(text, variable.name, variable.unit, variable.upper, note)
+            shown = column_of(text, variable.name, variable.unit, variable.upper, note)
+            yield shown._replace(constant=bool(note))
     for column in derived_columns(file):
         largest = np.nanmax([abs(entry[column.name]) for entry in best], initial=0.0)
         yield column_of(text, column.name, column.unit, float(largest))

@@ -41,6 +41,8 @@ class Column(NamedTuple):
         The unit in that of the values in the rows.
     text
         Whether cells begin at the left; others end at the right.
+    constant
+        Whether all rows have the same value, which the terminal shows of the first one.
     """
 
     key: str
@@ -49,6 +51,7 @@ class Column(NamedTuple):
     format: str | Callable[[Any], str] = ""
     size: float = 1.0
     text: bool = False
+    constant: bool = False
 
     @property
     def heading(self) -> str:
@@ -137,8 +140,14 @@ class Table:
     @cached_property
     def _lines(self) -> list[list[str]]:
         """Headings and rows as the terminal shows them."""
-        entries = [self.headings, *self.cells]
+        later = [self._varying(cells) for cells in self.cells[1:]]
+        entries = [self.headings, *self.cells[:1], *later]
         return [list(line) for line in zip(*entries, strict=True)] if self.upright else entries
+
+    def _varying(self, cells: Sequence[str]) -> list[str]:
+        """Return the cells of a row without those of constant columns."""
+        shown = zip(self.shown, cells, strict=True)
+        return ["" if column.constant else cell for column, cell in shown]
 
     @cached_property
     def _widths(self) -> list[int]:
@@ -195,7 +204,8 @@ class Table:
         if first:
             yield Text(first, style="table.header", overflow="fold")
         wide = max(map(cell_len, headings), default=0)
-        for label, *cells in self.cells:
+        for place, row in enumerate(self.cells):
+            label, *cells = self._varying(row) if place else row
             yield Text(label, overflow="fold")
             for heading, cell in zip(headings, cells, strict=True):
                 if not cell:

@@ -79,6 +79,15 @@ def test_rows_of_an_upright_table_are_columns_of_the_terminal():
     assert lines == ["rank            #1   #2", "hardness (MPa)  67  100"]
 
 
+def test_the_terminal_shows_a_constant_value_once():
+    columns = [Column("rank"), Column("friction", constant=True), Column("samples")]
+    rows = [{"rank": f"#{i}", "friction": "0.3", "samples": f"{i}0"} for i in (1, 2)]
+    table = Table(columns, rows, upright=True)
+    assert drawn(table, 40) == ["rank       #1  #2", "friction  0.3", "samples    10  20"]
+    assert drawn(table, 13)[-3:] == ["", "rank      #2", "samples   20"]
+    assert table.csv().splitlines()[2] == "#2,0.3,20"
+
+
 def test_where_an_upright_table_does_not_fit_each_row_is_a_paragraph():
     columns = [Column("rank"), Column("activation energy", unit="J/mol"), Column("samples")]
     rows = [{"rank": "#1", "activation energy": "67.25 ± 0.50", "samples": "9"}, {"rank": "#2"}]
