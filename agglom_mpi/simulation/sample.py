@@ -46,6 +46,7 @@ from agglom_mpi.simulation.sample_room import (
     without_law,
 )
 from agglom_mpi.simulation.scene import Scene
+from agglom_mpi.simulation.spins import draw_spins
 from agglom_mpi.simulation.trajectory import new_observer, observe_particles, store_frame
 
 
@@ -279,6 +280,7 @@ def place_grains(
         return False
     particles.position[:, : scene.particles] = placed
     particles.velocity[:, : scene.particles] = velocity
+    draw_spins(scene.laws.friction, random, particles)
     return True
 
 
