@@ -383,9 +383,9 @@ class SceneSection(Declared):
             if of_one.is_frame_dependent():
                 yield (
                     (key,),
-                    f"is {of_one.name!r}, which counts the motion of each grain without its spin, but "
-                    f"grains spin by friction {self.friction.name!r}; must be a law by the energy "
-                    "of the pair, or none",
+                    f"is {of_one.name!r}, which counts the motion of each grain without its spin, "
+                    f"but grains spin by friction {self.friction.name!r}; must be a law by the "
+                    "energy of the pair, or none",
                 )
         for key, law in (("reaction", self.reaction), ("cooling", self.cooling)):
             if self.heating.is_absent and not law.is_absent:

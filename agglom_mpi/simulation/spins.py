@@ -11,7 +11,7 @@ ledger.
 """
 
 import math
-from typing import Final
+from typing import Any, Final
 
 from agglom_mpi.compilation.stages import ANY, dispatch, inlined
 from agglom_mpi.physics.rough import INERTIA, SpinningFriction
@@ -307,3 +307,30 @@ def _draw_uniformly(friction, random, particles):
     for i in range(particles.size[0]):
         grain = particles.records[i]
         set_spin(grain, scaled(spin_of(grain), factor))
+
+
+def spin_account(scene: Any, particles: Any, ledger: Any) -> dict[str, float | int]:
+    """Return what is reported of the spins of a sample at its end; nothing where none spins.
+
+    The temperatures are kinetic energies per degree of freedom, of motion about the mean velocity
+    and of rotation; nan for their ratio where nothing moves.
+    """
+    if not scene.has_spins:
+        return {}
+    motion, turning = kinetic_energies(particles)
+    left = ledger.energy[LEFT_TO_STRUCTURE:].tolist()
+    return {
+        "rotational_ratio": turning / motion if motion > 0.0 else math.nan,
+        "spin_caps": int(ledger.counts[SPIN_CAPS]),
+        "angular_momentum_left": math.hypot(*left),
+    }
+
+
+def kinetic_energies(particles: Any) -> tuple[float, float]:
+    """Return the kinetic energies in J of motion about the mean velocity, and of rotation."""
+    n = int(particles.size[0])
+    mass, velocity = particles.mass[:n], particles.velocity[:, :n]
+    relative = velocity - (velocity @ mass / mass.sum())[:, None]
+    inertia = INERTIA * mass * particles.radius[:n] ** 2
+    squares = (relative**2).sum(axis=0), (particles.spin[:, :n] ** 2).sum(axis=0)
+    return 0.5 * float(mass @ squares[0]), 0.5 * float(inertia @ squares[1])

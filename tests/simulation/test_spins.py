@@ -11,6 +11,8 @@ import pytest
 from plain_python import PLAIN_ALONE
 from scenes import BUDGET, CONSTANT, HALF, MERGING, make_scene, momentum, run_from, state
 
+from agglom_mpi import load_campaign
+from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.physics.contact import CompressionRecoveryDuration
 from agglom_mpi.physics.fragmentation import PairEnergyFragmentation
 from agglom_mpi.physics.hardness import ConstantHardness
@@ -411,3 +413,50 @@ def test_a_scene_that_merges_and_breaks_closes_its_energy_with_spins():
     assert record["breakups"] > 0
     assert record["floored_temperatures"] == 0
     assert abs(record["energy_error"]) < 1e-12
+
+
+CAMPAIGN = """
+title: rough grains
+seed: 1
+scene:
+  particles: 30
+  half_width: 1 cm
+  velocities: {law: spread, mean: [0, 0, 0], transverse: 1}
+  restitution: {law: constant, value: 0.9}
+  friction: {law: rough, coefficient: 0.3, tangential: 0.44, spin_temperature: 0.5}
+  heating: none
+  end_time: 2 ms
+variables: {relative_speed: 10, volume_fraction: 0.1, density: 5000}
+"""
+
+
+def test_a_campaign_reports_the_spins_of_its_samples(tmp_path):
+    file = tmp_path / "rough.yaml"
+    file.write_text(CAMPAIGN)
+    campaign = load_campaign(file)
+    outcome = campaign.simulate({}, frames=3)
+    kept = campaign.simulate({})
+    assert kept.ledger == outcome.ledger
+    assert kept.final.spins.tobytes() == outcome.final.spins.tobytes()
+    np.testing.assert_array_equal(outcome.frames.spins[-1], outcome.final.spins)
+    velocities, masses = outcome.frames.velocities, outcome.final.masses[:, None]
+    radii = outcome.final.radii[:, None]
+    for f, ratio in ((0, 0.5), (-1, outcome.ledger["rotational_ratio"])):
+        relative = velocities[f] - velocities[f].mean(axis=0)
+        turning = 0.4 * masses * radii**2 * outcome.frames.spins[f] ** 2
+        assert turning.sum() / (masses * relative**2).sum() == pytest.approx(ratio, rel=1e-9)
+    assert outcome.ledger["spin_caps"] == 0
+    assert outcome.ledger["angular_momentum_left"] == 0.0
+    assert abs(outcome.ledger["energy_error"]) < 1e-13
+
+
+@pytest.mark.parametrize(
+    ("key", "law"), [("heating", "own_energy"), ("fragmentation", "own_energy")]
+)
+def test_laws_that_know_no_spins_are_refused_with_them(tmp_path, key, law):
+    file = tmp_path / "rough.yaml"
+    text = CAMPAIGN.replace("heating: none", f"{key}: {law}\n  end_time: 1 ms")
+    text = text.replace("  end_time: 2 ms\n", "").replace("5000}", "5000, heat_capacity: 500, ")
+    file.write_text(text + "temperature: 300, surface_energy: 1}\n")
+    with pytest.raises(CampaignError, match=rf"rough.yaml:\d+.*scene.{key}: is '{law}'"):
+        load_campaign(file)
