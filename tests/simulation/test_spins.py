@@ -4,7 +4,7 @@ The references are written here with vectors of NumPy, independently of the pack
 """
 
 import math
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ from agglom_mpi.physics.fragmentation import PairEnergyFragmentation
 from agglom_mpi.physics.hardness import ConstantHardness
 from agglom_mpi.physics.heating import PairSplit
 from agglom_mpi.physics.restitution import ConstantRestitution
-from agglom_mpi.physics.rough import RoughFriction
+from agglom_mpi.physics.rough import RoughFriction, SpinningFriction, sticking_impulse
 from agglom_mpi.simulation.boundary import Periodic, Reentry
 from agglom_mpi.simulation.collision import BOUNCED, merge, resolve_contact, split_particle
 from agglom_mpi.simulation.engines import AdaptiveSteps, EventDriven, FixedSteps
@@ -154,6 +154,32 @@ def test_two_rough_spheres_part_as_walton_says(coefficient, tangential, radii):
             )
     if tangential > -1.0 and coefficient != SOME:  # of which it depends on the spheres drawn
         assert (sliding > 0) == (coefficient < SOME)
+
+
+class EndsSlip(SpinningFriction):
+    """Every contact ends without slip, as a law of one's own may say."""
+
+    in_files: ClassVar[bool] = False
+    summary: ClassVar[str] = "ends the slip"
+
+    def tangential_impulse(self, pair, deficit):
+        """(2/7)m*|g_t|."""
+        return sticking_impulse(0.0, pair)
+
+    def impulse_slopes(self, pair, lower, upper):
+        """0."""
+        return 0.0, 0.0
+
+
+def test_a_law_with_a_tangential_formula_of_its_own_turns_grains():
+    scene = rough_scene(0.8, EndsSlip.Numbers(0.0))
+    assert scene.has_spins
+    pair = touching(scene, (1e-3, 6e-4), 2)
+    before, energy = np.linalg.norm(slip_of(pair)), sum(energies(pair.particles))
+    ledger = hit(scene, pair)
+    assert np.linalg.norm(slip_of(pair)) < 1e-12 * before
+    lost = energy - sum(energies(pair.particles))
+    assert ledger.energy[DISSIPATED] == pytest.approx(lost, rel=1e-12)
 
 
 def test_elastic_perfectly_rough_spheres_keep_their_energy():
