@@ -38,8 +38,9 @@ _BY_MODULE: Final[dict[str, tuple[str, ...]]] = {
     ),
     "physics.friction": (
         *("Friction", "capped_impulse", "is_sticking", "normal_loss", "friction_loss"),
-        *("tangential_impulse", "impulse_slopes"),
+        *("tangential_impulse", "impulse_slopes", "tangential_loss"),
     ),
+    "physics.rough": ("SpinningFriction", "sticking_impulse"),
     "physics.heating": (
         *("Heating", "HEATING", "keeps_root_unique", "merge_dissipation", "impact_heats"),
         *("own_energy_loss", "least_own_energy_slope"),

@@ -202,12 +202,15 @@ class FinalParticles(NamedTuple):
     ----------
     radii, masses, temperatures : array, shape (n,), m, kg and K
     grains : array of int64, shape (n,), original grains in each
+    spins : array, shape (n, 3), rad/s
+        None where grains do not spin, and of particles that a campaign file stores.
     """
 
     radii: npt.NDArray[np.float64]
     masses: npt.NDArray[np.float64]
     grains: npt.NDArray[np.int64]
     temperatures: npt.NDArray[np.float64]
+    spins: npt.NDArray[np.float64] | None = None
 
 
 def final_particles(scene: Any, particles: Any) -> FinalParticles:
@@ -239,4 +242,5 @@ def final_particles(scene: Any, particles: Any) -> FinalParticles:
             if has_temperatures
             else np.full(left, scene.temperature)
         ),
+        spins=None if particles.spin is None else particles.spin[:, :left].T.copy(),
     )

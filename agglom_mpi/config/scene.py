@@ -31,6 +31,7 @@ from agglom_mpi.physics.heating import Heating, PairSplit
 from agglom_mpi.physics.impact_solvers import BracketedRoot
 from agglom_mpi.physics.reaction import NoReaction, Reaction
 from agglom_mpi.physics.restitution import ImpactLaws, PressureRestitution, Restitution, Solver
+from agglom_mpi.physics.rough import SpinningFriction
 from agglom_mpi.physics.size_distributions import SizeLaw, third_moment
 from agglom_mpi.physics.sizes import Sizes, are_lengths
 from agglom_mpi.physics.velocities import Velocities
@@ -377,6 +378,15 @@ class SceneSection(Declared):
                 f"is 'euler', which needs time steps, but the engine is {self.engine.name!r}; "
                 "allowed: exact, or euler with engine fixed or adaptive",
             )
+        own = (("heating", self.heating), ("fragmentation", self.fragmentation))
+        for key, of_one in own if isinstance(self.friction, SpinningFriction) else ():
+            if of_one.is_frame_dependent():
+                yield (
+                    (key,),
+                    f"is {of_one.name!r}, which counts the motion of each grain without its spin, "
+                    f"but grains spin by friction {self.friction.name!r}; must be a law by the "
+                    "energy of the pair, or none",
+                )
         for key, law in (("reaction", self.reaction), ("cooling", self.cooling)):
             if self.heating.is_absent and not law.is_absent:
                 message = f"is {law.name!r}, but heating is 'none'; allowed without heating: none"

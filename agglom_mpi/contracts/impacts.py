@@ -7,7 +7,12 @@ from agglom_mpi.compilation.kernels import as_plain
 from agglom_mpi.contracts.cases import Violation, equal, within
 from agglom_mpi.contracts.formulas import RESULT_ROUNDING
 from agglom_mpi.contracts.subject import Case
-from agglom_mpi.physics.friction import friction_loss, normal_loss, tangential_impulse
+from agglom_mpi.physics.friction import (
+    normal_loss,
+    tangential_impulse,
+    tangential_loss,
+    tangential_mass,
+)
 from agglom_mpi.physics.heating import merge_dissipation
 from agglom_mpi.physics.impact_solvers import LARGEST_RESIDUAL, restitution_residual
 from agglom_mpi.physics.restitution import (
@@ -59,10 +64,12 @@ def makes_no_energy(case: Case) -> Violation:
     impact = as_plain(solve_impact)(case.laws, pair)
     if impact.bonds:
         return None
-    before = 0.5 * pair.reduced_mass * (pair.approach_speed**2 + pair.slip_speed**2)
+    sliding = tangential_mass(case.laws.friction, pair)  # whose energy may be that of spins
+    squares = pair.approach_speed**2, pair.slip_speed**2
+    before = 0.5 * (pair.reduced_mass * squares[0] + sliding * squares[1])
     normal = pair.approach_speed - impact.normal_impulse / pair.reduced_mass
-    slip = pair.slip_speed - impact.friction_impulse / pair.reduced_mass
-    after = 0.5 * pair.reduced_mass * (normal * normal + slip * slip)
+    slip = pair.slip_speed - impact.friction_impulse / sliding
+    after = 0.5 * (pair.reduced_mass * normal * normal + sliding * slip * slip)
     kept, lost = after / before, impact.loss / before
     return within("kinetic energy after an impact over that before", kept, 0.0, ONE) or equal(
         "the recorded loss over the energy before", lost, 1.0 - kept, ENERGY_ROUNDING
@@ -95,7 +102,7 @@ def keeps_the_books(case: Case) -> Violation:
     pair, friction, deficit = case.pair, case.laws.friction, case["deficit"]
     margin = ENERGY_ROUNDING * energy_scale(case)
     loss = normal_loss(pair, deficit)
-    loss += friction_loss(pair, tangential_impulse(friction, pair, deficit))
+    loss += tangential_loss(friction, pair, tangential_impulse(friction, pair, deficit))
     heat = sum(case.call("impact_heats", friction, pair, deficit))
     merged, lost = case.call("merge_heat", pair), merge_dissipation(pair)
     return equal("the heat of the lost motion in J", heat, loss, margin) or equal(

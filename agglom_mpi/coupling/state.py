@@ -28,7 +28,8 @@ class State(NamedTuple):
     The kinetic energy per volume is that of the mean flow plus 3/2 · mass_density ·
     granular_temperature; the latter falls by the dissipation rate. With the heating `pair_split`
     the thermal energy per volume, mass_density · heat capacity · mean_temperature, rises by
-    dissipation + heat release − cooling − surface energy rate.
+    dissipation + heat release − cooling − surface energy rate. Rough grains start without spin, and
+    impacts exchange energy with their rotation, which is in none of these.
 
     Attributes
     ----------

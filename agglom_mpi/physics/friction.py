@@ -2,7 +2,7 @@
 
 from typing import ClassVar, Literal
 
-from agglom_mpi.compilation.stages import formula, inlined
+from agglom_mpi.compilation.stages import Submodel, formula, inlined
 from agglom_mpi.declaration.laws import Law
 from agglom_mpi.declaration.needed import needed
 from agglom_mpi.physics.pair import ContactPair
@@ -23,6 +23,22 @@ class Friction(Law):
     def impulse_slopes(self, pair: ContactPair, lower: float, upper: float) -> tuple[float, float]:
         """Least and largest slope in N s of the impulse over the deficits [lower, upper]."""
         raise NotImplementedError
+
+    def tangential_mass(self, pair: ContactPair) -> float:
+        """Impulse in N s per change of the slip in m/s: m* of spheres that do not spin, kg."""
+        return pair.reduced_mass
+
+    def least_loss_slope(self, pair: ContactPair, lower: float, upper: float) -> float:
+        """Least slope in J of the dissipated tangential energy over the deficits [lower, upper].
+
+        That at `upper`: the loss is concave, without a corner where friction ends the slip.
+        """
+        left = pair.slip_speed - tangential_impulse(self, pair, upper) / pair.reduced_mass
+        return left * impulse_slopes(self, pair, upper, upper)[0]
+
+    def keeps_loss_concave(self) -> bool:
+        """Whether the dissipated tangential energy is concave in the deficit."""
+        return True
 
 
 class RestitutionScaledFriction(Friction):
@@ -81,6 +97,9 @@ class NoFriction(Friction):
 
 tangential_impulse = formula(Friction, Friction.tangential_impulse)
 impulse_slopes = formula(Friction, Friction.impulse_slopes)
+tangential_mass = formula(Friction, Friction.tangential_mass)
+least_loss_slope = formula(Friction, Friction.least_loss_slope)
+keeps_loss_concave = formula(Friction, Friction.keeps_loss_concave)
 
 
 @inlined
@@ -105,7 +124,18 @@ def normal_loss(pair: ContactPair, deficit: float) -> float:
 
 @inlined
 def friction_loss(pair: ContactPair, impulse: float) -> float:
-    """Kinetic energy P|u_t| − P²/(2m*) that a tangential impulse P in N s dissipates, J."""
+    """Kinetic energy P|u_t| − P²/(2m*) that a tangential impulse P in N s dissipates, J.
+
+    Of spheres that do not spin; `tangential_loss` is that of any law of friction.
+    """
     if impulse == 0.0:  # known when it is compiled for a scene without friction
         return 0.0
     return impulse * (pair.slip_speed - 0.5 * impulse / pair.reduced_mass)
+
+
+@inlined
+def tangential_loss(friction: Submodel | None, pair: ContactPair, impulse: float) -> float:
+    """Kinetic energy in J, that of spins included, that a tangential impulse P dissipates."""
+    if impulse == 0.0:
+        return 0.0
+    return impulse * (pair.slip_speed - 0.5 * impulse / tangential_mass(friction, pair))

@@ -8,6 +8,7 @@ from agglom_mpi.compilation.stages import formula
 from agglom_mpi.declaration.laws import Group, Law
 from agglom_mpi.declaration.needed import needed
 from agglom_mpi.physics.constants import GAS_CONSTANT
+from agglom_mpi.physics.friction import keeps_loss_concave
 from agglom_mpi.physics.heating import keeps_root_unique
 
 SOFTENING: Final = Group(
@@ -98,9 +99,8 @@ class ArrheniusHardness(Hardness):
     def root_is_unique(self, laws, pair):
         """Where grains soften so mildly that `UNIQUE_HARDENING` holds."""
         colder = min(pair.temperature_i, pair.temperature_j)
-        return keeps_root_unique(laws.heating) and (
-            log_hardening(laws.hardness, colder) <= UNIQUE_HARDENING
-        )
+        concave = keeps_root_unique(laws.heating) and keeps_loss_concave(laws.friction)
+        return concave and log_hardening(laws.hardness, colder) <= UNIQUE_HARDENING
 
 
 class ConstantHardness(Hardness):

@@ -11,10 +11,11 @@ from agglom_mpi.compilation.stages import Submodel, formula, inlined
 from agglom_mpi.declaration.laws import Group, Law
 from agglom_mpi.declaration.needed import needed
 from agglom_mpi.physics.friction import (
-    friction_loss,
     impulse_slopes,
+    least_loss_slope,
     normal_loss,
     tangential_impulse,
+    tangential_loss,
 )
 from agglom_mpi.physics.pair import ContactPair
 
@@ -66,17 +67,13 @@ class PairSplit(Heating):
     def impact_heats(self, friction, pair, deficit):
         """Half of what both impulses dissipate, J."""
         impulse = tangential_impulse(friction, pair, deficit)
-        half = 0.5 * (normal_loss(pair, deficit) + friction_loss(pair, impulse))
+        half = 0.5 * (normal_loss(pair, deficit) + tangential_loss(friction, pair, impulse))
         return half, half
 
     def least_heat_slopes(self, friction, pair, lower, upper):
-        """Slopes at `upper`, J: both parts are concave in the deficit.
-
-        They have no corner where friction stops the slip.
-        """
+        """Slope of the normal loss, which is concave, at `upper`, and that of friction, J."""
         work = pair.reduced_mass * pair.approach_speed * pair.approach_speed * (1.0 - upper)
-        left = pair.slip_speed - tangential_impulse(friction, pair, upper) / pair.reduced_mass
-        slope = 0.5 * (work + left * impulse_slopes(friction, pair, upper, upper)[0])
+        slope = 0.5 * (work + least_loss_slope(friction, pair, lower, upper))
         return slope, slope
 
     def merge_heat(self, pair):

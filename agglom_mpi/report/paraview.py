@@ -31,6 +31,7 @@ POINT_DATA: Final = {
     "radius": ("radii", "m"),
     "temperature": ("temperatures", "K"),
     "velocity": ("velocities", "m/s"),
+    "spin": ("spins", "rad/s"),
     "grains": ("grains", "1"),
     "label": ("labels", ""),
 }
@@ -150,8 +151,8 @@ def write_vtkhdf(path: Path, frames: Frames, title: str) -> None:
     """Write frames as temporal VTKHDF `PolyData`, each particle a point and a vertex.
 
     The time is in s, points in m, and the point arrays are those of `POINT_DATA`, without the
-    temperature where the scene has none; a `label` identifies a particle from frame to frame. The
-    file has its name once it is complete.
+    temperature or the spin where the scene has none; a `label` identifies a particle from frame to
+    frame. The file has its name once it is complete.
 
     Parameters
     ----------
@@ -175,7 +176,9 @@ def write_vtkhdf(path: Path, frames: Frames, title: str) -> None:
         root.attrs["Version"] = np.array(_VERSION)
         root.attrs["Type"] = np.bytes_("PolyData")
         present = np.arange(frames.radii.shape[1]) < frames.particles[:, None]
-        shown = [n for n in POINT_DATA if n != "temperature" or frames.has_temperature]
+        absent = set() if frames.has_temperature else {"temperature"}
+        absent |= {"spin"} if frames.spins is None else set()
+        shown = [name for name in POINT_DATA if name not in absent]
         root["NumberOfPoints"] = frames.particles
         _store(root, "Points", frames.positions[present], "m")
         data = root.create_group("PointData")

@@ -15,7 +15,7 @@ from agglom_mpi.physics.heating import (
 )
 from agglom_mpi.physics.pair import ContactPair
 from agglom_mpi.physics.reaction import contact_heat
-from agglom_mpi.simulation.boundary import separation, wrapped_position
+from agglom_mpi.simulation.boundary import wrapped_position
 from agglom_mpi.simulation.impact import solve_impact
 from agglom_mpi.simulation.particles import (
     BREAKUPS,
@@ -39,39 +39,19 @@ from agglom_mpi.simulation.particles import (
     temperature_or,
     velocity_of,
 )
+from agglom_mpi.simulation.spins import (
+    pair_rotation,
+    spin_merged,
+    surface_velocity,
+    turn_pair,
+    turn_pieces,
+)
 from agglom_mpi.simulation.temperature import add_heat, cool_until
+from agglom_mpi.simulation.vectors import dot, relative_velocity, scaled, separation_vector
 
 RECEDING: Final = 0
 BOUNCED: Final = 1
 BONDED: Final = 2
-
-
-@inlined
-def separation_vector(escape, one, other, half_width):
-    """Vector in m from one particle to another, across faces where the box is periodic."""
-    return (
-        separation(escape, other["x"] - one["x"], half_width),
-        separation(escape, other["y"] - one["y"], half_width),
-        separation(escape, other["z"] - one["z"], half_width),
-    )
-
-
-@inlined
-def relative_velocity(one, other):
-    """Velocity in m/s of one particle relative to another."""
-    return one["u"] - other["u"], one["v"] - other["v"], one["w"] - other["w"]
-
-
-@inlined
-def dot(a, b):
-    """Scalar product of two vectors."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@inlined
-def scaled(a, factor):
-    """Vector times a number."""
-    return a[0] * factor, a[1] * factor, a[2] * factor
 
 
 @inlined
@@ -98,8 +78,10 @@ def slip_direction(normal, velocity, approach):
 
 
 @inlined
-def contact_pair(scene, one, other, ledger, normal, time):
+def contact_pair(friction, scene, one, other, ledger, normal, time):
     """Pair at contact with temperatures at `time` in s, and the unit vector of its slip.
+
+    The slip is that of the surfaces, or of the centres without a law of `friction`.
 
     Cools both particles up to `time` first, where the scene cools exactly.
     """
@@ -107,7 +89,8 @@ def contact_pair(scene, one, other, ledger, normal, time):
     cool_until(scene.cooling, scene, other, ledger, time)
     velocity = relative_velocity(one, other)
     approach = dot(velocity, normal)
-    slip, tangent = slip_direction(normal, velocity, approach)
+    surfaces = surface_velocity(friction, scene, one, other, normal, velocity)
+    slip, tangent = slip_direction(normal, surfaces, approach)
     velocity_i, velocity_j = velocity_of(one), velocity_of(other)
     mass_i, mass_j = one["mass"], other["mass"]
     pair = ContactPair(
@@ -141,14 +124,16 @@ def resolve_contact(scene, particles, ledger, i, j, time):
     normal = line_of_centres(scene, one, other)
     if not dot(relative_velocity(one, other), normal) > 0.0:
         return RECEDING
-    pair, tangent = contact_pair(scene, one, other, ledger, normal, time)
+    friction = scene.laws.friction
+    pair, tangent = contact_pair(friction, scene, one, other, ledger, normal, time)
     set_last_impact(one, time)
     set_last_impact(other, time)
     impact = solve_impact(scene.laws, pair)
     if impact.bonds:
         return BONDED
+    impact = turn_pair(friction, scene, one, other, pair, impact, normal, tangent)
     record_impact(ledger, impact)
-    impulse = impulse_of(scene.laws.friction, impact, normal, tangent)
+    impulse = impulse_of(friction, impact, normal, tangent)
     apply_impulse(one, -1.0 / pair.mass_i, impulse)
     apply_impulse(other, 1.0 / pair.mass_j, impulse)
     apply_impact(scene, particles, ledger, i, pair.normal_i, pair.tangent_i, impact, impact.heat_i)
@@ -217,30 +202,36 @@ def apply_impact(scene, particles, ledger, i, normal_speed, tangent_speed, impac
         scene.laws.fragmentation, impact.loss, change, particle["radius"], grains_or(particle, 1)
     )
     add_heat(scene.laws.heating, scene, particle, ledger, heat - energy)
-    fragment(scene.laws.fragmentation, scene, particles, ledger, i, pieces, energy)
+    given = 0.5 * impact.loss - energy
+    fragment(scene.laws.fragmentation, scene, particles, ledger, i, pieces, energy, given)
 
 
 @dispatch
-def fragment(model, scene, particles, ledger, i, pieces, energy):
-    """Break particle i into `pieces` for a surface energy in J; nothing without fragmentation."""
+def fragment(model, scene, particles, ledger, i, pieces, energy, given):
+    """Break particle i into `pieces` for a surface energy in J; nothing without fragmentation.
+
+    `given` is what that leaves in J of the loss of the impact, for pieces that rotate.
+    """
 
 
 @fragment.register(None)
-def _unbreakable(model, scene, particles, ledger, i, pieces, energy):
+def _unbreakable(model, scene, particles, ledger, i, pieces, energy, given):
     return None
 
 
 @fragment.register(ANY)
-def _break(model, scene, particles, ledger, i, pieces, energy):
+def _break(model, scene, particles, ledger, i, pieces, energy, given):
     if pieces > 1:
         ledger.counts[BREAKUPS] += 1
         ledger.energy[SURFACE] += energy
-        split_particle(scene, particles, i, pieces)
+        split_particle(scene, particles, ledger, i, pieces, given)
 
 
 @inlined_allocating
-def split_particle(scene, particles, i, pieces):
+def split_particle(scene, particles, ledger, i, pieces, given):
     """Replace particle i by equal pieces at its velocity, packed around its centre of mass.
+
+    If it spins they rotate together, and may take the energy `given` in J.
 
     The first piece keeps slot and label, the others are appended. Grains are shared out as evenly
     as whole numbers allow.
@@ -249,7 +240,7 @@ def split_particle(scene, particles, i, pieces):
     grains, centre = whole["grains"], position_of(whole)
     whole["mass"] /= pieces
     whole["radius"] /= pieces ** (1.0 / 3.0)
-    sites = packed_sites(pieces, whole["radius"])
+    sites, first = packed_sites(pieces, whole["radius"]), particles.size[0]
     for k in range(pieces):
         slot = i
         if k > 0:
@@ -261,6 +252,7 @@ def split_particle(scene, particles, i, pieces):
         moved = (centre[0] + sites[0, k], centre[1] + sites[1, k], centre[2] + sites[2, k])
         set_position(piece, wrapped_position(scene, moved))
         piece["grains"] = grains // pieces + (1 if k < grains % pieces else 0)
+    turn_pieces(scene.laws.friction, scene, particles, ledger, i, first, sites, given)
 
 
 @inlined_allocating
@@ -304,16 +296,17 @@ def merged_radius(first, second):
 def merge(scene, particles, ledger, i, j, time):
     """Bond particle j to particle i at `time` in s: mass, volume, momentum, heat; empty slot j.
 
-    At the centre of mass, with the total momentum; heat of the dissipated energy, the reaction, and
-    what mixing both temperatures leaves by rounding.
+    At the centre of mass, with the total momentum, and the angular momentum if they spin; heat of
+    the dissipated energy, the reaction, and what mixing both temperatures leaves by rounding.
     """
     one, other = particles.records[i], particles.records[j]
     normal = line_of_centres(scene, one, other)
-    pair, _ = contact_pair(scene, one, other, ledger, normal, time)
+    pair, _ = contact_pair(None, scene, one, other, ledger, normal, time)
     line = separation_vector(scene.escape, one, other, scene.half_width)
     mass = pair.mass_i + pair.mass_j
     share = pair.mass_j / mass
     laws = scene.laws
+    rotation = pair_rotation(laws.friction, one, other, line, pair.reduced_mass)
     area = contact_area(laws.contact_area, 1.0, pair.radius)
     reaction = 2.0 * contact_heat(laws.reaction, area)
     ledger.counts[COLLISIONS] += 1
@@ -336,3 +329,4 @@ def merge(scene, particles, ledger, i, j, time):
     empty_slot(particles, j)
     heat = merge_heat(laws.heating, pair) + reaction + remainder * laws.heat_capacity
     add_heat(laws.heating, scene, one, ledger, heat)
+    spin_merged(laws.friction, scene, one, ledger, rotation)

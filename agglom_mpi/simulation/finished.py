@@ -36,6 +36,7 @@ class Sample(NamedTuple):
     end_time : float
         Simulated time, s.
     collisions, merges, breakups : int
+    spins : array, shape (n, 3), rad/s, or None where grains do not spin
     """
 
     parameters: Mapping[str, float]
@@ -50,6 +51,7 @@ class Sample(NamedTuple):
     merges: int
     breakups: int
     initial_radii: NDArray[np.float64]
+    spins: NDArray[np.float64] | None = None
 
 
 def finished_sample(
@@ -88,6 +90,7 @@ def finished_sample(
         merges=int(record["merges"]),
         breakups=int(record["breakups"]),
         initial_radii=_read_only(initial),
+        spins=None if final.spins is None else _read_only(final.spins),
     )
 
 

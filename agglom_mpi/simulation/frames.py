@@ -39,6 +39,9 @@ class Frames(NamedTuple):
         where the scene has none.
     grains
         Original grains in each particle, shape (F, N).
+    spins
+        Angular velocities, shape (F, N, 3), rad/s; None where grains do not spin, and of frames
+        that were stored in a campaign file.
     """
 
     times: Floats
@@ -50,6 +53,7 @@ class Frames(NamedTuple):
     masses: Floats
     temperatures: Floats
     grains: Integers
+    spins: Floats | None = None
 
     @property
     def has_temperature(self) -> bool:
@@ -66,8 +70,11 @@ def without_temperatures(particles: P) -> P:
     return particles._replace(temperatures=np.where(kept == 0.0, np.nan, kept))
 
 
-def new_frames(times: Floats, grains: int) -> Frames:
-    """Return empty frames at `times` in s, shape (F,), of a scene of `grains` grains."""
+def new_frames(times: Floats, grains: int, spins: bool = False) -> Frames:
+    """Return empty frames at `times` in s, shape (F,), of a scene of `grains` grains.
+
+    With `spins`, also of their angular velocities.
+    """
     count = len(times)
     return Frames(
         times=times,
@@ -79,6 +86,7 @@ def new_frames(times: Floats, grains: int) -> Frames:
         masses=np.full((count, grains), np.nan),
         temperatures=np.full((count, grains), np.nan),
         grains=np.zeros((count, grains), np.int64),
+        spins=np.full((count, grains, 3), np.nan) if spins else None,
     )
 
 

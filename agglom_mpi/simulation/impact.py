@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from agglom_mpi.compilation.kernels import kernel
 from agglom_mpi.physics.contact import contact_area
-from agglom_mpi.physics.friction import friction_loss, normal_loss, tangential_impulse
+from agglom_mpi.physics.friction import normal_loss, tangential_impulse, tangential_loss
 from agglom_mpi.physics.heating import impact_heats
 from agglom_mpi.physics.pair import ContactPair
 from agglom_mpi.physics.reaction import contact_heat
@@ -59,7 +59,7 @@ def solve_impact(laws: ImpactLaws, pair: ContactPair) -> ImpactResult:
     normal_impulse = pair.reduced_mass * (2.0 - deficit) * pair.approach_speed
     friction_impulse = tangential_impulse(laws.friction, pair, deficit)
     heats = impact_heats(laws.heating, laws.friction, pair, deficit)
-    loss = normal_loss(pair, deficit) + friction_loss(pair, friction_impulse)
+    loss = normal_loss(pair, deficit) + tangential_loss(laws.friction, pair, friction_impulse)
     return ImpactResult(
         False,
         deficit,

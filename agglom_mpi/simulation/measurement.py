@@ -28,23 +28,8 @@ from agglom_mpi.simulation.particles import (
     temperature_or,
 )
 from agglom_mpi.simulation.reference_frame import total_momentum
+from agglom_mpi.simulation.spins import mechanical_energy
 from agglom_mpi.simulation.time_driven.neighbours import squared_distance
-
-
-@inlined
-def fluctuation_energy(particles):
-    """Kinetic energy in J and sum of m|v| in kg m/s, both in the centre-of-mass frame."""
-    momentum, mass = total_momentum(particles)
-    mean_u, mean_v, mean_w = momentum[0] / mass, momentum[1] / mass, momentum[2] / mass
-    energy, momentum_scale = 0.0, 0.0
-    for i in range(particles.size[0]):
-        particle = particles.records[i]
-        square = (particle["u"] - mean_u) ** 2
-        square += (particle["v"] - mean_v) ** 2
-        square += (particle["w"] - mean_w) ** 2
-        energy += 0.5 * particle["mass"] * square
-        momentum_scale += particle["mass"] * math.sqrt(square)
-    return energy, momentum_scale
 
 
 @inlined
@@ -177,7 +162,7 @@ def measure_initial(scene, particles, drift, initial):
     for axis in range(3):
         initial["drift"][axis] = drift[axis]
         initial["momentum"][axis] = momentum[axis]
-    initial["energy"], initial["momentum_scale"] = fluctuation_energy(particles)
+    initial["energy"], initial["momentum_scale"] = mechanical_energy(scene.laws.friction, particles)
     initial["heat"] = thermal_energy(scene.laws.heating, scene, particles)
 
 
@@ -204,7 +189,7 @@ def measure_ledger(scene, particles, ledger, initial, out):
         square += (momentum[axis] - initial["momentum"][axis]) ** 2
     change = math.sqrt(square)
     out["momentum_error"] = change / momentum_scale if momentum_scale > 0.0 else change
-    kinetic, _ = fluctuation_energy(particles)
+    kinetic, _ = mechanical_energy(scene.laws.friction, particles)
     balance = kinetic - initial_energy
     if scene.laws.heating is None:
         balance += energy[DISSIPATED]

@@ -26,8 +26,11 @@ SURFACE: Final = 2
 DISSIPATED: Final = 3
 UNRESOLVED: Final = 4
 EXCHANGED: Final = 5
+LEFT_TO_STRUCTURE: Final = 6
 """Places in `Ledger.energy`, J. UNRESOLVED: heat too small for a temperature to change by (float64
-resolves 3e-14 K at 300 K); EXCHANGED: sum of |radiated|, the scale of the closure error."""
+resolves 3e-14 K at 300 K); EXCHANGED: sum of |radiated|, the scale of the closure error. From
+LEFT_TO_STRUCTURE on, three components in J s: angular momentum that no rotation had the energy
+for."""
 
 COLLISIONS: Final = 0
 MERGES: Final = 1
@@ -37,6 +40,8 @@ FLOORED: Final = 4
 STEPS: Final = 5
 PARTICLE_STEPS: Final = 6
 EXHAUSTED: Final = 7
+SPIN_CAPS: Final = 8
+"""Places in `Ledger.counts`; SPIN_CAPS: merges and breakups that left angular momentum behind."""
 
 
 class Ledger(NamedTuple):
@@ -73,6 +78,11 @@ class Particles(NamedTuple):
     def velocity(self) -> Floats:
         """View of the velocities in m/s, shape (3, capacity)."""
         return self._vectors("u")
+
+    @property
+    def spin(self) -> Floats | None:
+        """View of the angular velocities in rad/s, shape (3, capacity); None: none spins."""
+        return None if self._field("spin_x") is None else self._vectors("spin_x")
 
     @property
     def radius(self) -> Floats:
@@ -118,9 +128,13 @@ class Particles(NamedTuple):
         )
 
 
+SPIN: Final = ("spin_x", "spin_y", "spin_z")
+"""Fields of the angular velocity of a particle that spins, rad/s."""
+
+
 @functools.cache
 def particle_type(
-    temperature: bool, cooled_to: bool, last_impact: bool, grains: bool
+    temperature: bool, cooled_to: bool, last_impact: bool, grains: bool, spin: bool = False
 ) -> np.dtype[np.void]:
     """Return the type of a particle's record: what all scenes use, and what one uses besides.
 
@@ -138,6 +152,8 @@ def particle_type(
         Whether there is the time of the last impact in s, −inf before the first.
     grains
         Whether original `grains` in a particle are counted; else its mass says them.
+    spin
+        Whether there is an angular velocity (spin_x, spin_y, spin_z) in rad/s.
     """
     # The same object each time: a kernel knows its types by them. The label comes last, so that no
     # type begins with all fields of another: Numba would take one for the other.
@@ -146,6 +162,7 @@ def particle_type(
     fields += [("cooled_to", "f8")] if cooled_to else []
     fields += [("last_impact", "f8")] if last_impact else []
     fields += [("grains", "i8")] if grains else []
+    fields += [(name, "f8") for name in SPIN] if spin else []
     return np.dtype([*fields, ("label", "i8")])
 
 
@@ -186,6 +203,18 @@ def set_position(particle, position):
 def set_velocity(particle, velocity):
     """Set the velocity of a particle in m/s, three components."""
     particle["u"], particle["v"], particle["w"] = velocity
+
+
+@inlined
+def spin_of(particle):
+    """Angular velocity in rad/s of a particle that spins, three components."""
+    return particle["spin_x"], particle["spin_y"], particle["spin_z"]
+
+
+@inlined
+def set_spin(particle, spin):
+    """Set the angular velocity of a particle that spins in rad/s, three components."""
+    particle["spin_x"], particle["spin_y"], particle["spin_z"] = spin
 
 
 @inlined
@@ -239,7 +268,7 @@ def reorder(particles: Particles, order: np.ndarray) -> None:
 
 def new_ledger() -> Ledger:
     """Return an empty ledger."""
-    return Ledger(np.zeros(EXCHANGED + 1), np.zeros(EXHAUSTED + 1, np.int64), np.zeros(1))
+    return Ledger(np.zeros(LEFT_TO_STRUCTURE + 3), np.zeros(SPIN_CAPS + 1, np.int64), np.zeros(1))
 
 
 def particle_type_of(scene: Any, shown: bool = False) -> np.dtype[np.void]:
@@ -253,6 +282,7 @@ def particle_type_of(scene: Any, shown: bool = False) -> np.dtype[np.void]:
         cooled_to=isinstance(scene.cooling, ExactCooling),
         last_impact=any(law_of(each).contacts_last for each in laws_in((laws.restitution,))),
         grains=shown or laws.fragmentation is not None or scene.sizes is not None,
+        spin=scene.has_spins,
     )
 
 

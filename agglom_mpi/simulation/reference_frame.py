@@ -5,6 +5,8 @@ cross cells for nothing, and a drift a million times the other velocities would 
 from them.
 """
 
+import math
+
 from agglom_mpi.compilation.stages import inlined
 from agglom_mpi.declaration.laws import is_frame_dependent
 from agglom_mpi.simulation.boundary import wrapped_position
@@ -60,3 +62,19 @@ def total_momentum(particles):
         y += particle["mass"] * particle["v"]
         z += particle["mass"] * particle["w"]
     return (x, y, z), mass
+
+
+@inlined
+def fluctuation_energy(particles):
+    """Kinetic energy in J and sum of m|v| in kg m/s, both in the centre-of-mass frame."""
+    momentum, mass = total_momentum(particles)
+    mean_u, mean_v, mean_w = momentum[0] / mass, momentum[1] / mass, momentum[2] / mass
+    energy, momentum_scale = 0.0, 0.0
+    for i in range(particles.size[0]):
+        particle = particles.records[i]
+        square = (particle["u"] - mean_u) ** 2
+        square += (particle["v"] - mean_v) ** 2
+        square += (particle["w"] - mean_w) ** 2
+        energy += 0.5 * particle["mass"] * square
+        momentum_scale += particle["mass"] * math.sqrt(square)
+    return energy, momentum_scale

@@ -46,6 +46,7 @@ from agglom_mpi.simulation.sample_room import (
     without_law,
 )
 from agglom_mpi.simulation.scene import Scene
+from agglom_mpi.simulation.spins import draw_spins
 from agglom_mpi.simulation.trajectory import new_observer, observe_particles, store_frame
 
 
@@ -67,7 +68,9 @@ class Outcome(metaclass=PublicFace, internal=["measured", "census"]):
     moments : array, shape (4,)
         Mean and central moments 2, 3, 4 of b/b⁰.
     ledger : dict
-        Closure errors and counts of everything that was capped or refused.
+        Closure errors and counts of everything that was capped or refused; where grains spin also
+        the rotational over the translational temperature at the end (`rotational_ratio`), how many
+        merges and breakups left angular momentum to the structure (`spin_caps`), and that in J s.
     collisions, merges, breakups, steps : int
     seconds, cpu_seconds : float
         Wall-clock and processor time of the simulation, s.
@@ -126,6 +129,7 @@ def simulate_scene(
     random: np.random.Generator,
     abort: npt.NDArray[np.uint8] | None = None,
     frames: Frames | None = None,
+    ledger: Ledger | None = None,
 ) -> tuple[Any, Any]:
     """Run one sample; return its `OUTCOME` record and its final `Particles`.
 
@@ -139,14 +143,16 @@ def simulate_scene(
         Shape (1,); another thread ends the run early by setting it to 1.
     frames
         Filled if given; from `new_frames` for the scene's number of grains.
+    ledger
+        Filled with what was added up if given; from `new_ledger`.
 
     `final_particles` makes arrays of SI values of the particles.
     """
     abort = np.zeros(1, np.uint8) if abort is None else abort
     if frames is not None:
         particles = new_particles(scene, capacity_of(scene))
-        return _with_frames(scene, random, particles, abort, frames), particles
-    return _alone(scene, random, abort, None)
+        return _with_frames(scene, random, particles, abort, frames, ledger), particles
+    return _alone(scene, random, abort, None, ledger)
 
 
 def simulate_counted(
@@ -154,9 +160,10 @@ def simulate_counted(
     random: np.random.Generator,
     census: CensusRoom,
     abort: npt.NDArray[np.uint8] | None = None,
+    ledger: Ledger | None = None,
 ) -> tuple[Any, Any]:
     """Run one sample as `simulate_scene` does, and fill its `census`, from `new_census_room`."""
-    return _alone(scene, random, np.zeros(1, np.uint8) if abort is None else abort, census)
+    return _alone(scene, random, np.zeros(1, np.uint8) if abort is None else abort, census, ledger)
 
 
 def _alone(
@@ -164,6 +171,7 @@ def _alone(
     random: np.random.Generator,
     abort: npt.NDArray[np.uint8],
     census: CensusRoom | None,
+    ledger: Ledger | None,
 ) -> tuple[Any, Any]:
     """Run a range of one sample; return its `OUTCOME` record and its final `Particles`."""
     particles = new_particles(scene, capacity_of(scene))
@@ -172,7 +180,15 @@ def _alone(
     draws = with_sizes(new_draws(), [drawn_sizes(scene, random)])
     results = new_results(1)._replace(census=census)
     simulate_range(prepared.scene, room, random, draws, new_watch(abort), results)
+    _keep(ledger, room.ledger)
     return room.record.copy()[0], particles
+
+
+def _keep(wanted: Ledger | None, ledger: Ledger) -> None:
+    """Copy a ledger to the one that was asked for."""
+    if wanted is not None:
+        for target, source in zip(wanted, ledger, strict=True):
+            target[:] = source
 
 
 def _with_frames(
@@ -181,12 +197,13 @@ def _with_frames(
     particles: Particles,
     abort: npt.NDArray[np.uint8],
     frames: Frames,
+    ledger: Ledger | None,
 ) -> Any:
     """Run one sample and fill its frames; return its `OUTCOME` record."""
     out = np.zeros(1, result.OUTCOME)
     out["state"] = result.FAILED
     if place_grains(scene, random, particles, abort):
-        carry_to_end(without_law(scene), particles, abort, out, frames)
+        _keep(ledger, carry_to_end(without_law(scene), particles, abort, out, frames))
     else:
         out["reason"] = result.FailureReason.PLACEMENT_JAMMED
     return out[0]
@@ -279,6 +296,7 @@ def place_grains(
         return False
     particles.position[:, : scene.particles] = placed
     particles.velocity[:, : scene.particles] = velocity
+    draw_spins(scene.laws.friction, random, particles)
     return True
 
 

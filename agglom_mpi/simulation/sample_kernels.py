@@ -1,5 +1,6 @@
 """Kernels of a sample after its placement: the engine, and what is measured at the end."""
 
+import math
 from typing import Final
 
 import numpy as np
@@ -17,6 +18,7 @@ from agglom_mpi.simulation.measurement import (
 from agglom_mpi.simulation.particles import EXHAUSTED
 from agglom_mpi.simulation.reference_frame import to_box_frame, to_mass_frame
 from agglom_mpi.simulation.scene import advance_to, begin, finish
+from agglom_mpi.simulation.spins import rotational_energy
 from agglom_mpi.simulation.temperature import cool_until
 
 INITIAL: Final = np.dtype(
@@ -75,7 +77,8 @@ def measure_sample(scene, particles, ledger, initial, end, out):
     if ledger.counts[EXHAUSTED] > 0:
         record["reason"] = result.FailureReason.BUDGET_EXCEEDED
         return
-    if not is_finite(particles):
+    turning = rotational_energy(scene.laws.friction, particles)
+    if not (is_finite(particles) and math.isfinite(turning)):
         record["reason"] = result.FailureReason.NON_FINITE
         return
     measure(scene, particles, record)

@@ -33,6 +33,7 @@ from agglom_mpi.simulation.particles import set_position, set_velocity
 from agglom_mpi.simulation.sample_kernels import measure_sample, run_engine
 from agglom_mpi.simulation.sample_room import CALLED, CENSUS, ENGINE, MEASUREMENT, PLACEMENT
 from agglom_mpi.simulation.scene import is_aborted
+from agglom_mpi.simulation.spins import draw_spins
 from agglom_mpi.simulation.stream_states import STATE_WORDS
 
 _PLACEMENT: Final = CALLED.index(PLACEMENT)
@@ -179,6 +180,7 @@ def simulate_one(scene, room, random, draws, census, k, abort):
         record["reason"] = result.FailureReason.PLACEMENT_JAMMED
         return
     put_grains(room.particles, room.placed, room.velocity)
+    draw_spins(scene.laws.friction, random, room.particles)
     particles, ledger, initial = room.particles, room.ledger, room.initial
     end = run_to_end(census, scene, room, k, abort)
     call_measurement(

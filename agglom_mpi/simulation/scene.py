@@ -4,8 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agglom_mpi.compilation.stages import Submodel, dispatch, dispatch_allocating, inlined
+from agglom_mpi.compilation.stages import Submodel, dispatch, dispatch_allocating, inlined, law_of
 from agglom_mpi.physics.restitution import ImpactLaws
+from agglom_mpi.physics.rough import SpinningFriction
 from agglom_mpi.simulation.particles import Ledger, Particles
 
 
@@ -34,6 +35,12 @@ class Scene(NamedTuple):
     def has_temperature(self) -> bool:
         """Whether grains have a temperature; where no law needs one it is 0 K in all kernels."""
         return self.temperature > 0.0 or self.laws.heating is not None or self.cooling is not None
+
+    @property
+    def has_spins(self) -> bool:
+        """Whether grains spin."""
+        friction = self.laws.friction
+        return friction is not None and issubclass(law_of(friction), SpinningFriction)
 
 
 @dispatch

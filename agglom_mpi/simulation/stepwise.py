@@ -14,7 +14,6 @@ from agglom_mpi.compilation.kernels import kernel
 from agglom_mpi.compilation.stages import inlined
 from agglom_mpi.simulation.measurement import (
     count_overlaps,
-    fluctuation_energy,
     is_finite,
     mean_temperature,
     radius_moments,
@@ -26,7 +25,11 @@ from agglom_mpi.simulation.particles import (
     new_ledger,
     particle_type_of,
 )
-from agglom_mpi.simulation.reference_frame import to_mass_frame, total_momentum
+from agglom_mpi.simulation.reference_frame import (
+    fluctuation_energy,
+    to_mass_frame,
+    total_momentum,
+)
 from agglom_mpi.simulation.scene import Scene, advance_to, begin, copy_at
 from agglom_mpi.simulation.trajectory import Observer, cool_copies, return_copies_to_box
 

@@ -100,6 +100,8 @@ def store_frame(frames: Frames, f: int, scene: Any, particles: Particles) -> Non
     frames.particles[f] = n
     frames.positions[f, :n] = particles.position[:, :n].T
     frames.velocities[f, :n] = particles.velocity[:, :n].T
+    if frames.spins is not None and particles.spin is not None:
+        frames.spins[f, :n] = particles.spin[:, :n].T
     frames.labels[f, :n] = particles.label[:n]
     frames.radii[f, :n] = particles.radius[:n]
     frames.masses[f, :n] = particles.mass[:n]

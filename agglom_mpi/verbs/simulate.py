@@ -28,6 +28,7 @@ from agglom_mpi.simulation.compilation import ensure_compiled
 from agglom_mpi.simulation.engines import Engine
 from agglom_mpi.simulation.finished import finished_sample
 from agglom_mpi.simulation.frames import frame_times, new_frames, without_temperatures
+from agglom_mpi.simulation.particles import new_ledger
 from agglom_mpi.simulation.sample import (
     Outcome,
     count_changes,
@@ -36,6 +37,7 @@ from agglom_mpi.simulation.sample import (
     simulate_scene,
 )
 from agglom_mpi.simulation.scene import Scene
+from agglom_mpi.simulation.spins import spin_account
 from agglom_mpi.stopwatch import Stopwatch
 
 
@@ -52,16 +54,16 @@ def simulate(
     campaign.check_scales(vector)
     times = None if frames is None else _frame_times(campaign, frames, vector)
     scene = campaign.at(vector).build(campaign.engine(engine))
-    room = None if times is None else new_frames(times, scene.particles)
+    room = None if times is None else new_frames(times, scene.particles, scene.has_spins)
     random = random_numbers(campaign, vector, sample)
     layout = campaign.census if room is None else None
     census = None if layout is None else new_census_room(layout, 1)
     ensure_compiled(scene, room is not None, census is not None)
-    stopwatch = Stopwatch()
+    stopwatch, ledger = Stopwatch(), new_ledger()
     if census is None:
-        record, particles = simulate_scene(scene, random, frames=room)
+        record, particles = simulate_scene(scene, random, frames=room, ledger=ledger)
     else:
-        record, particles = simulate_counted(scene, random, census)
+        record, particles = simulate_counted(scene, random, census, ledger=ledger)
     spent = stopwatch.read()
     if record["state"] != result.COMPLETED:
         raise RuntimeError(f"sample {sample} failed: {result.REASONS[record['reason']]}")
@@ -83,7 +85,8 @@ def simulate(
         radii=final.radii / scene.radius,
         temperatures=final.temperatures,
         moments=np.array([ratio, *(float(record[f"radius_moment_{r}"]) for r in (2, 3, 4))]),
-        ledger={name: record[name].item() for name in result.LEDGER},
+        ledger={name: record[name].item() for name in result.LEDGER}
+        | spin_account(scene, particles, ledger),
         collisions=int(record["collisions"]),
         merges=int(record["merges"]),
         breakups=int(record["breakups"]),

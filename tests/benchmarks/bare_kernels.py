@@ -12,13 +12,7 @@ import numpy as np
 from agglom_mpi.compilation.kernels import kernel
 from agglom_mpi.compilation.stages import inlined
 from agglom_mpi.simulation.boundary import wrapped_position
-from agglom_mpi.simulation.collision import (
-    apply_impulse,
-    dot,
-    relative_velocity,
-    scaled,
-    separation_vector,
-)
+from agglom_mpi.simulation.collision import apply_impulse
 from agglom_mpi.simulation.event_driven.cell_crossing import cross_cell, schedule_crossing
 from agglom_mpi.simulation.event_driven.cells import (
     FITTING_SHARE,
@@ -49,6 +43,7 @@ from agglom_mpi.simulation.time_driven.neighbours import (
     update_neighbours,
 )
 from agglom_mpi.simulation.time_driven.stepping import move_particles
+from agglom_mpi.simulation.vectors import dot, relative_velocity, scaled, separation_vector
 
 NO_PARTICLE = -1
 

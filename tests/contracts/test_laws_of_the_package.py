@@ -10,6 +10,9 @@ from law_subjects import KEYS, subject_of
 from agglom_mpi.contracts.starts import sizes_failures
 from agglom_mpi.contracts.subject import Case
 from agglom_mpi.contracts.tested_laws import guarded, law_findings, properties_of
+from agglom_mpi.physics.hardness import ArrheniusHardness
+from agglom_mpi.physics.heating import PairSplit
+from agglom_mpi.physics.rough import RoughFriction
 from agglom_mpi.physics.sizes import FileSizes, LognormalSizes, Sizes, UniformSizes
 
 LAWS = [law for kind in KEYS.values() for law in kind.components().values() if not law.is_absent]
@@ -32,6 +35,15 @@ def test_a_law_has_the_properties_of_its_kind_or_breaks_those_it_names(law):
     assert {str(each) for each in found if each.fails} == set()
     assert {each.name for each in found if each.fault} == set(law.breaks)
     assert {each.name for each in found} == {name for name, _ in properties_of(subject)}
+
+
+@pytest.mark.usefixtures("few_cases")
+@pytest.mark.parametrize("tangential", [1.0, -0.5])
+@pytest.mark.parametrize("law", [ArrheniusHardness, PairSplit])
+def test_roots_and_heats_are_sound_where_a_slip_is_reversed(law, tangential):
+    friction = RoughFriction(coefficient=0.5, tangential=tangential)
+    found = law_findings(subject_of(law, friction=friction))
+    assert {str(each) for each in found if each.fails} == set()
 
 
 def numbers_in(interval):

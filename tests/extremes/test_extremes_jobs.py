@@ -37,7 +37,8 @@ IN_PLAIN_PYTHON = {
 }  # fmt: skip
 """Small ones of the type of `jobs/accretion_2003.yaml`."""
 LONG = {"coarse_steps", "creeping", "hard", "very_dilute"}
-RARE = {"adhesive_kilometres", "adhesive_nanometres", "collapse", "viscous_binder"}
+ROUGH = {"perfectly_rough", "spinning_tops", "spinning_plastic"}
+RARE = {"adhesive_kilometres", "adhesive_nanometres", "collapse", "viscous_binder"} | ROUGH
 """Of laws that no other quick test compiles; `tests/physics` has their formulas."""
 
 tested: set[str] = set()
@@ -499,6 +500,35 @@ def test_grains_in_pitch_stick_at_any_speed():
     for outcome in outcomes("viscous_binder"):
         assert outcome.merges == outcome.collisions > 50
     assert head_on("viscous_binder", 1e6).bonds
+
+
+# spins
+
+
+@about("perfectly_rough")
+def test_perfectly_rough_elastic_grains_come_to_equipartition():
+    """Of 300 directions each, a share of energy has a standard error of √(2/300)/2, some 4 %."""
+    ratios = [outcome.ledger["rotational_ratio"] for outcome in outcomes("perfectly_rough")]
+    error = 2.0 * math.sqrt(2.0 / 300.0 / 2.0) / math.sqrt(len(ratios))
+    assert np.mean(ratios) == pytest.approx(1.0, abs=4.0 * error)
+    for outcome in outcomes("perfectly_rough"):
+        assert outcome.collisions > 1000
+        assert abs(outcome.ledger["energy_error"]) <= 1e-12
+
+
+@about("spinning_tops")
+def test_fast_spins_give_their_energy_to_the_motion():
+    for outcome in outcomes("spinning_tops"):
+        assert outcome.ledger["rotational_ratio"] < 10.0
+        assert outcome.collisions > 100
+
+
+@about("spinning_plastic")
+def test_merges_leave_angular_momentum_that_no_spin_has_the_energy_for():
+    for outcome in outcomes("spinning_plastic"):
+        assert outcome.merges == outcome.collisions == 99
+        assert 0 < outcome.ledger["spin_caps"] < 99
+        assert outcome.ledger["angular_momentum_left"] > 0.0
 
 
 # few and coarse

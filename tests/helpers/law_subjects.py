@@ -57,6 +57,8 @@ GIVEN = {
     "viscosity": 1e-3,
     "film_thickness": 1e-6,
     "roughness": 1e-7,
+    "coefficient": 0.3,
+    "tangential": 0.44,
 }
 """Numbers and laws that laws need."""
 

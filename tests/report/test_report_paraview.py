@@ -11,16 +11,18 @@ from agglom_mpi.report.paraview import POINT_DATA, write_vtkhdf
 from agglom_mpi.simulation.frames import new_frames
 
 
-def some_frames(counts, grains):
+def some_frames(counts, grains, spins=False):
     """Return frames with `counts` particles, whose values all differ."""
     random = np.random.default_rng(len(counts))
-    frames = new_frames(np.cumsum(random.random(len(counts))), grains)
+    frames = new_frames(np.cumsum(random.random(len(counts))), grains, spins)
     for f, count in enumerate(counts):
         frames.particles[f] = count
         frames.labels[f, :count] = random.permutation(10 * grains)[:count]
         frames.grains[f, :count] = random.integers(1, 9, count)
         for values in (frames.positions, frames.velocities, frames.radii, frames.temperatures):
             values[f, :count] = random.normal(size=values[f, :count].shape)
+        if frames.spins is not None:
+            frames.spins[f, :count] = random.normal(size=(count, 3))
     return frames
 
 
@@ -36,7 +38,8 @@ def test_vtk_reads_back_every_frame_with_the_particles_there_are(tmp_path, count
 
 
 def test_a_file_says_its_version_its_units_and_what_it_shows(tmp_path):
-    write_vtkhdf(tmp_path / "out.vtkhdf", some_frames([3, 2], 4), "Growth: string 1, sample 0")
+    frames = some_frames([3, 2], 4, spins=True)
+    write_vtkhdf(tmp_path / "out.vtkhdf", frames, "Growth: string 1, sample 0")
     with h5py.File(tmp_path / "out.vtkhdf") as file:
         root = file["VTKHDF"]
         assert file.attrs["title"] == "Growth: string 1, sample 0"
@@ -48,6 +51,8 @@ def test_a_file_says_its_version_its_units_and_what_it_shows(tmp_path):
         units = {name: root["PointData"][name].attrs["unit"] for name in root["PointData"]}
         assert units == {name: unit for name, (_, unit) in POINT_DATA.items()}
         assert root["Points"].attrs["unit"] == "m"
+        shown = frames.spins[np.arange(4) < frames.particles[:, None]]
+        np.testing.assert_array_equal(root["PointData/spin"], shown)
         assert root["Steps/PointDataOffsets"].keys() == units.keys()
 
 

@@ -101,10 +101,15 @@ def bits_of_frame(frames, f, particles):
     return [np.ascontiguousarray(part[f, :n]).tobytes() for part in parts]
 
 
+def arrays_of(frames):
+    """Return the arrays that there are, without spins where grains have none."""
+    return [each for each in frames if each is not None]
+
+
 def filled(frames, f):
     """One frame without the places that nobody is in."""
     n = int(frames.particles[f])
-    rest = (each[f, :n] for each in frames[2:])
+    rest = (None if each is None else each[f, :n] for each in frames[2:])
     return Frames(frames.times[f], n, *rest)
 
 

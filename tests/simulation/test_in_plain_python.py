@@ -12,7 +12,7 @@ from plain_python import assert_hold_in_plain_python
             20,
             marks=pytest.mark.slow,
         ),
-        (["simulation/test_[bce]*.py", "simulation/test_sample_range.py"], 60),
+        (["simulation/test_[bce]*.py", "simulation/test_s[ap]*.py"], 60),
         (
             [
                 "simulation/test_simulation_[elnr]*.py",

@@ -33,6 +33,7 @@ from agglom_mpi.physics.restitution import (
     LastingContact,
     PressureRestitution,
 )
+from agglom_mpi.physics.rough import RoughFriction
 from agglom_mpi.simulation.boundary import Periodic
 from agglom_mpi.simulation.engines import AdaptiveSteps, EventDriven, FixedSteps
 from agglom_mpi.simulation.event_driven.flights import NEXT_EVENT, TRAJECTORY
@@ -56,6 +57,10 @@ FIELDS = {
         breaking_event_periodic(**FEW),
         {"temperature", "grains", "cooled_to"},
     ),
+    "rough grains": (
+        LEAN._replace(laws=LEAN.laws._replace(friction=RoughFriction.Numbers(0.0, 0.2, 0.4))),
+        {"spin_x", "spin_y", "spin_z"},
+    ),
 }
 
 
@@ -72,7 +77,7 @@ def test_a_particle_has_only_the_fields_that_its_scene_uses(name):
 
 def test_no_record_begins_with_all_fields_of_another():
     """Numba would take the longer one for the shorter."""
-    kinds = [particle_type(*chosen) for chosen in itertools.product((False, True), repeat=4)]
+    kinds = [particle_type(*chosen) for chosen in itertools.product((False, True), repeat=5)]
     kinds += [TRAJECTORY, NEXT_EVENT, INITIAL, OUTCOME]
     fields = [[(name, kind.fields[name]) for name in kind.names] for kind in kinds]
     for shorter, longer in itertools.permutations(fields, 2):

@@ -91,6 +91,9 @@ def same(found, wanted):
     assert type(found) is type(wanted)
     for name, array in wanted._asdict().items():
         stored = getattr(found, name)
+        if array is None:  # spins of grains that have none
+            assert stored is None
+            continue
         assert (stored.dtype, stored.shape) == (array.dtype, array.shape), name
         assert stored.tobytes() == array.tobytes(), name
     return True
@@ -334,7 +337,7 @@ def test_a_torn_picture_is_absent_and_taken_again(filled):
 
 def test_particles_of_another_sample_or_number_are_a_fault(filled):
     other = final_row(2, 4, final(2, 3), GRAINS)
-    few = final_row(0, 6, FinalParticles(*(array[:1] for array in final(0, 6))), GRAINS)
+    few = final_row(0, 6, FinalParticles(*(array[:1] for array in final(0, 6)[:4])), GRAINS)
     with CampaignWriter(filled) as writer:
         finals = writer.samples._finals.table
         finals.write(2 * MAX_SAMPLES + 3, other)

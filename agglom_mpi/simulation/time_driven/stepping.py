@@ -10,7 +10,6 @@ import numpy as np
 
 from agglom_mpi.compilation.stages import inlined
 from agglom_mpi.simulation.boundary import wrapped_position
-from agglom_mpi.simulation.collision import dot
 from agglom_mpi.simulation.engines import AdaptiveSteps, FixedSteps
 from agglom_mpi.simulation.particles import (
     PARTICLE_STEPS,
@@ -34,6 +33,7 @@ from agglom_mpi.simulation.time_driven.neighbours import (
     reset_neighbour_list,
 )
 from agglom_mpi.simulation.trajectory import copy_particles
+from agglom_mpi.simulation.vectors import dot
 
 TIME_TOLERANCE: Final = 1e-9
 """Share of a step by which a time may miss its end and still be its end, by rounding."""
