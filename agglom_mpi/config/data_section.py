@@ -162,16 +162,10 @@ class DatumEntry(Declared):
         stated = self.weight, self.column, self.unit, self.error, self.counted
         return CurveKeys(*stated, self.headings or {})
 
-    def with_curve(self, curve: SizeCurve) -> Self:
+    def with_read(self, key: str, content: SizeCurve | MeasuredImpacts) -> Self:
         """Return the entry with what its file holds."""
         copy = self.model_copy()
-        copy.__dict__["_curve"] = curve
-        return copy
-
-    def with_impacts(self, impacts: MeasuredImpacts) -> Self:
-        """Return the entry with the impacts of its file."""
-        copy = self.model_copy()
-        copy.__dict__["_impacts"] = impacts
+        copy.__dict__[key] = content
         return copy
 
     def with_correlations(self, correlations: Mapping[int, float]) -> Self:
@@ -268,11 +262,10 @@ def with_curves(
             found.append(entry)
             continue
         try:
-            if entry.kind.is_exact:
-                asked = place, entry.file, entry.error, entry.headings or {}
-                found.append(entry.with_impacts(files.impacts(*asked)))
-            else:
-                found.append(entry.with_curve(files.curve(place, entry.file, entry.curve_keys)))
+            key, read = (
+                ("_impacts", files.impacts) if entry.kind.is_exact else ("_curve", files.curve)
+            )
+            found.append(entry.with_read(key, read(place, entry.file, entry.curve_keys)))
         except FieldError as error:
             problems += [((place, *path), message) for path, message in error.problems]
         except ValueError as error:

@@ -139,7 +139,7 @@ class NamedFiles:
         """
         raise ValueError(f"is {quoted(name)}, {ONLY_BESIDE}")
 
-    def impacts(self, place: int, name: str, error: float | None, headings: Any) -> Any:
+    def impacts(self, place: int, name: str, keys: Any) -> Any:
         """Return the impacts of a file; arguments and errors as of `curve`."""
         raise ValueError(f"is {quoted(name)}, {ONLY_BESIDE}")
 

@@ -159,14 +159,10 @@ class EmulatedData(EmulatedBox):
                 found[i] = tests.coefficients(np.concatenate(impacts)) @ basis
         return found
 
-    @property
-    def exact_measured(self) -> Floats:
-        """Measured values of what needs no samples, in the frame, shape (x,)."""
-        return self.left_out_measured[len(self.left_out_measured) - len(self.exact_columns) :]
-
     def _exact_squares(self, strings: Floats) -> Floats:
         """Return χ² of what needs no samples, (n,); inf of strings that a law refuses."""
-        away = self.exact_measured - self.exact_numbers(strings)
+        measured = self.left_out_measured[len(self.left_out_measured) - len(self.exact_columns) :]
+        away = measured - self.exact_numbers(strings)
         return np.nan_to_num(np.sum(away**2, axis=1), nan=math.inf)
 
     def numbers_of(self, values: Floats) -> Floats:

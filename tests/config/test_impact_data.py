@@ -107,6 +107,19 @@ def test_a_law_without_restitution_is_refused(tmp_path, law):
     assert "constant restitution of 0" in problem.message
 
 
+def test_a_check_draws_the_law_of_the_middle_beside_the_data(tmp_path):
+    """A constant 0.7 of a width of 50 is in column 35, as are data of the same value."""
+    path = write(tmp_path)
+    (tmp_path / "i.csv").write_text(IMPACTS.replace("0.8", "0.7"))
+    campaign = load_campaign(path)
+    rows = [line for line in campaign.describe().splitlines() if line.rstrip().endswith("0.700")]
+    first, second = (line.split("|")[1] for line in rows)
+    assert (first.index("+"), first.index("o"), second.index("*")) == (35, 45, 35)
+    assert [float(line.split()[0]) for line in rows] == [1.0, 2.0]
+    assert "suffices" in campaign.describe()
+    assert campaign.description()["data"]
+
+
 def test_a_campaign_of_impacts_has_one_census_at_the_end(tmp_path):
     assert load_campaign(write(tmp_path)).census.times == (np.inf,)
     other = "data:\n  - {quantity: d43, value: 2 mm, error: 1 um, time: 0.5 us}"

@@ -6,6 +6,7 @@ import pytest
 
 from agglom_mpi.declaration.declared import FieldError
 from agglom_mpi.measurements.files.impact_file import MAX_IMPACTS, WALL_RATIO, read_impacts
+from agglom_mpi.measurements.files.size_columns import CurveKeys
 
 GOOD = """\
 # Somebody, 1999
@@ -17,7 +18,7 @@ Impact speed (cm/s);Diameter 1 (mm);Diameter 2 (mm);T;temperature (degC);coeffic
 
 def read(folder, text, error=0.02, **headings):
     (folder / "i.csv").write_text(text)
-    return read_impacts(folder, "i.csv", error, headings)
+    return read_impacts(folder, "i.csv", CurveKeys(error=error, headings=headings))
 
 
 def test_impacts_are_read_in_si_units(tmp_path):

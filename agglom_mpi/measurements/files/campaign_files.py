@@ -12,11 +12,7 @@ from agglom_mpi.declaration.spelling import MAX_MAGNITUDE
 from agglom_mpi.declaration.units import quoted
 from agglom_mpi.measurements.files.curve_file import read_size_curve
 from agglom_mpi.measurements.files.grain_file import Diameters, read_diameters
-from agglom_mpi.measurements.files.impact_file import (
-    MAX_COEFFICIENT,
-    MeasuredImpacts,
-    read_impacts,
-)
+from agglom_mpi.measurements.files.impact_file import MeasuredImpacts, read_impacts
 from agglom_mpi.measurements.files.size_columns import CurveKeys
 from agglom_mpi.measurements.files.size_curve import POWER, SizeCurve
 
@@ -38,11 +34,9 @@ class FilesBeside(NamedFiles):
         """Return the curve of a file."""
         return read_size_curve(self.folder, name, keys)
 
-    def impacts(
-        self, place: int, name: str, error: float | None, headings: Mapping[str, str]
-    ) -> MeasuredImpacts:
+    def impacts(self, place: int, name: str, keys: CurveKeys) -> MeasuredImpacts:
         """Return the impacts of a file."""
-        return read_impacts(self.folder, name, error, headings)
+        return read_impacts(self.folder, name, keys)
 
 
 class RecordedFiles(NamedFiles):
@@ -76,20 +70,11 @@ class RecordedFiles(NamedFiles):
         _require(is_whole, name)
         return SizeCurve(edges, shares, errors, of, weight)  # type: ignore[arg-type]
 
-    def impacts(
-        self, place: int, name: str, error: float | None, headings: Mapping[str, str]
-    ) -> MeasuredImpacts:
+    def impacts(self, place: int, name: str, keys: CurveKeys) -> MeasuredImpacts:
         """Return the impacts of an entry of `data`."""
         numbers = [self._numbers(f"data.{place}.{key}") for key in MeasuredImpacts._fields]
         found = MeasuredImpacts(*numbers)
-        positive = *found.speeds, *found.radii, *found.other_radii, *found.errors
-        is_whole = (
-            len({*map(len, numbers)}) == 1
-            and len(found.errors) > 0
-            and all(0.0 < each < MAX_MAGNITUDE for each in positive)
-            and all(0.0 <= each <= MAX_COEFFICIENT for each in found.coefficients)
-        )
-        _require(is_whole, name)
+        _require(len({*map(len, numbers)}) == 1 and found.is_possible, name)
         return found
 
     def _numbers(self, entry: str) -> tuple[float, ...]:

@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 
 from agglom_mpi.declaration.bounded_reading import quoted_start
 from agglom_mpi.declaration.declared import FieldError
+from agglom_mpi.declaration.spelling import MAX_MAGNITUDE
 from agglom_mpi.declaration.units import quoted, to_si
 from agglom_mpi.measurements.files.grain_file import read_content
+from agglom_mpi.measurements.files.size_columns import CurveKeys
 from agglom_mpi.measurements.files.text_table import (
     TableError,
     TextTable,
@@ -72,31 +74,21 @@ class MeasuredImpacts(NamedTuple):
     errors: tuple[float, ...]
 
     @property
+    def is_possible(self) -> bool:
+        """Whether there are impacts, all with possible numbers."""
+        positive = *self.speeds, *self.radii, *self.other_radii, *self.errors
+        fit = all(0.0 <= each <= MAX_COEFFICIENT for each in self.coefficients)
+        return fit and min(positive, default=0.0) > 0.0 and max(positive) < MAX_MAGNITUDE
+
+    @property
     def conditions(self) -> NDArray[np.float64]:
         """Speeds, both radii and temperatures, shape (q, 4)."""
         return np.column_stack(self[:4])
 
 
-def read_impacts(
-    folder: Path, name: str, error: float | None, headings: Mapping[str, str]
-) -> MeasuredImpacts:
-    """Return the impacts of a file.
-
-    Parameters
-    ----------
-    folder, name
-    error
-        Standard error of each coefficient; None: the file has a column of errors.
-    headings
-        Known headings by those of the file.
-
-    Raises
-    ------
-    FieldError
-        If the keys of the entry do not fit the file.
-    ValueError
-        If the file cannot be read, or allows two readings.
-    """
+def read_impacts(folder: Path, name: str, keys: CurveKeys) -> MeasuredImpacts:
+    """Return the impacts of a file; errors as of `curve_file.read_size_curve`."""
+    headings, error = keys.headings, keys.error
     content = read_content(folder, name)
     titles = {*IMPACT_HEADINGS, *(parse_heading(own).title.lower() for own in headings)}
     try:
