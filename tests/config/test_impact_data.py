@@ -1,6 +1,7 @@
 """Entries of `data` with impacts: what a campaign keeps of them, and what it refuses."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,6 +9,8 @@ import pytest
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import campaign_of_record, check_campaign, load_campaign
 from agglom_mpi.config.yaml_source import CampaignError
+
+JOBS = Path(__file__).parents[2] / "jobs"
 
 TEXT = """\
 scene: {particles: 2, grain_radius: 1 mm, velocities: uniform_x, restitution: RESTITUTION,
@@ -124,3 +127,20 @@ def test_a_campaign_of_impacts_has_one_census_at_the_end(tmp_path):
     assert load_campaign(write(tmp_path)).census.times == (np.inf,)
     other = "data:\n  - {quantity: d43, value: 2 mm, error: 1 um, time: 0.5 us}"
     assert load_campaign(write(tmp_path, "data:", other)).census.times == (5e-7,)
+
+
+@pytest.mark.parametrize(
+    ("job", "variable", "best", "most"),
+    [
+        ("croquet_ball", "restitution.dissipative_constant", 37.91e-6, 0.008),
+        ("ice", "restitution.yield_pressure", 3.605e6, 0.0135),
+    ],
+)
+def test_the_published_impacts_are_as_near_to_their_laws_as_the_readme_says(
+    job, variable, best, most
+):
+    loaded = load_campaign(JOBS / "impacts" / f"{job}.yaml")
+    tests = loaded.impact_tests_at(loaded.parameters({variable: best}))
+    away = tests.coefficients(loaded.data[0].impacts) - loaded.data[0].values
+    assert np.abs(away).max() < most
+    assert not loaded.warnings()
