@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.analysis.estimates import completed_rows, objective_at, objective_of
 from agglom_mpi.formatting import pluralise, value_with_error
-from agglom_mpi.measurements.datum import Datum
+from agglom_mpi.measurements.datum import Datum, exact_values
 from agglom_mpi.measurements.misfit import UNLIKELY, DatumMisfit, Misfit, sampling_noise
 from agglom_mpi.storage.reader import CampaignData
 
@@ -62,7 +62,7 @@ def string_predictions(
         return None
     law: Any = objective_at(file, string)
     found = law.predictions(law.summaries(completed), data)
-    noise = sampling_noise(found.left_out)
+    noise = sampling_noise(found.left_out, exact_values(data or law.data))
     covariance = noise.raw if noise.freedom else np.full(noise.raw.shape, math.nan)
     return tuple(data or law.data), found.pooled, covariance
 
@@ -86,7 +86,8 @@ def _line(part: DatumMisfit) -> str:
     """Return how far the prediction of one datum is off."""
     verdict = "" if part.p_value >= UNLIKELY or math.isnan(part.p_value) else ", disagrees"
     if len(part.residual) > 1:
-        shown = f"χ² {part.chi_square:.3g} of {pluralise(part.rank, 'independent share')}"
+        counted = pluralise(part.rank, f"independent {part.datum.kind.one_value}")
+        shown = f"χ² {part.chi_square:.3g} of {counted}"
     else:
         with np.errstate(divide="ignore", invalid="ignore"):
             shown = f"off by {float((part.residual / part.error)[0]):+.2g} of both errors"

@@ -57,8 +57,9 @@ def unit_of_variable(text: str, variable: "Variable | SetVariable") -> tuple[flo
 
 
 def unit_of_datum(text: str, datum: Datum) -> tuple[float, str]:
-    """Return factor and label of the unit in which a datum, or the sizes of a curve, are shown."""
+    """Return factor and label of the unit of a datum, the sizes of a curve, or impacts' speeds."""
     largest = datum.values[0] if datum.edges is None else datum.edges[-2]
+    largest = largest if datum.impacts is None else datum.impacts[:, 0].max()
     return shown_unit(text, datum.quantity, datum.kind.axis_unit, float(largest))
 
 

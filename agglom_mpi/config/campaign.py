@@ -34,6 +34,7 @@ from agglom_mpi.declaration.reading import PLAIN, Reading
 from agglom_mpi.measurements.datum import Datum
 from agglom_mpi.measurements.layout import CensusLayout
 from agglom_mpi.physics import scales
+from agglom_mpi.physics.impact_tests import ImpactTests, impact_tests
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.search.methods.method import SearchMethod
 from agglom_mpi.search.objectives.misfit import MeasuredString
@@ -45,7 +46,7 @@ from agglom_mpi.variables import VariableTable
 
 CAMPAIGN_INTERNALS: Final = (
     *("scene", "variables", "objective", "plan", "output", "final", "user_function", "relations"),
-    *("at", "measured_at", "most_grains", "objective_at", "scenes"),
+    *("at", "measured_at", "impact_tests_at", "most_grains", "objective_at", "scenes"),
     *("search", "ensemble", "stopping", "common_configurations", "max_framed", "max_strings"),
     *("first_sample", "given_strings", "space", "allowed_strings", "volume"),
     *("derived_values", "function_error", "check_scales"),
@@ -300,9 +301,14 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
             raise ValueError(f"{self.name} has no section data")
         section, values = self.at(string)
         diameter = 2.0 * scales.grain_radius(section, values)
-        return MeasuredString(
-            self.data, self.census, diameter, values["density"], section.particles
-        )
+        has_impacts = any(datum.kind.is_exact for datum in self.data)
+        tests = self.impact_tests_at(string) if has_impacts else None
+        density, grains = values["density"], section.particles
+        return MeasuredString(self.data, self.census, diameter, density, grains, tests)
+
+    def impact_tests_at(self, string: npt.ArrayLike) -> ImpactTests:
+        """Return the laws of single impacts of a string; raise a ValueError if one refuses it."""
+        return impact_tests(*self.at(string))
 
     @cached_property
     def census(self) -> CensusLayout | None:

@@ -1,6 +1,6 @@
 """Section `data`: what was measured, when, and with which error.
 
-An entry gives one number with its error, or the file of a size distribution, which
+An entry gives one number with its error, or the file of a size distribution or of impacts, which
 `measurements.files` reads. The identity of a campaign has its numbers, so that a stored campaign
 needs no file.
 """
@@ -16,9 +16,10 @@ from agglom_mpi.declaration.declared import Declared, FieldError, FieldPath, Mea
 from agglom_mpi.declaration.field_types import Line
 from agglom_mpi.declaration.reading import NamedFiles, Reading
 from agglom_mpi.declaration.units import has_offset, quoted, to_si, unit_in
-from agglom_mpi.formatting import in_unit, value_with_prefix
+from agglom_mpi.formatting import in_unit, pluralise, value_with_prefix
 from agglom_mpi.measurements.datum import Datum, datum_name
 from agglom_mpi.measurements.files.campaign_files import CURVE_NUMBERS
+from agglom_mpi.measurements.files.impact_file import MeasuredImpacts
 from agglom_mpi.measurements.files.size_columns import CurveKeys
 from agglom_mpi.measurements.files.size_curve import ShareWeight, SizeCurve
 from agglom_mpi.measurements.quantities import QUANTITIES, MeasuredQuantity
@@ -30,14 +31,15 @@ else:
 
 PERCENT: Final = ("%", "percent")
 """Units of an error relative to its value."""
-_OF_FILES: Final = ("file", "column", "unit", "headings", "counted")
-"""Keys of an entry with a file."""
+_OF_SIZES: Final = ("column", "unit", "counted")
+_OF_FILES: Final = ("file", "headings", *_OF_SIZES)
+"""Keys of an entry with a file; some are for sizes alone."""
 
 
 def _read_number(value: Any, reading: Reading) -> float | None:
     """Return the value of a quantity in its SI unit; None of one that has none."""
     kind = QUANTITIES.get(reading.earlier.get("quantity", ""))
-    if kind is None or kind.is_curve:
+    if kind is None or kind.has_file:
         return None
     number = _positive(to_si(value, kind.unit), value, kind.unit)
     if number > kind.most:
@@ -58,8 +60,8 @@ def _read_error(value: Any, reading: Reading) -> float | None:
         number = to_si(value, unit)
     if given and has_offset(given):
         raise ValueError(f"is {quoted(value)}; a difference of temperatures must be in K")
-    if _positive(number, value, unit) >= 1.0 and kind.is_curve:
-        raise ValueError(f"is {quoted(value)}; the error of a share must be less than 100 %")
+    if _positive(number, value, unit) >= 1.0 and kind.has_file:
+        raise ValueError(f"is {quoted(value)}; the error of {kind.name} must be less than 100 %")
     return number
 
 
@@ -71,26 +73,30 @@ def _positive(number: float, value: Any, unit: str) -> float:
 
 
 class DatumEntry(Declared):
-    """One measurement: a number with its error, or a file of sizes.
+    """One measurement: a number with its error, or a file of sizes or of impacts.
 
     Attributes
     ----------
     quantity
         What was measured. `d43` and `d32` are mean diameters by volume and by surface, `spread` is
         the standard deviation of the diameters over their mean, `particles_left` a share of the
-        grains at the start, `temperature` the mean by mass.
+        grains at the start, `temperature` the mean by mass. `restitution` is that of single
+        impacts, which the laws of the scene give without samples.
     value
-        Measured value, with a unit or in SI units; of every quantity but `sizes`.
+        Measured value, with a unit or in SI units; of every quantity without a file.
     error
         Standard error of the value, also in percent of a value that has a unit; of a file that of
-        each share, or of each value of a cumulative curve, if it has no column of errors.
+        each share, of each value of a cumulative curve, or of each coefficient, if it has no column
+        of errors.
     weight
         What a particle counts by. Quantities without a weight take none.
     time
         Time of the measurement from the start of a sample; without it the end.
     file
         Name of the file, beside the campaign file: a cumulative curve, a histogram, or a list of
-        diameters, under headings with units such as `sieve size (mm)` and `passing (%)`.
+        diameters, under headings with units such as `sieve size (mm)` and `passing (%)`; or impacts
+        under `speed (m/s)`, `radius (mm)` and `coefficient`. `radius 2 (mm)` of the other sphere
+        may be `wall`, and `temperature (K)` replaces that of the string.
     column
         Heading of the column to read, where a file has several amounts or sizes.
     unit
@@ -119,23 +125,26 @@ class DatumEntry(Declared):
     headings: dict[Line, Line] | None = None
     counted: Annotated[int, Whole(at_least=10)] | None = None
     _curve: SizeCurve | None = None
+    _impacts: MeasuredImpacts | None = None
     _correlations: tuple[tuple[int, float], ...] = ()
 
     def problems(self) -> Iterator[tuple[FieldPath, str]]:
         """Yield keys that the quantity lacks, or does not have."""
-        is_file = self.kind.is_curve
+        is_file = self.kind.has_file
         if not self.kind.has_weight and self.weight is not None:
             weighted = ", ".join(name for name, each in QUANTITIES.items() if each.has_weight)
             message = f"is {self.weight!r}; must be left out of {self.quantity}, and belongs to"
             yield ("weight",), f"{message} {weighted}"
-        for key in ("value",) if is_file else _OF_FILES:
+        only = ", ".join(name for name, each in QUANTITIES.items() if each.has_file)
+        excluded: tuple[str, ...] = ("value",) if is_file else _OF_FILES
+        excluded += ("time", *_OF_SIZES) if self.kind.is_exact else ()
+        for key in excluded:
             if key in self.model_fields_set:
-                other = (
-                    "the numbers of sizes are in their file" if is_file else "only sizes have it"
-                )
+                other = f"only {only} have it" if not is_file else "its numbers are in its file"
                 yield (key,), f"must be left out of {self.quantity}; {other}"
         if is_file and self.file is None:
-            yield ("file",), "is missing; a curve, a histogram or a list, like 'sieve.csv'"
+            what = "impacts" if self.kind.is_exact else "a curve, a histogram or a list"
+            yield ("file",), f"is missing; {what}, like '{self.quantity}.csv'"
         for key in () if is_file else ("value", "error"):
             if getattr(self, key) is None:
                 unit = self.kind.unit
@@ -153,10 +162,10 @@ class DatumEntry(Declared):
         stated = self.weight, self.column, self.unit, self.error, self.counted
         return CurveKeys(*stated, self.headings or {})
 
-    def with_curve(self, curve: SizeCurve) -> Self:
+    def with_read(self, key: str, content: SizeCurve | MeasuredImpacts) -> Self:
         """Return the entry with what its file holds."""
         copy = self.model_copy()
-        copy.__dict__["_curve"] = curve
+        copy.__dict__[key] = content
         return copy
 
     def with_correlations(self, correlations: Mapping[int, float]) -> Self:
@@ -176,11 +185,17 @@ class DatumEntry(Declared):
     @property
     def label(self) -> str:
         """Name of the datum for people, as `sizes by mass at 2 ms`."""
+        if self.kind.is_exact:
+            return f"{self.quantity} in {self.file}"
         return datum_name(self.quantity, self.used_weight, self.time)
 
     @property
     def summary(self) -> str:
         """One line on the datum and its numbers."""
+        if self._impacts is not None:
+            ends = [f"{end(self._impacts.speeds):.3g}" for end in (min, max)]
+            count = pluralise(len(self._impacts.speeds), "impact")
+            return f"{self.label}: {count} at {' to '.join(dict.fromkeys(ends))} m/s"
         if self._curve is None:
             value, error = (_shown(each, self.kind.unit) for each in (self.value, self.error))
             with_others = [f"{r:g} with data.{place}" for place, r in self._correlations]
@@ -193,6 +208,11 @@ class DatumEntry(Declared):
 
     def build(self, earlier: Sequence[Datum] = ()) -> Datum:
         """Return the datum in SI units; `earlier` ones are those that it may correlate with."""
+        if self._impacts is not None:
+            values, errors = map(np.array, self._impacts[-2:])
+            conditions = self._impacts.conditions
+            covariance = np.diag(np.square(errors))
+            return Datum(self.quantity, values, covariance, name=self.label, impacts=conditions)
         if self._curve is None:
             value, error = float(self.value or 0.0), float(self.error or 0.0)
             datum = Datum.of_value(
@@ -217,12 +237,19 @@ class DatumEntry(Declared):
             found["weight"] = self.used_weight
         if self.time is not None:
             found["time"] = self.time
+        if self._impacts is not None:
+            return found | _texts(self._impacts, MeasuredImpacts._fields)
         if self._curve is None:
             correlations = {str(place): r for place, r in self._correlations}
             found |= {"correlations": correlations} if correlations else {}
             return {**found, "value": self.value, "error": self.error}
-        numbers = {name: " ".join(map(repr, getattr(self._curve, name))) for name in CURVE_NUMBERS}
+        numbers = _texts(self._curve, CURVE_NUMBERS)
         return {**found, "errors_of": self._curve.errors_of, **numbers}
+
+
+def _texts(of: Any, names: Sequence[str]) -> dict[str, str]:
+    """Return the numbers of a file as texts."""
+    return {name: " ".join(map(repr, getattr(of, name))) for name in names}
 
 
 def with_curves(
@@ -235,7 +262,10 @@ def with_curves(
             found.append(entry)
             continue
         try:
-            found.append(entry.with_curve(files.curve(place, entry.file, entry.curve_keys)))
+            key, read = (
+                ("_impacts", files.impacts) if entry.kind.is_exact else ("_curve", files.curve)
+            )
+            found.append(entry.with_read(key, read(place, entry.file, entry.curve_keys)))
         except FieldError as error:
             problems += [((place, *path), message) for path, message in error.problems]
         except ValueError as error:
@@ -252,11 +282,12 @@ def built_data(entries: Sequence[DatumEntry]) -> tuple[Datum, ...]:
 
 
 def impossible_data(
-    data: tuple[DatumEntry, ...], end: float | None, has_heat: bool
+    data: tuple[DatumEntry, ...], end: float | None, has_heat: bool, always_bonds: str | None
 ) -> Iterator[tuple[FieldPath, str]]:
     """Yield data that a scene cannot have.
 
     `end` is the fixed end of its samples in s, None where it differs between strings.
+    `always_bonds` is why nothing bounces; None where grains may.
     """
     for i, entry in enumerate(data):
         if entry.time is not None and end is not None and entry.time > end:
@@ -266,6 +297,9 @@ def impossible_data(
             own = value_with_prefix(entry.time, "s")
             message = f"is {own}; needs a fixed end_time of the scene, which every sample reaches"
             yield (i, "time"), message
+        if entry.kind.is_exact and always_bonds is not None:
+            message = f"is {entry.quantity!r}, but with {always_bonds} nothing bounces"
+            yield (i, "quantity"), f"{message}; the scene must have a restitution"
         if entry.kind.needs_heat and not has_heat:
             message = f"is {entry.quantity!r}, but heating is 'none'; the scene must have heating"
             yield (i, "quantity"), message

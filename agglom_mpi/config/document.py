@@ -95,7 +95,9 @@ def _data_fit_scene(data: tuple[DatumEntry, ...], reading: Reading) -> Problems:
     scene: SceneSection = reading.earlier["scene"]
     differs = scene.end_time == "characteristic" or "end_time" in reading.variables
     end = None if differs or isinstance(scene.end_time, str) else scene.end_time
-    return impossible_data(data, end, not scene.heating.is_absent)
+    varies = reading.variables.has_numbers_of("restitution")
+    always_bonds = None if varies else scene.restitution.always_bonds
+    return impossible_data(data, end, not scene.heating.is_absent, always_bonds)
 
 
 def _objective_fits(objective: Objective, reading: Reading) -> Problems:

@@ -108,7 +108,7 @@ NO_OWN: Final = OwnComponents()
 
 
 class NamedFiles:
-    """Reads the files of sizes that a campaign names; this one reads none."""
+    """Reads the files of sizes and impacts that a campaign names; this one reads none."""
 
     def diameters(self, name: str) -> Any:
         """Return the diameters of a file of grains, which `scene.sizes` names.
@@ -137,6 +137,10 @@ class NamedFiles:
         ValueError
             If it cannot be read, with the reason.
         """
+        raise ValueError(f"is {quoted(name)}, {ONLY_BESIDE}")
+
+    def impacts(self, place: int, name: str, keys: Any) -> Any:
+        """Return the impacts of a file; arguments and errors as of `curve`."""
         raise ValueError(f"is {quoted(name)}, {ONLY_BESIDE}")
 
 

@@ -33,7 +33,7 @@ class JointEmulator:
     points
         Coordinates of each sample, shape (n, p).
     numbers
-        Numbers of each sample, shape (n, k).
+        Numbers of each sample, shape (n, k); k may be 0.
     random
         Stream of the subsets that covariances are fitted to.
     groups
@@ -102,6 +102,8 @@ class JointEmulator:
 
     def mixed(self, points: Floats) -> tuple[Floats, Floats]:
         """Return mean and standard deviation of the mixed numbers at points, (m, k) each."""
+        if not self.processes:
+            return np.empty((len(points), 0)), np.empty((len(points), 0))
         found = [e.mean_and_deviation(points) for e in self.processes]
         means, deviations = zip(*found, strict=True)
         return np.column_stack(means), np.column_stack(deviations)

@@ -57,13 +57,13 @@ class DataCalibration(NamedTuple):
     effective_size
         Median effective number of strings of these posteriors.
     near
-        Accuracy of the emulator at the held-out strings nearest to the data.
+        Accuracy of the emulator at the held-out strings nearest to the data; None without one.
     """
 
     names: tuple[str, ...]
     ranks: Floats
     effective_size: float
-    near: Region
+    near: Region | None
 
     @property
     def coverage(self) -> dict[str, float]:
@@ -103,7 +103,7 @@ class DataCalibration(NamedTuple):
                 f"90 % ranges of {name} hold {_percent(covered)} of the truths of made-up data, at "
                 f"least {100 * MIN_RANGE_COVERAGE:.0f} % is needed"
             )
-        if self.near.coverage < MIN_COVERAGE:
+        if self.near is not None and self.near.coverage < MIN_COVERAGE:
             found.append(
                 f"90 % intervals of the emulator hold {_percent(self.near.coverage)} of the "
                 f"{self.near.strings} held-out strings nearest to the data, at least "
@@ -129,12 +129,18 @@ class DataCalibration(NamedTuple):
         least, most = min(coverages), max(coverages)
         shares = _percent(least) if least == most else f"{100 * least:.3g} to {_percent(most)}"
         start = "are calibrated" if least <= MAX_COVERAGE else "know more than they claim"
+        emulator = (
+            "no emulator is needed"
+            if self.near is None
+            else (
+                f"90 % intervals of the emulator hold {_percent(self.near.coverage)} of the "
+                f"{self.near.strings} nearest held-out strings"
+            )
+        )
         return (
             f"posteriors of data that a string gives {start}: 90 % ranges hold {shares} of the "
             f"truths of {len(self.ranks)} made-up data sets (± {100 * self.standard_error:.2g} %), "
-            f"ranks are uniform with p ≥ {min(self.uniformity.values()):.2g}; 90 % intervals of "
-            f"the emulator hold {_percent(self.near.coverage)} of the {self.near.strings} nearest "
-            "held-out strings"
+            f"ranks are uniform with p ≥ {min(self.uniformity.values()):.2g}; {emulator}"
         )
 
     def as_dict(self) -> dict[str, Any]:
@@ -147,8 +153,8 @@ class DataCalibration(NamedTuple):
             "coverage_standard_error": self.standard_error,
             "uniformity": self.uniformity,
             "effective_size": self.effective_size,
-            "held_out_coverage": self.near.coverage,
-            "held_out_strings": self.near.strings,
+            "held_out_coverage": None if self.near is None else self.near.coverage,
+            "held_out_strings": 0 if self.near is None else self.near.strings,
         }
 
 
@@ -183,15 +189,17 @@ def _calibration(
     points = emulated.coordinates.of_strings(others)
     measured, values = _made_up(emulated, truths, random)
     processes, mixing = emulated.emulator.processes, emulated.emulator.mixing
-    mixed = np.stack(
-        [e.means_of(values[:, :, j], points) for j, e in enumerate(processes)], axis=-1
-    )
+    means = [e.means_of(values[:, :, j], points) for j, e in enumerate(processes)]
+    mixed = np.stack(means, axis=-1) if means else np.empty((len(truths), len(others), 0))
+    exact, own_exact = emulated.exact_numbers(others), emulated.exact_numbers(truths)
+    own_exact = own_exact + random.normal(size=own_exact.shape)
     places, own = emulated.box.space.to_unit(others), emulated.box.space.to_unit(truths)
     ranks, sizes = np.empty(own.shape), np.empty(len(truths))
     for i in range(0, len(truths), DATA_SETS_AT_ONCE):
         some = slice(i, i + DATA_SETS_AT_ONCE)
         away = measured[some, None] - mixed[some] @ mixing.T
         logarithms = log_densities(away, factors, known.failing) + np.log(prior)
+        logarithms -= 0.5 * np.sum((own_exact[some, None] - exact) ** 2, axis=2)
         weights = np.exp(logarithms - logarithms.max(axis=1, keepdims=True))
         weights /= weights.sum(axis=1, keepdims=True)
         ranks[some] = np.einsum("rm,rmd->rd", weights, places[None] < own[some, None])
@@ -226,6 +234,8 @@ def _made_up(
     emulated: EmulatedData, truths: Floats, random: np.random.Generator
 ) -> tuple[Floats, Floats]:
     """Return made-up data, (R, k), and mixed means of all strings of their campaigns, (R, n, k)."""
+    if not emulated.emulator.processes:
+        return np.empty((len(truths), 0)), np.empty((len(truths), 0, 0))
     emulator, count = emulated.emulator, len(truths)
     strings = emulator.processes[0].data.points
     at = np.concatenate((strings, emulated.coordinates.of_strings(truths)))
@@ -258,8 +268,10 @@ def _noise(emulated: EmulatedData, count: int, random: np.random.Generator) -> F
     return found
 
 
-def _nearest_region(emulated: EmulatedData) -> Region:
+def _nearest_region(emulated: EmulatedData) -> Region | None:
     """Return the accuracy of the emulator at the held-out strings nearest to the data."""
+    if not emulated.emulator.processes:
+        return None
     held_out = emulated.emulator.held_out
     means = np.column_stack([predicted for _, predicted, _ in held_out])
     deviations = np.column_stack([deviation for *_, deviation in held_out])

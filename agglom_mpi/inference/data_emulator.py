@@ -5,9 +5,14 @@ Predictions are scaled by the errors of the measurement, in the directions in wh
 component is then in standard errors of the measurement, independent of the others. Components that
 differ between strings by less than a tenth of that are not emulated: the data cannot tell the
 strings apart by them, and their variance counts as an error.
+
+Coefficients of restitution follow from the laws of a string without samples. They are evaluated at
+each string, and not emulated: their directions are the last ones of those that are left out.
 """
 
+import math
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from functools import cached_property
 from typing import Any, Final
 
@@ -19,7 +24,7 @@ from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.inference.posterior_sampling import MAX_LOGARITHM_AWAY, Observed
 from agglom_mpi.inference.searched_box import EmulatedBox, EmulatedStrings, SearchedBox
 from agglom_mpi.inference.stored_samples import StoredSamples, StringValues
-from agglom_mpi.measurements.datum import Datum
+from agglom_mpi.measurements.datum import Datum, exact_values
 from agglom_mpi.measurements.misfit import ResidualFrame, residual_frame
 from agglom_mpi.random_streams import DATA_POSTERIOR
 
@@ -57,9 +62,11 @@ class EmulatedData(EmulatedBox):
     components : ndarray
         Directions of the kept components in the frame, orthonormal, shape (p, k).
     left_out : ndarray
-        Directions that are not emulated, orthonormal, shape (p, p − k).
+        Directions that are not emulated, orthonormal, shape (p, p − k); x of them are exact.
     left_out_variance : ndarray
-        Variance between strings along these, shape (p − k,).
+        Variance between strings along these, shape (p − k,); 0 where values are exact.
+    exact_columns : ndarray
+        Columns of the frame whose values are exact, shape (x,).
     centre : ndarray
         Mean prediction of all strings in the frame, shape (p,).
     samples : ndarray
@@ -84,11 +91,14 @@ class EmulatedData(EmulatedBox):
         self.frame: ResidualFrame = residual_frame(self.data)
         points = coordinates_of(box.campaign).of_strings(values.strings)
         framed = values.values @ self.frame.basis
-        self._typical = values.values.mean(axis=0)
+        is_exact = exact_values(self.data)
+        self._typical = self.frame.measured if is_exact.all() else values.values.mean(axis=0)
         self.lengths = values.lengths
         self._set_components(points, framed)
-        columns = [merge_samples(points, column).means for column in values.values.T]
-        self.reached = np.array([(means.min(), means.max()) for means in columns]).T
+        self.reached = np.array([[-math.inf], [math.inf]]) * np.ones(len(is_exact))
+        for i in np.flatnonzero(~is_exact):
+            means = merge_samples(points, values.values[:, i]).means
+            self.reached[:, i] = means.min(), means.max()
         self.samples = (framed - self.centre) @ self.components
         super().__init__(box, values.strings, self.samples, stored, DATA_POSTERIOR)
         self.measured = self.numbers_of(self.frame.measured)
@@ -96,6 +106,27 @@ class EmulatedData(EmulatedBox):
         self.left_out_measured = np.asarray(away @ self.left_out)
 
     def _set_components(self, points: Floats, framed: Floats) -> None:
+        """Find the components of the strings' means, (n, p) samples in the frame."""
+        pairs = list(zip(self.data, self.frame.columns, strict=True))
+        exact = [np.arange(columns.stop)[columns] for d, columns in pairs if d.kind.is_exact]
+        self.exact_columns = np.concatenate(exact) if exact else np.empty(0, np.int64)
+        if not len(self.exact_columns):
+            self._set_principal_components(points, framed)
+            return
+        whole = np.eye(framed.shape[1])
+        emulated = np.delete(whole, self.exact_columns, axis=1)
+        self.centre, self.left_out_variance = np.empty(0), np.empty(0)
+        self.components = self.left_out = np.empty((0, 0))
+        if emulated.size:
+            self._set_principal_components(points, framed @ emulated)
+        self.centre = emulated @ self.centre
+        self.components = emulated @ self.components
+        self.left_out = np.hstack([emulated @ self.left_out, whole[:, self.exact_columns]])
+        self.left_out_variance = np.append(
+            self.left_out_variance, np.zeros(len(self.exact_columns))
+        )
+
+    def _set_principal_components(self, points: Floats, framed: Floats) -> None:
         """Find the principal components of the strings' means, (n, p) samples in the frame."""
         _, which, count = np.unique(points, axis=0, return_inverse=True, return_counts=True)
         which = which.ravel()
@@ -115,6 +146,24 @@ class EmulatedData(EmulatedBox):
         self.left_out_variance = np.maximum(variances[~kept], 0.0)
 
     # Data, components and values
+
+    def exact_numbers(self, strings: Floats) -> Floats:
+        """Return what needs no samples of strings, in the frame, (n, x); nan if a law refuses."""
+        found = np.full((len(strings), len(self.exact_columns)), math.nan)
+        rows = exact_values(self.data)
+        basis = self.frame.basis[np.ix_(rows, self.exact_columns)]
+        impacts = [datum.impacts for datum in self.data if datum.impacts is not None]
+        for i in range(len(strings) if impacts else 0):
+            with suppress(ValueError):
+                tests = self.box.campaign.impact_tests_at(strings[i])
+                found[i] = tests.coefficients(np.concatenate(impacts)) @ basis
+        return found
+
+    def _exact_squares(self, strings: Floats) -> Floats:
+        """Return χ² of what needs no samples, (n,); inf of strings that a law refuses."""
+        measured = self.left_out_measured[len(self.left_out_measured) - len(self.exact_columns) :]
+        away = measured - self.exact_numbers(strings)
+        return np.nan_to_num(np.sum(away**2, axis=1), nan=math.inf)
 
     def numbers_of(self, values: Floats) -> Floats:
         """Return the kept components of values of all data, (…, Q), shape (…, k)."""
@@ -152,9 +201,11 @@ class EmulatedData(EmulatedBox):
         """
         found = [np.empty(0)]
         for i in range(0, len(strings), MAX_DENSITIES_AT_ONCE):
-            known = self.at(strings[i : i + MAX_DENSITIES_AT_ONCE])
+            some = strings[i : i + MAX_DENSITIES_AT_ONCE]
+            known = self.at(some)
             factors = self.factors(known.deviations)
-            found.append(log_densities(self.away(known)[None], factors, known.failing)[0])
+            logarithms = log_densities(self.away(known)[None], factors, known.failing)[0]
+            found.append(logarithms - 0.5 * self._exact_squares(some))
         return np.concatenate(found)
 
     def away(self, known: EmulatedStrings) -> Floats:
@@ -172,7 +223,9 @@ class EmulatedData(EmulatedBox):
         covariances = np.einsum(
             "ak,nkl,bl->nab", self.components, own, self.components, optimize=True
         )
-        return away + self.left_out @ self.left_out_measured, covariances + rest
+        away = away + self.left_out @ self.left_out_measured
+        away[:, self.exact_columns] -= self.exact_numbers(strings)
+        return away, covariances + rest
 
     def near(self, strings: Floats) -> Floats:
         """Return those of strings, (n, k), that no component alone rules out."""
@@ -191,8 +244,10 @@ class EmulatedData(EmulatedBox):
     @cached_property
     def _nearest(self) -> tuple[float, Floats]:
         """χ² of the best of some even points, and the largest deviation of each number there."""
-        known = self.at(self.box.even_strings(COARSE_POINTS))
-        best = float(chi_squares(self.away(known)[None], self.factors(known.deviations)).min())
+        strings = self.box.even_strings(COARSE_POINTS)
+        known = self.at(strings)
+        chi = chi_squares(self.away(known)[None], self.factors(known.deviations))[0]
+        best = float((chi + self._exact_squares(strings)).min())
         return best, known.deviations.max(axis=0)
 
     # What a posterior asks of what was measured
@@ -207,6 +262,8 @@ class EmulatedData(EmulatedBox):
             meaning: dict[str, Any] = {"long_name": datum.name, "units": datum.kind.unit}
             if datum.edges is not None:
                 meaning["edges"] = datum.edges
+            if datum.impacts is not None:
+                meaning["speeds"] = datum.impacts[:, 0]
             name = f"datum_{i}_{datum.quantity}"
             yield Observed(name, f"value_of_{i}", datum.values, datum.standard_errors, meaning)
 
@@ -239,6 +296,7 @@ class EmulatedData(EmulatedBox):
         variances, directions = np.linalg.eigh(own)
         scaled = np.sqrt(np.maximum(variances, 0.0)) * random.normal(size=variances.shape)
         left_out = rest + np.sqrt(spread) * random.normal(size=(len(strings), len(spread)))
+        left_out[:, len(spread) - len(self.exact_columns) :] += self.exact_numbers(strings)
         return mean + np.einsum("nkl,nl->nk", directions, scaled), left_out
 
 

@@ -17,6 +17,7 @@ from agglom_mpi.inference.stored_samples import (
     string_values,
     why_not_emulated,
 )
+from agglom_mpi.measurements.datum import exact_values
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ def data_posterior(file: "CampaignData") -> Posterior:
     stored = stored_samples(file)
     values = string_values(file, campaign.data, stored)
     count = len(np.unique(np.nan_to_num(values.strings), axis=0))
-    if count < MIN_STRINGS:
+    if count < MIN_STRINGS and not exact_values(campaign.data).all():
         raise PosteriorError(
             f"{file.path}: predictions of {count} different strings; at least {MIN_STRINGS} are "
             "needed for a posterior"

@@ -195,7 +195,7 @@ def next_measurements(
     identity = np.eye(len(of.measured))
     data = DataAtPoints(known.means, known.deviations, of.emulator.mixing, of.measured, identity)
     found = [
-        *_repetitions(of, data, points),
+        *_repetitions(of, data, strings, points),
         *_new_quantities(file, of, data, strings, points, stated),
     ]
     ranked = sorted(found, key=lambda each: (each.after.mean, each.name))
@@ -225,15 +225,18 @@ def dense_points(of: EmulatedData, drawn: WeightedStrings) -> tuple[Floats, Weig
 
 
 def _repetitions(
-    of: EmulatedData, data: DataAtPoints, points: WeightedPoints
+    of: EmulatedData, data: DataAtPoints, strings: Floats, points: WeightedPoints
 ) -> Iterator[NextMeasurement]:
     """Yield a repetition of each datum with half of its error."""
+    exact = of.exact_numbers(strings)
     for datum, columns in zip(of.data, of.frame.columns, strict=True):
-        matrix = of.frame.roots[columns] @ of.components @ of.emulator.mixing
+        own = of.frame.roots[columns]
+        matrix = own @ of.components @ of.emulator.mixing
         # Along its own directions the errors of the datum are independent and 1; those of the
         # repetition are independent of all others.
         error_of_numbers = REPEATED_ERROR**2 * np.eye(len(matrix))
-        candidate = data.expected(LinearQuantity(matrix), error_of_numbers)
+        rest = exact @ own[:, of.exact_columns].T if datum.kind.is_exact else 0.0
+        candidate = data.expected(LinearQuantity(matrix, rest), error_of_numbers)
         after, resolved = _expected(of.box, points, candidate)
         value = error = math.nan
         if len(datum.values) == 1:
@@ -250,7 +253,12 @@ def _new_quantities(
     points: WeightedPoints,
     stated: Mapping[str, AssumedError],
 ) -> Iterator[NextMeasurement]:
-    """Yield each quantity of one number that is not measured and differs between strings."""
+    """Yield each quantity of one number that is not measured and differs between strings.
+
+    There is none where all data are impacts, whose samples need not predict anything.
+    """
+    if not of.emulator.processes:
+        return
     campaign, layout = of.box.campaign, file.sizes.census
     assert layout is not None
     times = [None if time == math.inf else time for time in layout.times]

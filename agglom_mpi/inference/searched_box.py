@@ -186,7 +186,7 @@ class EmulatedBox:
         self.emulator = JointEmulator(quantities, self.points, numbers, random, groups)
         self.failing_strings = int(stored.failed.sum())
         self._failing: Emulator | None = None
-        if self.failing_strings:  # a regression of the failures
+        if self.failing_strings and self.emulator.processes:  # a regression of the failures
             tried = self.coordinates.of_strings(stored.tried)
             failures = merge_samples(tried, stored.failed.astype(np.float64))
             self._failing = Emulator(failures, self.stream(FAILURE_STREAM), groups, rounds=0)

@@ -13,6 +13,7 @@ quantile without a sample would jump between the particles' sizes where few are 
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -42,6 +43,9 @@ class Census:
         Number of particles of a sample at the start.
     density
         Of the particles, in kg/m³.
+    coefficients
+        Returns the coefficients of restitution of impacts, (q, 4) as of `Datum`, shape (q,); None
+        where no impacts are compared.
     """
 
     edges: Floats
@@ -51,6 +55,7 @@ class Census:
     largest: Floats
     grains: int
     density: float
+    coefficients: Callable[[Floats], Floats] | None = None
 
     @property
     def samples(self) -> int:
@@ -81,6 +86,7 @@ class SampleSums:
         self.temperatures = census.temperatures[:, index]
         self.largest = census.largest[:, index]
         self.diameters = census.diameters[:, index]
+        self.coefficients = census.coefficients
         self.cubes_per_mass = 6.0 / (math.pi * census.density)
         self._amounts = {"number": self.counts, "mass": self.masses}
 

@@ -44,6 +44,9 @@ class Datum:
         Diameters between the classes of `sizes` in m, shape (q + 1,), ascending; the first may be
         0 and the last inf. The first class has everything below it, and the last class everything
         above it, so that the shares of a simulation sum to 1 as well.
+    impacts
+        Of `restitution`: approach speed in m/s, both radii in m, and temperature in K of each
+        impact, nan for that of the grains, shape (q, 4).
     name, unit
         For people; the numbers of a datum are in SI units whatever its `unit` is.
     correlations
@@ -64,6 +67,7 @@ class Datum:
     name: str = ""
     unit: str = ""
     correlations: tuple[tuple["Datum", float], ...] = field(default=(), repr=False)
+    impacts: Floats | None = None
 
     @classmethod
     def of_value(
@@ -114,6 +118,10 @@ class Datum:
 
     def _check_edges(self) -> None:
         size = len(self.values)
+        if self.kind.is_exact:
+            if self.impacts is None or self.impacts.shape != (size, 4):
+                raise ValueError(f"{size} values must have impacts of shape ({size}, 4)")
+            return
         if not self.kind.is_curve:
             if self.edges is not None or size != 1:
                 raise ValueError(f"{self.quantity} has one value and no edges")
@@ -136,10 +144,18 @@ def datum_name(quantity: str, weight: str, time: float | None) -> str:
 
 
 def data_times(data: Sequence[Datum]) -> tuple[float | None, ...]:
-    """Return the different times of data, ascending and the end last: the T times of a `Census`."""
-    times = {datum.time for datum in data}
+    """Return the different times of data, ascending and the end last: the T times of a `Census`.
+
+    Impacts have no time; the end stands alone where there is nothing else.
+    """
+    times = {datum.time for datum in data if not datum.kind.is_exact} or {None}
     ends: tuple[None, ...] = (None,) if None in times else ()
     return (*sorted(time for time in times if time is not None), *ends)
+
+
+def exact_values(data: Sequence[Datum]) -> NDArray[np.bool_]:
+    """Return which of all values, one datum after the other, follow without samples, (Q,)."""
+    return np.repeat([d.kind.is_exact for d in data], [len(d.values) for d in data])
 
 
 class Predictions(NamedTuple):
@@ -150,7 +166,7 @@ class Predictions(NamedTuple):
     pooled
         By all samples, shape (Q,).
     left_out
-        Without one sample each, shape (n, Q); nan with a single sample.
+        Without one sample each, shape (n, Q); nan of a single sample, but for exact values.
     """
 
     pooled: Floats
@@ -173,10 +189,12 @@ def predictions(census: Census, data: Sequence[Datum]) -> Predictions:
     sums = [SampleSums(census, index) for index in range(len(times))]
     with np.errstate(divide="ignore", invalid="ignore"):
         found = [
-            each.kind.predict(sums[times.index(each.time)], each.weight, each.edges)
+            each.kind.predict(sums[0], each.weight, each.impacts)
+            if each.kind.is_exact
+            else each.kind.predict(sums[times.index(each.time)], each.weight, each.edges)
             for each in data
         ]
     rows = np.column_stack(found)
     if census.samples == 1:
-        rows[1] = math.nan
+        rows[1, ~exact_values(data)] = math.nan
     return Predictions(rows[0], rows[1:])

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.measurements.census import Census
-from agglom_mpi.measurements.datum import Datum, predictions
+from agglom_mpi.measurements.datum import Datum, exact_values, predictions
 
 Floats = NDArray[np.float64]
 
@@ -35,8 +35,8 @@ class DatumMisfit(NamedTuple):
 
     Attributes
     ----------
-    name
-        Of the datum.
+    datum
+        The datum.
     residual, error
         Prediction minus measurement, and the standard error of this difference, shape (q,) each.
     share
@@ -46,13 +46,18 @@ class DatumMisfit(NamedTuple):
         Of this datum alone.
     """
 
-    name: str
+    datum: Datum
     residual: Floats
     error: Floats
     share: float
     chi_square: float
     rank: int
     p_value: float
+
+    @property
+    def name(self) -> str:
+        """Name of the datum."""
+        return self.datum.name
 
 
 class Misfit(NamedTuple):
@@ -98,7 +103,7 @@ def misfit(census: Census, data: Sequence[Datum]) -> Misfit:
     predicted = predictions(census, data)
     if not np.all(np.isfinite(predicted.pooled)):
         return frame.nothing()
-    noise = sampling_noise(predicted.left_out)
+    noise = sampling_noise(predicted.left_out, exact_values(data))
     return frame.compare(predicted.pooled, noise)
 
 
@@ -133,18 +138,24 @@ class SamplingNoise(NamedTuple):
         )
 
 
-def sampling_noise(left_out: Floats) -> SamplingNoise:
+def sampling_noise(left_out: Floats, exact: NDArray[np.bool_] | None = None) -> SamplingNoise:
     """Return the covariance of predictions from those without one sample each, shape (n, Q).
+
+    Predictions that do not rest on samples, `exact`, (Q,), have no noise.
 
     With the correlations r of the jackknife, λ = Σ var(r)/Σ r² over all pairs; var(r) is that of
     the covariance of two normal numbers in units of their deviations, (1 + r²)/(n − 1). The noise
     is not known from one sample, or where a prediction fails without one of them.
     """
     n, size = left_out.shape
+    zero = np.zeros((size, size))
+    if exact is not None and exact.all():  # nothing is to be estimated
+        return SamplingNoise(zero, zero, 1.0, max(n - 1, 1), np.zeros((max(n, 2), size)))
     if n < 2 or not np.all(np.isfinite(left_out)):
-        zero = np.zeros((size, size))
         return SamplingNoise(zero, zero, 1.0, 0, np.zeros((n, size)))
     deviations = (n - 1) * (np.mean(left_out, axis=0) - left_out)
+    if exact is not None:
+        deviations[:, exact] = 0.0
     raw = deviations.T @ deviations / (n * (n - 1))
     errors = np.sqrt(np.diag(raw))
     scale = np.where(errors > 0.0, errors, 1.0)
@@ -218,7 +229,7 @@ class ResidualFrame:
         """Return the misfit of a string that predicts nothing."""
         parts = tuple(
             DatumMisfit(
-                datum.name,
+                datum,
                 np.full(len(datum.values), math.nan),
                 np.full(len(datum.values), math.nan),
                 math.nan,
@@ -259,7 +270,7 @@ class ResidualFrame:
             alone = _alone(
                 residuals[rows], total[rows, rows], self.basis[rows, columns], noise.of(rows)
             )
-            parts.append(DatumMisfit(datum.name, residuals[rows], errors[rows], share, *alone))
+            parts.append(DatumMisfit(datum, residuals[rows], errors[rows], share, *alone))
         return tuple(parts)
 
 

@@ -56,7 +56,10 @@ class MeasuredQuantity(Component):
     needs_heat
         Whether only particles with a temperature have it.
     is_curve
-        Whether its values are shares of classes of diameter, from a file; else it is one number.
+        Whether its values are shares of classes of diameter, from a file.
+    is_exact
+        Whether the laws of the scene give its values, of single impacts from a file, without
+        samples. A quantity that is neither is one number.
     share
         Share of the particles below it; None unless it is a quantile.
     next_weights
@@ -80,6 +83,7 @@ class MeasuredQuantity(Component):
     most: ClassVar[float] = math.inf
     needs_heat: ClassVar[bool] = False
     is_curve: ClassVar[bool] = False
+    is_exact: ClassVar[bool] = False
     share: ClassVar[float | None] = None
     next_weights: ClassVar[tuple[str, ...]] = ("number",)
     assumed_error: ClassVar[AssumedError] = AssumedError(0.05, is_relative=True)
@@ -97,7 +101,7 @@ class MeasuredQuantity(Component):
     def predict(self, sums: SampleSums, weight: str, edges: Floats | None) -> Floats:
         """Return the number by all samples, then without one each, shape (1 + n,).
 
-        Shares of classes, which alone have `edges`, have the shape (1 + n, q).
+        Shares of classes, which have `edges`, and values of impacts have the shape (1 + n, q).
         """
         raise NotImplementedError
 
@@ -128,7 +132,17 @@ class MeasuredQuantity(Component):
     @property
     def axis_unit(self) -> str:
         """SI unit of the axis on which a figure shows it: of shares that of the diameters."""
-        return "m" if self.is_curve else self.unit
+        return "m" if self.is_curve else "m/s" if self.is_exact else self.unit
+
+    @property
+    def one_value(self) -> str:
+        """Word for one of its values, where it has several."""
+        return "impact" if self.is_exact else "share"
+
+    @property
+    def has_file(self) -> bool:
+        """Whether its values are in a file."""
+        return self.is_curve or self.is_exact
 
 
 class Sizes(MeasuredQuantity):
@@ -321,6 +335,24 @@ class Temperature(MeasuredQuantity):
     def at_start(self, grains: int, diameter: float, temperature: float) -> float:
         """Value of the grains."""
         return temperature
+
+
+class CoefficientOfRestitution(MeasuredQuantity):
+    """Coefficient of restitution of single impacts, 0 where the pair sticks."""
+
+    quantity: Literal["restitution"] = "restitution"
+    is_exact = True
+    next_weights = ()
+
+    def predict(self, sums: SampleSums, weight: str, edges: Floats | None) -> Floats:
+        """By the laws of the string, the same without any sample; `edges` are the impacts."""
+        assert edges is not None
+        assert sums.coefficients is not None
+        return np.tile(sums.coefficients(edges), (1 + len(sums.counts), 1))
+
+    def at_start(self, grains: int, diameter: float, temperature: float) -> float:
+        """Nan: each impact has its own."""
+        return math.nan
 
 
 MEAN_POWERS: Final = {"number": (1, 0), "area": (3, 2), "mass": (4, 3)}

@@ -60,6 +60,11 @@ class RestitutionAroundDry(Restitution):
         """Whether the dry law needs the time of the last impact."""
         return self.dry.keeps_last_impact
 
+    @property
+    def always_bonds(self) -> str | None:
+        """Why all grains bond, if those of the dry law do."""
+        return self.dry.always_bonds
+
     def critical_speeds(
         self, scene: Any, value: Values, exponent: float | None = None
     ) -> CriticalSpeeds:

@@ -132,6 +132,11 @@ class Restitution(Law):
         """Why no grains bond, whatever their speed, in words; None where they may."""
         return None
 
+    @property
+    def always_bonds(self) -> str | None:
+        """Why all grains bond, whatever their speed, in words; None where they may bounce."""
+        return None
+
     def critical_speeds(
         self, scene: Any, value: Values, exponent: float | None = None
     ) -> CriticalSpeeds:
@@ -239,6 +244,11 @@ class ConstantRestitution(Restitution):
     def never_bonds(self) -> str | None:
         """Why no grains bond unless e is 0."""
         return f"a constant restitution of {self.value:g}" if self.value > 0.0 else None
+
+    @property
+    def always_bonds(self) -> str | None:
+        """Why all grains bond if e is 0."""
+        return None if self.value > 0.0 else "a constant restitution of 0"
 
 
 class LastingContact(ConstantRestitution):

@@ -140,7 +140,8 @@ def _compared(predicted: PredictedDatum, text: str) -> dict[str, Any]:
     datum = predicted.datum
     row = {"datum": datum.name, "p": predicted.p_value, "verdict": predicted.verdict}
     if len(datum.values) > 1:
-        return row | {"measured": f"{len(datum.values)} shares", "predicted": "see the curve"}
+        measured = pluralise(len(datum.values), datum.kind.one_value)
+        return row | {"measured": measured, "predicted": "see the curve"}
     factor, unit = unit_of_datum(text, datum)
     low, high = predicted.quantiles(CENTRAL)[:, 0] / factor
     value, error = datum.values[0] / factor, float(np.sqrt(datum.covariance[0, 0])) / factor

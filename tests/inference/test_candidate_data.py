@@ -26,8 +26,12 @@ def test_every_quantity_of_one_number_can_be_measured_at_every_time():
     found = quantities_to_measure(TIMES, (), has_heat=True)
     assert len(set(names(found))) == len(found)
     assert {datum.time for datum in found} == set(TIMES)
-    # A mean radius is half of a mean diameter, and shares of sizes are no number.
-    assert {datum.quantity for datum in found} == set(QUANTITIES) - {"sizes", "mean_radius"}
+    # A mean radius is half of a mean diameter, and what files hold is no number.
+    assert {datum.quantity for datum in found} == set(QUANTITIES) - {
+        "sizes",
+        "mean_radius",
+        "restitution",
+    }
     assert sum(datum.quantity == "d90" for datum in found) == 3 * len(TIMES)
 
 

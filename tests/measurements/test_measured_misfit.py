@@ -291,3 +291,39 @@ def test_p_values_are_uniform_for_the_truth(samples):
             share = np.mean(np.asarray(values) < level)
             noise = math.sqrt(level * (1.0 - level) / draws)
             assert abs(share - level) < 4.0 * noise + bias
+
+
+IMPACTS = np.array([[speed, 1e-3, 1e-3, math.nan] for speed in (0.5, 1.0, 2.0)])
+
+
+def measured_impacts(values=(0.8, 0.7, 0.6), error=0.05):
+    size = len(values)
+    covariance = error**2 * np.eye(size)
+    return Datum("restitution", np.array(values), covariance, impacts=IMPACTS[:size])
+
+
+def with_law(census, predicted=(0.75, 0.75, 0.65)):
+    law = np.array(predicted)
+    return dataclasses.replace(census, coefficients=lambda impacts: law[: len(impacts)])
+
+
+@pytest.mark.parametrize("samples", [1, 2, 7])
+def test_impacts_alone_have_an_exact_misfit_however_few_samples_there_are(samples):
+    census = with_law(drawn_census(samples, np.random.default_rng(1)))
+    found = misfit(census, [measured_impacts()])
+    assert found.chi_square == pytest.approx(3.0)
+    assert found.value == pytest.approx(1.0)
+    assert found.standard_error == pytest.approx(0.0, abs=1e-12)
+    assert found.p_value == pytest.approx(chi2.sf(3.0, 3))
+    assert found.parts[0].p_value == pytest.approx(chi2.sf(3.0, 3))
+
+
+def test_impacts_add_their_chi_square_to_that_of_other_data():
+    census = with_law(drawn_census(6, np.random.default_rng(2)))
+    others = [Datum.of_value(name, 1e-4, 2e-5) for name in ("d43", "d32")]
+    alone = misfit(census, others)
+    both = misfit(census, [others[0], measured_impacts(), others[1]])
+    assert both.rank == alone.rank + 3
+    assert both.chi_square == pytest.approx(alone.chi_square + 3.0)
+    assert both.value * both.rank == pytest.approx(alone.value * alone.rank + 3.0)
+    assert both.standard_error * both.rank == pytest.approx(alone.standard_error * alone.rank)

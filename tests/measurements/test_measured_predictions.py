@@ -28,8 +28,8 @@ QUANTILES = {name: kind.share for name, kind in QUANTITIES.items() if kind.share
 ALL = [
     *(
         number(name, weight)
-        for name in QUANTITIES
-        if name != "sizes"
+        for name, kind in QUANTITIES.items()
+        if not kind.has_file
         for weight in PARTICLE_WEIGHTS
     ),
     *(classes(CLASSES, weight) for weight in PARTICLE_WEIGHTS),

@@ -15,7 +15,7 @@ def test_quantities_under_another_name_are_proposed_under_that_one_alone():
     proposed = {(n, by) for n, each in QUANTITIES.items() for by in each.next_weights}
     for each in QUANTITIES.values():
         for weight in PARTICLE_WEIGHTS:
-            assert each.is_curve or each.one_name(weight) in proposed
+            assert each.has_file or each.one_name(weight) in proposed
             own = QUANTITIES[each.one_name(weight)[0]]
             assert own.one_name(each.one_name(weight)[1]) == each.one_name(weight)
     assert all(QUANTITIES[name].one_name(by) == (name, by) for name, by in proposed)
@@ -23,7 +23,7 @@ def test_quantities_under_another_name_are_proposed_under_that_one_alone():
 
 def test_equal_grains_are_within_the_limits_of_every_number_at_the_start():
     for each in QUANTITIES.values():
-        if not each.is_curve:
+        if not each.has_file:
             value = np.array([[each.at_start(50, 1e-4, 290.0)]])
             assert each.within_limits(value, (1e-4, 1e-4)) == pytest.approx(value)
 

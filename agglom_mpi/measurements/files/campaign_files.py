@@ -1,4 +1,4 @@
-"""Files of sizes that a campaign names: read beside it, or taken from its identity."""
+"""Files of sizes and impacts that a campaign names: read beside it, or taken from its identity."""
 
 import math
 from collections.abc import Mapping
@@ -12,11 +12,12 @@ from agglom_mpi.declaration.spelling import MAX_MAGNITUDE
 from agglom_mpi.declaration.units import quoted
 from agglom_mpi.measurements.files.curve_file import read_size_curve
 from agglom_mpi.measurements.files.grain_file import Diameters, read_diameters
+from agglom_mpi.measurements.files.impact_file import MeasuredImpacts, read_impacts
 from agglom_mpi.measurements.files.size_columns import CurveKeys
 from agglom_mpi.measurements.files.size_curve import POWER, SizeCurve
 
 CURVE_NUMBERS: Final = ("edges", "shares", "errors")
-"""Entries of an identity with the numbers of a file."""
+"""Entries of an identity with the numbers of a file of sizes; of impacts: their fields."""
 
 
 class FilesBeside(NamedFiles):
@@ -33,11 +34,15 @@ class FilesBeside(NamedFiles):
         """Return the curve of a file."""
         return read_size_curve(self.folder, name, keys)
 
+    def impacts(self, place: int, name: str, keys: CurveKeys) -> MeasuredImpacts:
+        """Return the impacts of a file."""
+        return read_impacts(self.folder, name, keys)
+
 
 class RecordedFiles(NamedFiles):
     """Gives the numbers that the identity of a stored campaign has, whatever the files.
 
-    Both methods raise a ValueError if these are damaged.
+    All methods raise a ValueError if these are damaged.
     """
 
     def __init__(self, identity: Mapping[str, Any]) -> None:
@@ -64,6 +69,13 @@ class RecordedFiles(NamedFiles):
         )
         _require(is_whole, name)
         return SizeCurve(edges, shares, errors, of, weight)  # type: ignore[arg-type]
+
+    def impacts(self, place: int, name: str, keys: CurveKeys) -> MeasuredImpacts:
+        """Return the impacts of an entry of `data`."""
+        numbers = [self._numbers(f"data.{place}.{key}") for key in MeasuredImpacts._fields]
+        found = MeasuredImpacts(*numbers)
+        _require(len({*map(len, numbers)}) == 1 and found.is_possible, name)
+        return found
 
     def _numbers(self, entry: str) -> tuple[float, ...]:
         """Return the numbers of a recorded text; none if it is damaged."""

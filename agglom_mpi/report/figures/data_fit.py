@@ -98,11 +98,15 @@ class ComparedDatum(NamedTuple):
 
 
 def draw_data_fit(figure: Any, compared: Sequence[ComparedDatum]) -> NDArray[Any]:
-    """Draw two panels for each size curve, and one for all numbers; return the axes, (panels,)."""
+    """Draw two panels of each size curve, one of each file of impacts, and one of all numbers.
+
+    Returns the axes, (panels,).
+    """
     curves = [each for each in compared if each.datum.kind.is_curve]
-    numbers = [each for each in compared if not each.datum.kind.is_curve]
+    impacts = [each for each in compared if each.datum.kind.is_exact]
+    numbers = [each for each in compared if not each.datum.kind.has_file]
     last = [_residual_height(len(numbers))] if numbers else []
-    heights = [CURVE_HEIGHT] * len(curves) + last
+    heights = [CURVE_HEIGHT] * (len(curves) + len(impacts)) + last
     grid = figure.add_gridspec(len(heights), 2, height_ratios=heights)
     axes = []
     for row, each in enumerate(curves):
@@ -110,6 +114,9 @@ def draw_data_fit(figure: Any, compared: Sequence[ComparedDatum]) -> NDArray[Any
         _draw_cumulative(cumulative, each)
         _draw_density(density, each)
         axes += [cumulative, density]
+    for row, each in enumerate(impacts, len(curves)):
+        axes.append(figure.add_subplot(grid[row, :]))
+        _draw_impacts(axes[-1], each)
     if numbers:
         axes.append(figure.add_subplot(grid[-1, :]))
         _draw_residuals(axes[-1], numbers)
@@ -163,6 +170,30 @@ def _draw_density(ax: Any, compared: ComparedDatum) -> None:
     middles = np.sqrt(edges[:-1] * edges[1:])
     ax.errorbar(middles, density, yerr=_bars(measured), fmt="o", color="0.15", capsize=3)
     ax.set_ylim(bottom=0.0)
+
+
+def _draw_impacts(ax: Any, compared: ComparedDatum) -> None:
+    """Draw the coefficient of each impact over its speed, as measured and as predicted."""
+    datum, (factor, unit) = compared.datum, compared.shown_unit
+    assert datum.impacts is not None
+    speeds, each_one = datum.impacts[:, 0] / factor, np.eye(len(datum.values))
+    style_axes(ax)
+    title = ", ".join(filter(None, (compared.title, compared.note)))
+    ax.set(title=title, xlabel=f"approach speed ({unit})", ylabel="coefficient of restitution")
+    ax.set(xscale="log", ylim=(0.0, max(1.0, float(datum.values.max()) + 0.05)))
+    for place, found in enumerate(compared.predictions):
+        own = found.interval(each_one)
+        style = {"fmt": "x", "color": COLOURS[place % len(COLOURS)], "zorder": 3.0 - 0.1 * place}
+        ax.errorbar(speeds, own[0], yerr=_bars(own), label=found.name, **style)
+    own = compared.measured.interval(each_one)
+    style = {
+        "fmt": "o",
+        "color": "0.15",
+        "capsize": 3,
+        "label": "measured",
+        "markerfacecolor": "none",
+    }
+    ax.errorbar(speeds, own[0], yerr=_bars(own), **style)
 
 
 def closed_edges(edges: Floats) -> Floats:
@@ -258,7 +289,7 @@ def _compared(data: CampaignData, options: FigureOptions) -> list[ComparedDatum]
 
 def data_fit_size(compared: Sequence[ComparedDatum]) -> tuple[float, float]:
     """Return width and height of the figure of some data, inches."""
-    curves = sum(each.datum.kind.is_curve for each in compared)
+    curves = sum(each.datum.kind.has_file for each in compared)
     numbers = len(compared) - curves
     height = CURVE_HEIGHT * curves + (_residual_height(numbers) if numbers else 0.0)
     return WIDTH, height + 0.4
@@ -271,8 +302,9 @@ Figure(
     _compared,
     draw_data_fit,
     "Measured data and the best strings, with 95 % intervals of each: shares below a diameter and "
-    "densities, and differences of single numbers in errors of the measurement, whose own 95 % are "
-    "shaded. Hatched classes are open; they are drawn as wide as those beside them.",
+    "densities, coefficients of impacts, and differences of single numbers in errors of the "
+    "measurement, whose own 95 % are shaded. Hatched classes are open; they are drawn as wide as "
+    "those beside them.",
     size=data_fit_size,
     empty="the campaign has no measured data, or no string is judged yet",
     panels=True,

@@ -138,7 +138,7 @@ def _kinds(measured: Sequence[Datum]) -> list[_Kind]:
         for panel, some in weights.items()
         for each in _once(some)
     ]
-    others = (d.quantity for d in measured if not d.kind.panel and not d.kind.is_curve)
+    others = (d.quantity for d in measured if not d.kind.panel and not d.kind.has_file)
     return [*kinds, *((each, (each,), "number") for each in _once(others))]
 
 

@@ -12,6 +12,7 @@ from agglom_mpi.measurements.census import Census
 from agglom_mpi.measurements.datum import Datum, Predictions, predictions
 from agglom_mpi.measurements.layout import CENSUS_COLUMNS, CensusLayout
 from agglom_mpi.outcome import SampleSummary, summaries
+from agglom_mpi.physics.impact_tests import ImpactTests
 from agglom_mpi.search.criteria import Criterion, NoCriterionError
 from agglom_mpi.search.objectives.objective import Objective, accumulated
 
@@ -43,6 +44,8 @@ class MeasuredString(NamedTuple):
         Of the grains, kg/m³.
     grains
         Number of grains that a sample begins with.
+    impact_tests
+        Laws that predict the coefficients of measured impacts; None where there are none.
     """
 
     data: tuple[Datum, ...]
@@ -50,6 +53,7 @@ class MeasuredString(NamedTuple):
     diameter: float
     density: float
     grains: int
+    impact_tests: ImpactTests | None = None
 
     def census(self, samples: Sequence[SampleCensus]) -> Census:
         """Return the censuses of n > 0 samples together."""
@@ -57,7 +61,8 @@ class MeasuredString(NamedTuple):
         counts, masses, largest, temperatures = columns
         edges = self.diameter * self.layout.edges
         content = counts, masses, temperatures, largest
-        return Census(edges, *content, self.grains, self.density)
+        tests = None if self.impact_tests is None else self.impact_tests.coefficients
+        return Census(edges, *content, self.grains, self.density, tests)
 
 
 class MisfitOfData(Objective):
@@ -196,5 +201,5 @@ class MisfitAccumulator:
 
     @property
     def standard_error(self) -> float:
-        """Its standard error by the jackknife; nan below two samples."""
-        return self.misfit.standard_error if len(self._censuses) > 1 else math.nan
+        """Its standard error by the jackknife; nan below two samples, but 0 of impacts alone."""
+        return self.misfit.standard_error if self._censuses else math.nan

@@ -86,3 +86,15 @@ def test_numbers_are_in_errors_of_their_measurement():
 def test_each_curve_has_two_panels_and_all_numbers_have_one():
     curve, number = compared(CURVE, SHARES, 0.01), compared(NUMBER, 1.5e-4, 5e-6)
     assert len(drawn(number, curve, curve, number)) == 5
+
+
+def test_coefficients_of_impacts_are_over_their_speeds():
+    impacts = np.array([[2.0, 1e-3, 1e-3, 300.0], [0.5, 1e-3, 2e-3, 300.0]])
+    datum = Datum("restitution", np.array([0.6, 0.8]), 1e-4 * np.eye(2), impacts=impacts)
+    found = compared(datum, [0.65, 0.75], 0.0)._replace(shown_unit=(0.01, "cm/s"))
+    [ax, *_] = drawn(found, compared(NUMBER, 1.8e-4, 5e-6))
+    predicted, measured = (container.lines[0] for container in ax.containers)
+    assert predicted.get_xdata() == pytest.approx([200.0, 50.0])
+    assert predicted.get_ydata() == pytest.approx([0.65, 0.75])
+    assert measured.get_ydata() == pytest.approx([0.6, 0.8])
+    assert "cm/s" in ax.get_xlabel()
