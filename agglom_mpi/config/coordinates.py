@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.declaration.laws import Group
+from agglom_mpi.declaration.components import unit_of
+from agglom_mpi.declaration.laws import Group, Law
 from agglom_mpi.variables import TEN, VOLUME_FRACTION, VariableTable
 
 if TYPE_CHECKING:
@@ -23,10 +24,10 @@ its logarithm."""
 class Coordinates:
     """Maps strings to the coordinates in which they are emulated, each from 0 to 1 over the box.
 
-    There is one for each searched variable and one for each dimensionless group. Those of groups
-    are logarithms, and so are those of variables that a law raises to a power or that are searched
-    by their logarithm, unless their range begins at 0. Others are linear, such as friction:
-    strings are most sensitive to it where it is large.
+    There is one for each variable that is `kept` and one for each dimensionless group. Those of
+    groups are logarithms, and so are those of variables that a law raises to a power or that are
+    searched by their logarithm, unless their range begins at 0. Others are linear, such as
+    friction: strings are most sensitive to it where it is large.
 
     Parameters
     ----------
@@ -40,6 +41,8 @@ class Coordinates:
         Which variables are searched by their logarithm, shape (k,).
     table
         The variables.
+    covered
+        Names of searched variables that matter through groups alone, and are no coordinates.
 
     Attributes
     ----------
@@ -47,6 +50,8 @@ class Coordinates:
         Places of the d searched variables in a string, shape (d,).
     names
         Names of the searched variables.
+    kept
+        Which of the searched variables are coordinates themselves, shape (d,).
     groups
     """
 
@@ -58,9 +63,11 @@ class Coordinates:
         powers: frozenset[str] = frozenset(),
         logarithmic: NDArray[np.bool_] | None = None,
         table: VariableTable = TEN,
+        covered: frozenset[str] = frozenset(),
     ) -> None:
         self.searched = np.flatnonzero(lower < upper)
         self.names = tuple(table.names[i] for i in self.searched)
+        self.kept = np.array([name not in covered for name in self.names], np.bool_)
         self._table = table
         self.groups = groups
         self._lower, self._upper = lower, upper
@@ -80,7 +87,7 @@ class Coordinates:
     @property
     def dimensions(self) -> int:
         """Number of coordinates, p."""
-        return len(self.searched) + len(self.groups)
+        return int(self.kept.sum()) + len(self.groups)
 
     @property
     def spans(self) -> Floats:
@@ -100,7 +107,7 @@ class Coordinates:
 
     def of_strings(self, strings: Floats) -> Floats:
         """Return the coordinates of strings, (n, k) in SI units, shape (n, p)."""
-        own = self.own(strings)
+        own = self.own(strings)[:, self.kept]
         if not self.groups:
             return own
         values = self._logarithms(strings) @ self._powers.T
@@ -138,12 +145,57 @@ class Coordinates:
         return found
 
 
-def coordinates_of(campaign: "Campaign") -> Coordinates:
-    """Return the coordinates in which a campaign's strings are emulated."""
+def coordinates_of(campaign: "Campaign", of_ratios: bool = False) -> Coordinates:
+    """Return the coordinates in which a campaign's strings are emulated.
+
+    Parameters
+    ----------
+    campaign
+    of_ratios
+        Whether what is emulated has no dimension, so that it is a function of the scene's groups:
+        variables that matter through them alone are then no coordinates.
+    """
     box = campaign.variables
     groups = groups_of(campaign.scene, box.searched, box)
     powers = powers_of(campaign.scene, box)
-    return Coordinates(box.lower, box.upper, groups, powers, box.logarithmic, box)
+    covered = covered_by_groups(campaign.scene, box.searched, box) if of_ratios else frozenset()
+    return Coordinates(box.lower, box.upper, groups, powers, box.logarithmic, box, covered)
+
+
+def covered_by_groups(
+    scene: "SceneSection", searched: tuple[str, ...], table: VariableTable = TEN
+) -> frozenset[str]:
+    """Return the searched variables through which a ratio depends on a scene's groups alone.
+
+    Others are pure numbers, in no group, alone in one, or 0 in the box, where a group has no
+    logarithm; or a law has a dimension that its groups do not state. Such a law keeps the variables
+    that it uses, and the speed, by which what takes time is compared with a flight; all of them,
+    where it names none or is one's own.
+    """
+    stated = [_of_variables(key, group, scene, table) for key, group in _named(scene)]
+    named = {name for _, group in _named(scene) for name in group.powers}
+    found = {name for powers in stated for name in powers if name in searched}
+    kept = {name for name in found if table[name].unit == "1" or table[name].lower <= 0.0}
+    for powers in stated:
+        here = [name for name in powers if name in searched]
+        kept.update(here if len(here) == 1 else ())
+    if scene.end_time != "characteristic":
+        kept.add("relative_speed")
+    for each in scene.laws():
+        if each.is_used and _has_other_scales(each.law, named):
+            kept.update({"relative_speed", *each.law.required} if each.law.required else found)
+            kept.update(found if each.law.own is not None else ())
+    return frozenset(found - kept)
+
+
+def _has_other_scales(law: Law, named: set[str]) -> bool:
+    """Return whether a law has dimensions that no group states, of all variables `named` in any."""
+    own = {name for group in law.groups for name in group.powers}
+    numbers = {name for name, field in type(law).model_fields.items() if unit_of(field) != "1"}
+    variables = {name for name in law.variables if TEN[name].unit != "1"}
+    constants = bool(law.constants) and not law.groups
+    # One variable alone has nothing to be compared with.
+    return constants or not numbers <= own or (len(variables) > 1 and not variables <= named)
 
 
 def groups_of(

@@ -46,7 +46,8 @@ class EmulatedSet(EmulatedBox):
 
     def __init__(self, box: SearchedBox, criterion: Criterion, stored: StoredSamples) -> None:
         numbers = settled_numbers(criterion.numbers(stored.rows, box.campaign.scene.particles))
-        super().__init__(box, stored.strings, numbers, stored, FEASIBLE_SET, criterion.compared)
+        given = box, stored.strings, numbers, stored, FEASIBLE_SET
+        super().__init__(*given, criterion.compared, criterion.of_ratios)
         self.criterion = criterion
         self.criterion = criterion.with_emulator(
             self.emulator,

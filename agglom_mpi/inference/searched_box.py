@@ -154,6 +154,8 @@ class EmulatedBox:
         Key of its random streams, such as `random_streams.FEASIBLE_SET`.
     quantities
         Returns what is compared, of the means of the numbers; by default the numbers.
+    of_ratios
+        Whether the numbers have no dimension.
 
     Attributes
     ----------
@@ -178,9 +180,10 @@ class EmulatedBox:
         stored: StoredSamples,
         purpose: int,
         quantities: Callable[[Floats], Floats] = lambda numbers: numbers,
+        of_ratios: bool = False,
     ) -> None:
         self.box, self.evaluated, self._purpose = box, strings, purpose
-        self.coordinates: Coordinates = coordinates_of(box.campaign)
+        self.coordinates: Coordinates = coordinates_of(box.campaign, of_ratios)
         self.points = self.coordinates.of_strings(strings)
         groups, random = len(self.coordinates.groups), self.stream(EMULATOR_STREAM)
         self.emulator = JointEmulator(quantities, self.points, numbers, random, groups)

@@ -40,6 +40,8 @@ class Criterion(ABC):
         Description of a member, for a person.
     is_band : bool
         Whether the bounds are those of the one emulated number.
+    of_ratios : bool
+        Whether the emulated numbers are known to be ratios, which have no dimension.
     maximum : tuple of float, or None
         Mean and standard deviation of the maximum of the quantity over the box, where members are
         those near it.
@@ -48,6 +50,7 @@ class Criterion(ABC):
     quantities: tuple[str, ...] = ("mean_radius_ratio",)
     text: str = ""
     is_band: ClassVar[bool] = False
+    of_ratios: bool = False
     maximum: tuple[float, float] | None = None
 
     def with_emulator(
@@ -132,7 +135,7 @@ class Band(Criterion):
     is_band = True
 
     def __init__(self, column: str, lower: float, upper: float, text: str) -> None:
-        self.quantities = (column,)
+        self.quantities, self.of_ratios = (column,), column == "mean_radius_ratio"
         self.lower, self.upper, self.text = lower, upper, text
 
     def numbers(self, rows: NDArray[np.void], particles: int) -> Floats:

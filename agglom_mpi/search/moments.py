@@ -103,6 +103,8 @@ class MomentBands(Criterion):
         Tolerance relative to the target, or absolute where the target is 0.
     """
 
+    of_ratios = True
+
     def __init__(self, targets: Mapping[str, float], tolerance: float) -> None:
         self.quantities = tuple(targets)
         self._targets = np.array(list(targets.values()))

@@ -1,9 +1,14 @@
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from agglom_mpi.config.coordinates import coordinates_of, groups_of
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.coordinates import coordinates_of, covered_by_groups, groups_of
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.search.space import SearchSpace
+from agglom_mpi.simulation.sample import simulate_scene
 from agglom_mpi.variables import TEN
 
 
@@ -76,3 +81,66 @@ def test_a_variable_from_0_is_a_coordinate_by_itself(whole):
     place = coordinates.names.index("reaction_heat")
     assert coordinates.of_strings(some)[:, place] == pytest.approx([0.0, 0.5, 1.0])
     assert np.isfinite(coordinates.of_strings(some)).all()
+
+
+def covered(campaign):
+    return covered_by_groups(campaign.scene, campaign.variables.searched, campaign.variables)
+
+
+def changed(**scene):
+    """The campaign of three variables with other entries of its scene."""
+    text = Path("jobs/doubling_in_three.yaml").read_text()
+    for key, value in scene.items():
+        text, count = re.subn(rf"(?m)^  {key}: .*$", f"  {key}: {value}", text, count=1)
+        assert count == 1
+    return Campaign.from_text(text)
+
+
+COLD = {"cooling": "none", "heating": "none", "reaction": "none", "hardness": "constant"}
+
+
+def test_a_ratio_has_no_coordinate_for_what_matters_through_groups_alone(whole, three):
+    # The speed is alone in v²/(Cθ), and the quartic cooling has a constant that no group states.
+    assert covered(three) == {"hardness"}
+    assert covered(whole) == {"hardness", "activation_energy"}
+    coordinates = coordinates_of(three, of_ratios=True)
+    assert [n for n, k in zip(coordinates.names, coordinates.kept, strict=True) if k] == [
+        "relative_speed",
+        "friction",
+    ]
+    points, all_points = (
+        each.of_strings(strings(three)) for each in (coordinates, coordinates_of(three))
+    )
+    assert np.array_equal(points, all_points[:, [0, 2, 3]])
+
+
+@pytest.mark.parametrize("name", ["whole", "three"])
+def test_coordinates_of_a_ratio_tell_all_strings_apart(name, request):
+    """No more is left out than other coordinates say: their logarithms have full rank."""
+    campaign = request.getfixturevalue(name)
+    coordinates = coordinates_of(campaign, of_ratios=True)
+    own = np.eye(len(coordinates.searched))[coordinates.kept]
+    directions = np.vstack((own, coordinates.group_directions))
+    assert np.linalg.matrix_rank(directions) == len(coordinates.searched)
+
+
+def test_laws_with_other_dimensions_keep_their_variables():
+    radiating = changed(cooling="{law: radiation, emissivity: 0.5, surroundings: 300 K}")
+    assert covered(radiating) == set()
+    assert covered(changed(**COLD, end_time="10 ms")) == {"hardness"}
+
+
+@pytest.mark.plain
+def test_strings_with_equal_coordinates_of_a_ratio_grow_equally():
+    """Without heat, speed and hardness are one group; factors of two change no bit."""
+    cold = changed(**COLD)
+    assert covered(cold) == {"relative_speed", "hardness"}
+    slow = cold.parameters({"relative_speed": 4, "hardness": "20 MPa", "friction": 0.3})
+    fast = cold.parameters({"relative_speed": 8, "hardness": "80 MPa", "friction": 0.3})
+    points = coordinates_of(cold, of_ratios=True).of_strings(np.array([slow, fast]))
+    assert points[0] == pytest.approx(points[1])
+    growth = [
+        simulate_scene(cold.scene.build(string), np.random.default_rng(1))[0]["mean_radius_ratio"]
+        for string in (slow, fast)
+    ]
+    assert growth[0] == growth[1] > 1.0

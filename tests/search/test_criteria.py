@@ -111,3 +111,10 @@ def test_an_objective_that_states_no_criterion_has_none():
 
     with pytest.raises(NoCriterionError):
         Entropy().criterion(0.05)
+
+
+def test_growth_and_moments_are_ratios_and_functions_of_ones_own_may_not_be():
+    moments = moment_targets((MomentTarget("mean", 2.0),))
+    for objective in (growth_target(2.0), maximum_growth(100), moments):
+        assert objective.criterion(0.05).of_ratios
+    assert not FUNCTION_MEAN.criterion(0.3).of_ratios
