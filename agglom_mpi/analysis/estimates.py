@@ -1,6 +1,7 @@
 """Estimates of the best strings on fresh samples, which no decision has seen."""
 
 import math
+import re
 from collections.abc import Callable
 from functools import wraps
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
@@ -198,6 +199,16 @@ def objective_of(data: "CampaignData") -> "Objective":
 
         grains = recorded_campaign(data).scene.equivalent_grains
     return recorded_objective(data).of_grains(grains)
+
+
+def is_free_of_noise(data: "CampaignData") -> bool:
+    """Return whether the objective is a misfit of data that laws predict without samples."""
+    if not objective_of(data).needs_data:
+        return False
+    from agglom_mpi.measurements.quantities import QUANTITIES
+
+    is_name = re.compile(r"data\.\d+\.quantity").fullmatch
+    return all(QUANTITIES[name].is_exact for key, name in data.identity.items() if is_name(key))
 
 
 def objective_at(data: "CampaignData", string: int) -> "Objective":

@@ -8,7 +8,7 @@ import numpy as np
 
 from agglom_mpi.analysis.derived import searched_variables, values_of
 from agglom_mpi.analysis.drawn_sizes import drawn_fraction
-from agglom_mpi.analysis.estimates import objective_of, rounding_of
+from agglom_mpi.analysis.estimates import is_free_of_noise, objective_of, rounding_of
 from agglom_mpi.analysis.finite_size import finite_size_warnings
 from agglom_mpi.analysis.ranking import RankedStrings, rank_strings
 from agglom_mpi.formatting import in_unit, pluralise, value_with_error
@@ -159,7 +159,7 @@ def _idle(file: "CampaignData", ranked: RankedStrings) -> Iterator[str]:
     rows = file.counted_samples
     rows = rows[(rows["sample"] < file.fresh_from) & (rows["state"] == COMPLETED)]
     strings = np.unique(rows["string"])
-    if not len(strings):
+    if not len(strings) or is_free_of_noise(file):
         return
     impacts = np.bincount(rows["string"], rows["collisions"])[strings]
     still, judged = int((impacts == 0).sum()), pluralise(len(strings), "string")

@@ -10,7 +10,13 @@ from rich.console import Group, RenderableType
 from agglom_mpi.analysis.best_strings import best_table, collect_best
 from agglom_mpi.analysis.data_fit import describe_fit
 from agglom_mpi.analysis.derived import derived_columns, recorded_box
-from agglom_mpi.analysis.estimates import kept, objective_of, rounding_of, unconverged
+from agglom_mpi.analysis.estimates import (
+    is_free_of_noise,
+    kept,
+    objective_of,
+    rounding_of,
+    unconverged,
+)
 from agglom_mpi.analysis.failed_samples import failure_lines, no_result, state_lines
 from agglom_mpi.analysis.finite_size import describe_finite_size
 from agglom_mpi.analysis.ranking import listed_strings, rank_strings, ranks_itself
@@ -101,7 +107,8 @@ def describe_best(file: CampaignData, shown: Sequence[int]) -> list[str]:
     """Return lines on the order of the best strings, their fit to data and their finite size."""
     known = rank_strings(file).estimates
     estimated = {estimate.string for estimate in known}.intersection(shown)
-    lines = describe_bias(_verdict(file), shown, len(estimated))
+    noisy = not is_free_of_noise(file)
+    lines = describe_bias(_verdict(file), shown, len(estimated)) if noisy else ()
     fit = describe_fit(file, shown[0]) if shown else []
     return [*lines, *objective_of(file).notes, *fit, *describe_finite_size(file, shown)]
 
