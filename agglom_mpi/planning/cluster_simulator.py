@@ -238,6 +238,8 @@ class ClusterSimulator:
         The inversion.
     path
         The critical path, as observed.
+    first
+        The forecast at the end of the first generation; None before.
     """
 
     def __init__(
@@ -250,6 +252,7 @@ class ClusterSimulator:
         known: Sequence[int] = (),
     ) -> None:
         self.path = CriticalPath(lag)
+        self.first: Forecast | None = None
         self._known = known
         self.inversion = inversion
         self._workload = workload
@@ -289,6 +292,8 @@ class ClusterSimulator:
                 now = self._assign(scheduler, now)
                 arrival, rank = self._next_arrival()
             now = self._receive(scheduler, max(now, arrival), rank)
+            if self.first is None and self.inversion.generation and not self.inversion.finished:
+                self.first = self._forecast(now)
             if self._simulated > most and self.path.used:
                 break
             if self._number % PROGRESS_MESSAGES == 0:

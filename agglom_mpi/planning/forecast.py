@@ -100,7 +100,9 @@ class Forecast(NamedTuple):
     again: float = 0.0
     share: float = 1.0
 
-    def extended(self, share: float, generations: float) -> "Forecast":
+    def extended(
+        self, share: float, generations: float, first: "Forecast | None" = None
+    ) -> "Forecast":
         """Return the forecast of the whole campaign, of which this one is a part.
 
         Parameters
@@ -109,13 +111,25 @@ class Forecast(NamedTuple):
             Share of the campaign's samples in it.
         generations
             Ratio of the campaign's generations to those in it.
+        first
+            The beginning of the part, up to the end of the first generation: nothing is known
+            there, and all ranks begin at once, so that what follows is not like it.
         """
+        begin = self._replace(seconds=0.0, simulated=0, used=0, work=0.0)
+        if first is not None and first.used < self.used:
+            begin = first
+        begun = share * begin.used / self.used
+        more = (1.0 - begun) / (share - begun)
+        seconds, simulated, used, work = (
+            getattr(begin, name) + more * (getattr(self, name) - getattr(begin, name))
+            for name in ("seconds", "simulated", "used", "work")
+        )
         return self._replace(
-            seconds=self.seconds / share,
-            simulated=round(self.simulated / share),
-            used=round(self.used / share),
-            work=self.work / share,
-            chain=min(self.chain * generations, self.seconds / share),
+            seconds=seconds,
+            simulated=round(simulated),
+            used=round(used),
+            work=work,
+            chain=min(self.chain * generations, seconds),
             share=share,
         )
 

@@ -117,7 +117,8 @@ def forecast_all(
             if known:
                 needed = sum(known) / len(known) * campaign.max_strings
                 generations = campaign.stopping.generations / (inversion.generation + 1)
-                forecast = forecast.extended(min(1.0, cluster.samples_used / needed), generations)
+                share = min(1.0, cluster.samples_used / needed)
+                forecast = forecast.extended(share, generations, cluster.first)
         except TooManySamples:
             report.not_forecast.append(ranks)
             continue

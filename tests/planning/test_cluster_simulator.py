@@ -212,6 +212,19 @@ def test_a_run_that_ends_early_is_a_part_of_the_whole(ranks):
     assert extended.bound <= extended.seconds
 
 
+@pytest.mark.parametrize("message", [1e-3, 3e-3])
+def test_what_all_ranks_take_to_begin_is_not_extended(message):
+    costs = MessageCosts(latency=1e-3, message=message)
+    whole_run, part_run = (cluster(300, costs, generations=10) for _ in range(2))
+    whole, part = whole_run.run(), part_run.run(most=1500)
+    share = part_run.samples_used / whole.used, 10 / (part_run.inversion.generation + 1)
+    errors = [
+        abs(part.extended(*share, first).seconds - whole.seconds)
+        for first in (None, part_run.first)
+    ]
+    assert errors[1] < errors[0]
+
+
 def test_the_progress_is_shown_and_goes_on(monkeypatch):
     monkeypatch.setattr(virtual, "PROGRESS_MESSAGES", 10)
     shown = []
