@@ -266,7 +266,7 @@ def limits_of(number: In | Whole) -> Iterator[str]:
 
 
 def _bound_text(bound: float) -> str:
-    return f"{bound:,}".replace(",", " ") if isinstance(bound, int) else f"{bound:g}"
+    return f"{bound:,}" if isinstance(bound, int) else f"{bound:g}"
 
 
 def texts_of(annotation: Any) -> tuple[str, ...]:

@@ -103,6 +103,7 @@ class Grains(NamedTuple):
     mass: np.ndarray
     temperature: None = None
     grains: None = None
+    spin: None = None
 
 
 @pytest.mark.parametrize(("heat", "known"), [(False, False), (True, True)])
@@ -113,7 +114,7 @@ def test_particles_of_a_scene_without_temperature_have_none(monkeypatch, quickst
     record = np.zeros(1, OUTCOME)
     record["state"], record["mean_radius_ratio"], record["particles"] = 1, 1.5, 2
 
-    def simulated(scene, random, frames=None):
+    def simulated(scene, random, frames=None, ledger=None):
         if frames is not None:
             frames.particles[:] = 2
             frames.temperatures[:, :2] = scene.temperature
