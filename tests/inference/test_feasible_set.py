@@ -55,8 +55,11 @@ def test_inner_and_outer_set_enclose_the_volume(doubling):
     assert 0.0 < doubling.expected_error < 1.0
 
 
+@pytest.mark.slow
 def test_the_error_of_the_volume_is_the_spread_of_drawn_functions(doubling):
     """All points are asked, without the noise of points, whose own share is below a tenth here.
+
+    That the volume lies between those of the inner and the outer set is tested quickly.
 
     Functions drawn together are sums of the same random waves, so that their spread differs between
     draws by more than their number says.
