@@ -14,8 +14,10 @@ from agglom_mpi.errors import UserError
 if TYPE_CHECKING:
     from agglom_mpi.config.explanation import Topic
 
-WIDTHS: Final = 40, 100
-"""Fewest and most columns of a line; in between, the terminal's."""
+WIDTH: Final = 100
+"""Maximum number of columns of a line in a wider terminal."""
+LEAST_TEXT: Final = 30
+"""Minimum number of columns of a text beside its name, however narrow the terminal."""
 MOST_PAGES: Final = 2
 """Number of topics of one name that are explained one by one; more are listed."""
 INDENT: Final = "  "
@@ -106,5 +108,6 @@ def _table(topics: "list[Topic]", *, whole: bool = False) -> Iterator[str]:
 
 def _wrapped(text: str, first: str, later: str) -> list[str]:
     """Return the lines of a text, indented, as wide as the terminal."""
-    width = min(max(WIDTHS[0], shutil.get_terminal_size((WIDTHS[1], 24)).columns), WIDTHS[1])
+    columns = shutil.get_terminal_size((WIDTH, 24)).columns
+    width = max(min(columns, WIDTH), len(later) + LEAST_TEXT)
     return textwrap.wrap(text, width, initial_indent=first, subsequent_indent=later)

@@ -169,9 +169,10 @@ def covered_by_groups(
 
     Others are pure numbers, in no group, alone in one, or 0 in the box, where a group has no
     logarithm; or a law has a dimension that its groups do not state. Such a law keeps the variables
-    that it uses, and the speed, by which what takes time is compared with a flight; all of them,
-    where it names none or is one's own.
+    that it uses, and speed and lengths, by which what takes time is compared with a flight; all of
+    them, where it names none or is one's own.
     """
+    of_flights = {"relative_speed", *_radius_factors(scene, table)}
     stated = [_of_variables(key, group, scene, table) for key, group in _named(scene)]
     named = {name for _, group in _named(scene) for name in group.powers}
     found = {name for powers in stated for name in powers if name in searched}
@@ -180,10 +181,10 @@ def covered_by_groups(
         here = [name for name in powers if name in searched]
         kept.update(here if len(here) == 1 else ())
     if scene.end_time != "characteristic":
-        kept.add("relative_speed")
+        kept |= of_flights
     for each in scene.laws():
         if each.is_used and _has_other_scales(each.law, named):
-            kept.update({"relative_speed", *each.law.required} if each.law.required else found)
+            kept.update({*of_flights, *each.law.required} if each.law.required else found)
             kept.update(found if each.law.own is not None else ())
     return frozenset(found - kept)
 

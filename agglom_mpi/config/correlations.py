@@ -76,7 +76,9 @@ def _place(given: Any, data: Sequence[DatumEntry], value: float) -> int:
         which = "several data; name it by its place" if places else "no datum"
         known = ", ".join(f"{i} ({entry.label})" for i, entry in enumerate(data))
         raise ValueError(f"is {quoted(given)}, which is {which}; allowed: {known or 'nothing'}")
-    if value and data[places[0]].kind.is_curve:
-        message = "a curve; must be data of one number, as its file has the errors of its shares"
+    kind = data[places[0]].kind
+    if value and kind.has_file:
+        what, errors = ("impacts", "") if kind.is_exact else ("a curve", " of its shares")
+        message = f"{what}; must be data of one number, as its file has the errors{errors}"
         raise ValueError(f"is {quoted(given)}, {message}")
     return places[0]

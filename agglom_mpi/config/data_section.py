@@ -141,6 +141,7 @@ class DatumEntry(Declared):
         for key in excluded:
             if key in self.model_fields_set:
                 other = f"only {only} have it" if not is_file else "its numbers are in its file"
+                other = "impacts have none" if key == "time" else other
                 yield (key,), f"must be left out of {self.quantity}; {other}"
         if is_file and self.file is None:
             what = "impacts" if self.kind.is_exact else "a curve, a histogram or a list"

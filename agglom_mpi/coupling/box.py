@@ -42,6 +42,7 @@ import numpy.typing as npt
 from agglom_mpi.config.arguments import count_argument
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
+from agglom_mpi.config.yaml_source import ArgumentError
 from agglom_mpi.coupling.inputs import check_temperatures, initial_particles, read_values
 from agglom_mpi.coupling.state import BoxParticles, State, homogenise, particles_of
 from agglom_mpi.formatting import format_duration, pluralise
@@ -148,6 +149,9 @@ class Box(metaclass=PublicFace, constructor=True):
         sample = count_argument(campaign.name, "sample", sample)
         campaign.check_scales(string)
         scene = campaign.at(string).build(campaign.engine(engine))
+        if getattr(scene.laws.friction, "spin_temperature", 0.0):
+            message = "is given; must be left out, as a box starts without spins"
+            raise ArgumentError.of(campaign.name, "scene.friction.spin_temperature", message)
         self._random = random_numbers(campaign, string, sample)
         self._initial = initial_particles(
             scene, self._random, particles, radii, velocities, temperatures, positions, grains
@@ -245,7 +249,9 @@ class Box(metaclass=PublicFace, constructor=True):
             rows = rows._replace(temperatures=values)
         last_impacts = self._observer.copy.last_impact
         since = None if last_impacts is None else last_impacts[:count] - self._elapsed
-        self._start(rows, since, int(self._particles.labels_given[0]), self.time)
+        spins = self._observer.copy.spin
+        spins = None if spins is None else spins[:, :count].copy()
+        self._start(rows, since, int(self._particles.labels_given[0]), self.time, spins)
 
     def reset(self) -> State:
         """Return to the initial particles at the time 0; returns that state.
@@ -256,7 +262,14 @@ class Box(metaclass=PublicFace, constructor=True):
         self._start(self._initial, None, len(self._initial.radii), 0.0)
         return self._state
 
-    def _start(self, rows: BoxParticles, last_impacts: Any, labels_given: int, time: float) -> None:
+    def _start(
+        self,
+        rows: BoxParticles,
+        last_impacts: Any,
+        labels_given: int,
+        time: float,
+        spins: Any = None,
+    ) -> None:
         particles: Any = room_for_particles(self._scene, self._capacity)
         count = len(rows.radii)
         particles.size[0] = count
@@ -267,6 +280,8 @@ class Box(metaclass=PublicFace, constructor=True):
         particles.temperature[:count] = rows.temperatures
         if last_impacts is not None:
             particles.last_impact[:count] = last_impacts
+        if spins is not None:
+            particles.spin[:, :count] = spins
         particles.grains[:count] = rows.grains
         particles.label[:count] = rows.labels
         particles.labels_given[0] = labels_given

@@ -142,7 +142,7 @@ def _compared(predicted: PredictedDatum, text: str) -> dict[str, Any]:
     if len(datum.values) > 1:
         measured = pluralise(len(datum.values), datum.kind.one_value)
         return row | {"measured": measured, "predicted": "see the curve"}
-    factor, unit = unit_of_datum(text, datum)
+    factor, unit = (1.0, "1") if datum.kind.is_exact else unit_of_datum(text, datum)
     low, high = predicted.quantiles(CENTRAL)[:, 0] / factor
     value, error = datum.values[0] / factor, float(np.sqrt(datum.covariance[0, 0])) / factor
     digits = max(3, int(np.ceil(np.log10(abs(value) / error))) + 2) if error else 6

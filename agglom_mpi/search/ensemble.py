@@ -223,9 +223,13 @@ class Ensemble:
 
 
 def is_compiled(rule: StoppingRule, objective: Objective) -> bool:
-    """Return whether rule and objective have a compiled form, a `Judge`."""
-    is_compiled = isinstance(objective, RadiusObjective) and objective.reference is not None
-    return is_compiled and rule.compares is not None
+    """Return whether rule and objective have a compiled form, a `Judge`.
+
+    Those of one's own inherit the numbers of a judge, but not its formulas.
+    """
+    is_own = type(rule).own is not None or type(objective).own is not None
+    is_radius = isinstance(objective, RadiusObjective) and objective.reference is not None
+    return is_radius and rule.compares is not None and not is_own
 
 
 def can_be_judged(rule: StoppingRule, objective: Objective) -> bool:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from agglom_mpi.cli.explain import WIDTHS, explain
+from agglom_mpi.cli.explain import WIDTH, explain
 from agglom_mpi.config.explanation import topics
 
 
@@ -30,11 +30,11 @@ def test_every_key_has_a_page_that_fits_a_terminal(path):
     topic = topics()[path]
     assert " ".join(topic.meaning.split()) in " ".join(done.output.split())
     assert topic.example in " ".join(done.output.split())
-    assert all(len(line) <= WIDTHS[1] for line in lines)
+    assert all(len(line) <= WIDTH for line in lines)
 
 
 def test_lines_are_as_wide_as_the_terminal(monkeypatch):
-    for columns, most in (("70", 70), ("300", WIDTHS[1])):
+    for columns, most in (("70", 70), ("300", WIDTH), ("30", 70)):
         monkeypatch.setenv("COLUMNS", columns)
         widths = [len(line) for line in run("ensemble.standard_error").output.splitlines()]
         assert most - 20 < max(widths) <= most

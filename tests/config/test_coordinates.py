@@ -130,6 +130,29 @@ def test_laws_with_other_dimensions_keep_their_variables():
     assert covered(changed(**COLD, end_time="10 ms")) == {"hardness"}
 
 
+def test_lengths_stay_where_the_end_time_is_compared_with_a_flight():
+    """Two strings with equal groups, one with larger grains, have other numbers of collisions."""
+    text = """
+scene: {particles: 30, velocities: uniform_x, restitution: pressure, hardness: constant,
+  duration: {law: mean_speed, length_ratio: 1e-6}, contact_area: {initial: 0.01, final: 1},
+  fragmentation: pair_energy, heating: none, end_time: END}
+variables:
+  relative_speed: [1, 10]
+  volume_fraction: 0.05
+  grain_diameter: [20 um, 80 um]
+  density: 2500
+  hardness: [10 MPa, 100 MPa]
+  surface_energy: [1, 4]
+objective: {law: growth_target, ratio: 2}
+ensemble: {rule: fixed, samples: 2}
+stopping: {generations: 1}
+"""
+    fixed = Campaign.from_text(text.replace("END", "1 ms"))
+    assert "grain_diameter" not in covered(fixed)
+    whole = Campaign.from_text(text.replace("END", "characteristic"))
+    assert "grain_diameter" in covered(whole)
+
+
 @pytest.mark.plain
 def test_strings_with_equal_coordinates_of_a_ratio_grow_equally():
     """Without heat, speed and hardness are one group; factors of two change no bit."""

@@ -84,6 +84,19 @@ def test_what_is_wrong_is_named_with_line_and_field(tmp_path, name):
     assert (problem.line, problem.field) == (5, f"data.0.{field}")
 
 
+@pytest.mark.parametrize("step", [1, -1])
+def test_impacts_are_correlated_with_nothing(tmp_path, step):
+    entries = [
+        "{quantity: restitution, file: i.csv, error: 0.02}",
+        "{quantity: d43, value: 2 mm, error: 5%}",
+    ]
+    both = "\n  - ".join(entries[::step])
+    correlations = "correlations: [{between: [restitution, d43], value: 0.5}]"
+    path = write(tmp_path, entries[0], f"{both}\n{correlations}".replace("\ncorr", "\ncorr"))
+    with pytest.raises(CampaignError, match="is 'restitution', impacts; must be data of one"):
+        check_campaign(path)
+
+
 def test_values_of_a_file_are_refused_with_its_line(tmp_path):
     path = write(tmp_path)
     (tmp_path / "i.csv").write_text(IMPACTS.replace("0.8", "80"))

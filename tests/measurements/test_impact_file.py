@@ -58,6 +58,7 @@ REFUSED = {
     "a negative coefficient": (HEAD + "1;1;-0.1\n", ("line 2", "coefficient", "-0.1", "0 to 1.2")),
     "a percentage without its unit": (HEAD + "1;1;85\n", ("line 2", "coefficient", "85")),
     "a text": (HEAD + "1;1;0.5\n1;1;stuck\n", ("line 3", "coefficient", "stuck")),
+    "no rows": ("run,5\nspeed (m/s),radius (mm),coefficient\n", ("no impacts",)),
     "too many": (HEAD + "1;1;0.5\n" * (MAX_IMPACTS + 1), (f"{MAX_IMPACTS}",)),
 }
 
@@ -83,6 +84,8 @@ def test_an_error_must_be_given_once_and_be_a_number(tmp_path):
         read(tmp_path, text, 0.1)
     with pytest.raises(ValueError, match="line 2, column 'error'"):
         read(tmp_path, text.replace("0.1", "0"), None)
+    with pytest.raises(ValueError, match="greater than 0 and at most 1"):
+        read(tmp_path, text.replace("0.1", "1.5"), None)
 
 
 def test_headings_that_the_file_lacks_are_refused(tmp_path):

@@ -2,11 +2,14 @@
 
 import csv
 import json
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.formatting import without_nan
 from agglom_mpi.inference.expected_volume import ExpectedVolume
 from agglom_mpi.inference.next_measurement import NextMeasurement, NextMeasurements
@@ -14,7 +17,7 @@ from agglom_mpi.measurements.datum import Datum, datum_name
 from agglom_mpi.measurements.quantities import AssumedError
 from agglom_mpi.report.figures.figure import figures
 from agglom_mpi.report.figures.next_measurement import MAX_BARS, draw_next
-from agglom_mpi.report.posterior_summary import MAX_MEASUREMENTS, next_text
+from agglom_mpi.report.posterior_summary import MAX_MEASUREMENTS, _compared, next_text
 from agglom_mpi.report.sections.section import plain_text
 from agglom_mpi.report.set_files import PosteriorRequest
 
@@ -48,6 +51,17 @@ def test_table_has_the_quantity_its_error_and_the_share_of_the_box(found):
     [line] = [line for line in text.splitlines() if line.startswith("temperature at the end")]
     assert "300 K" in line
     assert "half of its error" in line
+
+
+def test_a_single_impact_is_compared_as_a_pure_number():
+    impact = next(iter(load_campaign("jobs/impacts/croquet_ball.yaml").data))
+    one = {"values": impact.values[:1], "covariance": impact.covariance[:1, :1]}
+    impact = replace(impact, **one, impacts=impact.impacts[:1])
+    ends = np.array([[0.77], [0.84]])
+    predicted = SimpleNamespace(datum=impact, p_value=0.5, verdict="", quantiles=lambda _: ends)
+    row = _compared(predicted, "speed: 40 cm/s")
+    assert row["measured"] == "0.857 ± 0.003"
+    assert row["predicted"] == "0.77000 to 0.84000"
 
 
 def test_a_volume_that_is_not_resolved_is_an_upper_bound(found):

@@ -9,8 +9,9 @@ from rules import difference, ensemble_of, fixed, half_width, settled_moments
 from search_fakes import PARTICLES, completed, failed
 from summary_rows import rows_of
 
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import summaries
-from agglom_mpi.search.ensemble import Ensemble
+from agglom_mpi.search.ensemble import Ensemble, can_be_judged
 from agglom_mpi.search.sample_paths import SampleBatch, SamplePart, extend
 
 RULES = (
@@ -104,6 +105,56 @@ def test_a_resampled_ensemble_follows_paths_from_where_it_was():
     many = one_by_one(Ensemble(rule, OBJECTIVES[0], PARTICLES), outcomes).resample(9)
     in_parts([many], [more], [4, 5])
     assert repr(many.result()) == repr(one_by_one(single, more).result())
+
+
+OWN = """
+from agglom_mpi.search.objectives.growth import GrowthTarget
+from agglom_mpi.search.stopping import SuccessiveDifference
+
+class Seven(SuccessiveDifference):
+    rule = "seven"
+    summary = "seven samples"
+
+    def holds(self, before, after):
+        return after.samples >= 7
+
+class Cubic(GrowthTarget):
+    law = "cubic"
+    summary = "cubes"
+
+    def deviation(self, ratio):
+        return (ratio / 2.0) ** 3 - 1.0
+"""
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        ("successive_difference", "mine.py:Seven"),
+        ("law: growth_target", "law: mine.py:Cubic"),
+    ],
+)
+def test_rules_and_objectives_of_ones_own_decide_by_their_own_formulas(tmp_path, edit):
+    (tmp_path / "mine.py").write_text(OWN)
+    text = """
+scene: {particles: 100, half_width: 1 cm, velocities: spread, heating: none, end_time: 1 s,
+  restitution: {law: constant, value: 0.5}}
+variables: {relative_speed: [1, 2], size_ratio: 0.5, density: 2500}
+objective: {law: growth_target, ratio: 2}
+ensemble: {rule: successive_difference, tolerance: 1e-3, max_samples: 20}
+stopping: {generations: 1}
+"""
+    path = tmp_path / "own.yaml"
+    path.write_text(text.replace(*edit))
+    campaign = load_campaign(path, allow_code=True)
+    rule, objective = campaign.ensemble, campaign.objective
+    assert not can_be_judged(rule, objective)
+    outcomes = [outcomes_of(3, 20, 0.0)]
+    single = one_by_one(Ensemble(rule, objective, PARTICLES), outcomes[0])
+    [ensemble] = in_parts([Ensemble(rule, objective, PARTICLES)], outcomes, [20])
+    assert repr(ensemble.result()) == repr(single.result())
+    if "Seven" in edit[1]:
+        assert ensemble.samples_used == 7
 
 
 def test_completed_samples_without_particles_are_an_error_and_failed_ones_have_none():

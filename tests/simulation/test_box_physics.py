@@ -12,8 +12,13 @@ from plain_python import PLAIN, PLAIN_ALONE, cases
 from scenes import HALF, image
 
 from agglom_mpi import Box
+from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.coupling import box as example
 
+ROUGH = GAS.text.replace(
+    "  heating: none",
+    "  friction: {law: rough, coefficient: 0.5, tangential: 0.5}\n  heating: none",
+)
 HEAT_CAPACITY = {"merging": 1280.0, "breaking": 500.0}
 
 
@@ -153,3 +158,19 @@ def test_the_examples_of_the_box_are_true(monkeypatch):
     tried = doctest.testmod(example)
     assert tried.failed == 0
     assert tried.attempted > 15
+
+
+@pytest.mark.plain
+def test_spins_stay_where_velocities_are_set():
+    box = Box(Campaign.from_text(ROUGH), particles=20)
+    box.advance(0.05)
+    spins = box._observer.copy.spin[:, :20].copy()
+    assert np.abs(spins).max() > 0.0
+    box.set(velocities=box.particles.velocities)
+    assert np.array_equal(box._particles.spin[:, :20], spins)
+
+
+def test_a_box_refuses_spins_at_the_start():
+    spinning = ROUGH.replace("tangential: 0.5", "tangential: 0.5, spin_temperature: 1")
+    with pytest.raises(ValueError, match=r"friction\.spin_temperature: is given; must be left out"):
+        Box(Campaign.from_text(spinning))

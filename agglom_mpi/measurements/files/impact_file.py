@@ -93,6 +93,8 @@ def read_impacts(folder: Path, name: str, keys: CurveKeys) -> MeasuredImpacts:
     titles = {*IMPACT_HEADINGS, *(parse_heading(own).title.lower() for own in headings)}
     try:
         table = read_table(content, titles, IMPACT_EXAMPLE, MAX_IMPACTS)
+        if not table.rows:
+            raise TableError("has no impacts below its headings")
         columns = _columns(table, headings)
         if (error is None) != ("error" in columns):
             has = "is missing; give" if error is None else f"is {error:g}, but the file has"
@@ -143,7 +145,8 @@ def _rows(
         value = factor * to_si(f"{number!r} {unit}", _SI[role]) if unit else number
         least = value > 0.0 if low == 0.0 else value >= 0.0
         if not (least and value <= high):
-            must = "greater than 0" if low == 0.0 else f"from 0 to {high:g}"
+            most = f" and at most {high:g}" if np.isfinite(high) else ""
+            must = f"greater than 0{most}" if low == 0.0 else f"from 0 to {high:g}"
             raise TableError(f"{table.shown(row, place)}; must be {must}")
         return value
 
