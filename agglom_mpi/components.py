@@ -38,7 +38,8 @@ _BY_MODULE: Final[dict[str, tuple[str, ...]]] = {
     ),
     "physics.friction": (
         *("Friction", "capped_impulse", "is_sticking", "normal_loss", "friction_loss"),
-        *("tangential_impulse", "impulse_slopes", "tangential_loss"),
+        *("tangential_impulse", "impulse_slopes", "tangential_loss", "tangential_mass"),
+        *("keeps_loss_concave", "least_loss_slope"),
     ),
     "physics.rough": ("SpinningFriction", "sticking_impulse"),
     "physics.heating": (

@@ -149,7 +149,8 @@ class Box(metaclass=PublicFace, constructor=True):
         sample = count_argument(campaign.name, "sample", sample)
         campaign.check_scales(string)
         scene = campaign.at(string).build(campaign.engine(engine))
-        if getattr(scene.laws.friction, "spin_temperature", 0.0):
+        friction: Any = scene.laws.friction
+        if scene.has_spins and friction.spin_temperature > 0.0:
             message = "is given; must be left out, as a box starts without spins"
             raise ArgumentError.of(campaign.name, "scene.friction.spin_temperature", message)
         self._random = random_numbers(campaign, string, sample)

@@ -27,9 +27,9 @@ RULE = "{rule: standard_error, tolerance: 0.1, min_samples: 3, max_samples: 7}"
 FINAL = "{strings: 3, samples: 5}"
 
 
-def write_three(folder, search, stopping):
+def write_three(folder, search, stopping, rule=RULE):
     """Write `three.yaml`, whose strings stop at different numbers of samples."""
-    text = three_variable_text(search=search, ensemble=RULE, final=FINAL, stopping=stopping)
+    text = three_variable_text(search=search, ensemble=rule, final=FINAL, stopping=stopping)
     (folder / "three.yaml").write_text(text)
     return "three.yaml"
 
