@@ -208,7 +208,8 @@ def is_free_of_noise(data: "CampaignData") -> bool:
     from agglom_mpi.measurements.quantities import QUANTITIES
 
     is_name = re.compile(r"data\.\d+\.quantity").fullmatch
-    return all(QUANTITIES[name].is_exact for key, name in data.identity.items() if is_name(key))
+    exact = {name for name, kind in QUANTITIES.items() if kind.is_exact}
+    return all(name in exact for key, name in data.identity.items() if is_name(key))
 
 
 def objective_at(data: "CampaignData", string: int) -> "Objective":

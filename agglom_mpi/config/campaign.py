@@ -31,7 +31,7 @@ from agglom_mpi.config.yaml_source import (
     with_seed,
 )
 from agglom_mpi.declaration.reading import PLAIN, Reading
-from agglom_mpi.measurements.datum import Datum
+from agglom_mpi.measurements.datum import Datum, exact_values
 from agglom_mpi.measurements.layout import CensusLayout
 from agglom_mpi.physics import scales
 from agglom_mpi.physics.impact_tests import ImpactTests, impact_tests
@@ -301,8 +301,7 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
             raise ValueError(f"{self.name} has no section data")
         section, values = self.at(string)
         diameter = 2.0 * scales.grain_radius(section, values)
-        has_impacts = any(datum.kind.is_exact for datum in self.data)
-        tests = self.impact_tests_at(string) if has_impacts else None
+        tests = self.impact_tests_at(string) if exact_values(self.data).any() else None
         density, grains = values["density"], section.particles
         return MeasuredString(self.data, self.census, diameter, density, grains, tests)
 

@@ -169,8 +169,8 @@ def covered_by_groups(
 
     Others are pure numbers, in no group, alone in one, or 0 in the box, where a group has no
     logarithm; or a law has a dimension that its groups do not state. Such a law keeps the variables
-    that it uses, and speed and lengths, by which what takes time is compared with a flight; all of
-    them, where it names none or is one's own.
+    that it uses, and speed and lengths, as its times compare with those of flights; all of them,
+    where it names none or is one's own.
     """
     of_flights = {"relative_speed", *_radius_factors(scene, table)}
     stated = [_of_variables(key, group, scene, table) for key, group in _named(scene)]

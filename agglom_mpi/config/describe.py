@@ -11,7 +11,7 @@ from agglom_mpi.config.identity import digest, identity
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.declaration.laws import Law
 from agglom_mpi.formatting import in_unit, pluralise, shortened, value_with_prefix
-from agglom_mpi.measurements.datum import Datum
+from agglom_mpi.measurements.datum import Datum, exact_values
 from agglom_mpi.variables import volume_fraction
 
 if TYPE_CHECKING:
@@ -135,12 +135,12 @@ def _relations(campaign: "Campaign") -> list[Paragraph]:
 
 def _data(campaign: "Campaign") -> list[Paragraph]:
     """Return a line for each measured datum, and a drawing of impacts."""
+    if campaign.census is None:
+        return []
     lines = []
     for entry, datum in zip(campaign.data_entries, campaign.data, strict=True):
         lines += [entry.summary, *_drawn_impacts(campaign, datum)]
-    if campaign.census is None:
-        return []
-    if all(datum.kind.is_exact for datum in campaign.data):
+    if exact_values(campaign.data).all():
         lines.append("the laws predict all data without samples: one sample of a string suffices")
     times, size = len(campaign.census.times), value_with_prefix(campaign.census.bytes, "B")
     classes = f"{campaign.census.classes} classes of size, 2 % wide"

@@ -345,7 +345,7 @@ class CoefficientOfRestitution(MeasuredQuantity):
     next_weights = ()
 
     def predict(self, sums: SampleSums, weight: str, edges: Floats | None) -> Floats:
-        """By the laws of the string, the same without any sample; `edges` are the impacts."""
+        """Return what the laws of the string give without samples; `edges` are the impacts."""
         assert edges is not None
         assert sums.coefficients is not None
         return np.tile(sums.coefficients(edges), (1 + len(sums.counts), 1))

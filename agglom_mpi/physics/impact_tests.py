@@ -14,7 +14,7 @@ Floats = NDArray[np.float64]
 
 
 class ImpactTests(NamedTuple):
-    """The laws of a string, by which the coefficients of single impacts follow without samples.
+    """The laws of a string, which give the coefficients of single impacts without samples.
 
     They are evaluated in plain Python, by the formulas that kernels compile.
 

@@ -11,7 +11,12 @@ from typing import Annotated, Any, ClassVar, Final, Literal
 from agglom_mpi.compilation.stages import inlined
 from agglom_mpi.declaration.components import In
 from agglom_mpi.declaration.laws import Reported
-from agglom_mpi.physics.friction import Friction, impulse_slopes, tangential_impulse
+from agglom_mpi.physics.friction import (
+    Friction,
+    impulse_slopes,
+    tangential_impulse,
+    tangential_mass,
+)
 from agglom_mpi.physics.pair import ContactPair
 
 INERTIA: Final = 0.4
@@ -41,7 +46,7 @@ class SpinningFriction(Friction):
 
         The impulse must be monotonic in the deficit.
         """
-        mass = MOBILE_SHARE * pair.reduced_mass
+        mass = tangential_mass(self, pair)
         first = pair.slip_speed - tangential_impulse(self, pair, lower) / mass
         last = pair.slip_speed - tangential_impulse(self, pair, upper) / mass
         least, most = impulse_slopes(self, pair, lower, upper)

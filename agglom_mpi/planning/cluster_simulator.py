@@ -10,10 +10,10 @@ from typing import Final, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.judge import EnsembleMeans, Judge, samples_needed
+from agglom_mpi.judge import Judge, samples_needed
 from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.planning.forecast import FREE, MAX_SIMULATED, Forecast, MessageCosts
-from agglom_mpi.scheduling.interface import ReturnedPart
+from agglom_mpi.scheduling.interface import ReturnedPart, means_of
 from agglom_mpi.scheduling.scheduler import Scheduler
 from agglom_mpi.search.decisions import Decision, StringEvaluated, StringsProposed
 from agglom_mpi.search.inversion import Inversion
@@ -383,8 +383,8 @@ class ClusterSimulator:
             drawn = self._drawn[string] = DrawnSamples(self._workload, parameters)
         most = count
         if task["judged"]:
-            means = EnsembleMeans._make(task["means"].item())
-            count = drawn.needed(first, count, self.inversion.judge(string, means, count))
+            judge = self.inversion.judge(string, means_of(task), count)
+            count = drawn.needed(first, count, judge)
         drawn.draw(first + count)
         self._assigned += count
         if self._assigned > MAX_SIMULATED:

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from agglom_mpi.judge import EnsembleMeans
 from agglom_mpi.planning.cluster_simulator import DrawnSamples, Workload
 from agglom_mpi.planning.forecast import MessageCosts
 from agglom_mpi.runtime.coordinator import Coordinator
@@ -26,6 +25,7 @@ from agglom_mpi.runtime.silence import GoneRanks
 from agglom_mpi.runtime.stop_request import StopRequest
 from agglom_mpi.runtime.worker_pool import WorkerPool
 from agglom_mpi.scheduling.estimators import RANGE_SECONDS, ROUND_TRIP_SECONDS
+from agglom_mpi.scheduling.interface import means_of
 from agglom_mpi.search.ensemble import judge_of
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.storage.checksums import checksums
@@ -189,9 +189,8 @@ class InstantRanks:
         if task["judged"]:
             campaign = self._experiment.setup(string).campaign
             objective = campaign.objective_at(task["parameters"])
-            means = EnsembleMeans._make(task["means"].item())
             particles = campaign.scene.particles
-            judge = judge_of(campaign.ensemble, objective, particles, means, count)
+            judge = judge_of(campaign.ensemble, objective, particles, means_of(task), count)
             size = drawn.needed(first, count, judge)
         rows = drawn.rows(first, size).copy()
         rows["string"], rows["sample"] = string, np.arange(first, first + size)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.config.own_components import permitted_modules
-from agglom_mpi.judge import EnsembleMeans, Judge, decides, new_judge
+from agglom_mpi.judge import Judge, decides, new_judge
 from agglom_mpi.measurements.layout import CENSUS_COLUMNS
 from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, FailureReason, final_particles
 from agglom_mpi.random_streams import key_words
@@ -24,7 +24,7 @@ from agglom_mpi.runtime.messages import (
     failed_sample,
 )
 from agglom_mpi.runtime.own_code_notes import OwnCodeNotes
-from agglom_mpi.scheduling.interface import MOST_SAMPLES
+from agglom_mpi.scheduling.interface import MOST_SAMPLES, means_of
 from agglom_mpi.search.ensemble import judge_of
 from agglom_mpi.search.objectives.objective import Objective
 from agglom_mpi.simulation.census import (
@@ -151,7 +151,7 @@ class StringScene(NamedTuple):
         """Return what ends a task that is judged, a record of `task_type`; None of others."""
         if not task["judged"]:
             return None
-        rule, means = self.setup.campaign.ensemble, EnsembleMeans._make(task["means"].item())
+        rule, means = self.setup.campaign.ensemble, means_of(task)
         return judge_of(rule, self.objective, self.scene.particles, means, int(task["count"]))
 
 

@@ -78,7 +78,7 @@ class SampleDemand(Protocol):
         """Return the progress of an open string or one proposed ahead; None once it is complete."""
 
     def judged_from(self, string: int) -> EnsembleMeans | None:
-        """Return the means from which on whoever simulates a live string may end it, or None."""
+        """Return the running means of a live string that ranks may end; None if they may not."""
 
     def samples_used(self, string: int) -> int:
         """Return the number of samples that a complete string has used."""
@@ -111,6 +111,11 @@ def task_type(variables: int) -> np.dtype:
             ("parameters", "f8", variables),
         ]
     )
+
+
+def means_of(task: np.void) -> EnsembleMeans:
+    """Return the running means of the samples before the first of a task that is judged."""
+    return EnsembleMeans._make(task["means"].item())
 
 
 def new_tasks(strings: Sequence[NDArray[np.float64]]) -> NDArray[np.void]:

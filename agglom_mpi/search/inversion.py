@@ -128,7 +128,7 @@ class Inversion:
         return Progress(ensemble.samples_used, ensemble.max_samples)
 
     def judged_from(self, string: int) -> EnsembleMeans | None:
-        """Return the means from which on whoever simulates a live string may end it, or None."""
+        """Return the running means of a live string that ranks may end; None if they may not."""
         ensemble = self._live(string)
         assert ensemble is not None
         if not (ensemble.follows_means and ensemble.has_judge):

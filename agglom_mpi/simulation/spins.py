@@ -317,20 +317,11 @@ def spin_account(scene: Any, particles: Any, ledger: Any) -> dict[str, float | i
     """
     if not scene.has_spins:
         return {}
-    motion, turning = kinetic_energies(particles)
+    motion, _ = fluctuation_energy(particles)
+    turning = rotational_energy(scene.laws.friction, particles)
     left = ledger.energy[LEFT_TO_STRUCTURE:].tolist()
     return {
-        "rotational_ratio": turning / motion if motion > 0.0 else math.nan,
+        "rotational_ratio": float(turning / motion) if motion > 0.0 else math.nan,
         "spin_caps": int(ledger.counts[SPIN_CAPS]),
         "angular_momentum_left": math.hypot(*left),
     }
-
-
-def kinetic_energies(particles: Any) -> tuple[float, float]:
-    """Return the kinetic energies in J of motion about the mean velocity, and of rotation."""
-    n = int(particles.size[0])
-    mass, velocity = particles.mass[:n], particles.velocity[:, :n]
-    relative = velocity - (velocity @ mass / mass.sum())[:, None]
-    inertia = INERTIA * mass * particles.radius[:n] ** 2
-    squares = (relative**2).sum(axis=0), (particles.spin[:, :n] ** 2).sum(axis=0)
-    return 0.5 * float(mass @ squares[0]), 0.5 * float(inertia @ squares[1])

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from scheduler_worlds import campaign, in_order, scheduler_of, simulated
 from summary_rows import rows_of
 
-from agglom_mpi.judge import EnsembleMeans, take_samples
-from agglom_mpi.scheduling.interface import ReturnedPart
+from agglom_mpi.judge import take_samples
+from agglom_mpi.scheduling.interface import ReturnedPart, means_of
 
 
 class Ranks:
@@ -32,8 +32,7 @@ class Ranks:
         rows = rows_of([simulated(string, parameters, first + i) for i in range(count)])
         size = count
         if task["judged"]:
-            means = EnsembleMeans._make(task["means"].item())
-            judge = self.inversion.judge(string, means, count)
+            judge = self.inversion.judge(string, means_of(task), count)
             size = take_samples(
                 judge, np.full(count, True), rows["mean_radius_ratio"], rows["particles"]
             )
