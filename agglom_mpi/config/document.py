@@ -46,8 +46,8 @@ from agglom_mpi.declaration.declared import (
 from agglom_mpi.declaration.field_types import NONE, Line
 from agglom_mpi.declaration.reading import PLAIN, Reading
 from agglom_mpi.physics.sizes import READ_KEYS, reads_file
-from agglom_mpi.search.methods.genetic import Genetic
 from agglom_mpi.search.methods.method import SearchMethod
+from agglom_mpi.search.methods.surrogate import Surrogate
 from agglom_mpi.search.objectives.growth import MaximumGrowth
 from agglom_mpi.search.objectives.objective import Objective
 from agglom_mpi.search.stopping import StoppingRule
@@ -245,7 +245,7 @@ class CampaignDocument(SceneDocument):
         Fits(_objective_fits),
         Meaning(f"allowed: {', '.join(Objective.components())}"),
     ]
-    search: Annotated[SearchMethod, Choice(SearchMethod), Fits(_search_fits)] = Genetic()
+    search: Annotated[SearchMethod, Choice(SearchMethod), Fits(_search_fits)] = Surrogate()
     ensemble: Annotated[
         StoppingRule,
         Choice(StoppingRule),
@@ -278,7 +278,7 @@ def read_document(
         message = "holds none of the sections of a campaign, such as `scene:` and `variables:`"
         raise CampaignError(Problem(name, None, "", message))
     reason = _reason_for_search(source)
-    entries = read_paths(_with_sizes(source, reading), reading)
+    entries = read_paths(_with_method(_with_sizes(source, reading), reading), reading)
     reading = reading._replace(variables=entries.table)
     kind = CampaignDocument if reason else SceneDocument
     try:
@@ -327,6 +327,16 @@ def _with_sizes(source: Source, reading: Reading) -> Source:
     if problems:
         raise CampaignError(*(source.problem(where, message) for where, message in problems))
     return replace(source, data=data)
+
+
+def _with_method(source: Source, reading: Reading) -> Source:
+    """Return a recorded file with the search method of its run: defaults differ by version."""
+    search = source.data.get("search") or {}
+    if not reading.search_method or not isinstance(search, dict) or "method" in search:
+        return source
+    return replace(
+        source, data={**source.data, "search": {"method": reading.search_method, **search}}
+    )
 
 
 NEEDED_TO_SEARCH: Final = ("objective", "ensemble", "stopping")

@@ -65,7 +65,8 @@ def campaign_of_record(
     CampaignError
         If the text is damaged.
     """
-    reading = Reading(recorded=True, own=own, files=RecordedFiles(identity))
+    method = str(identity.get("search.method", ""))
+    reading = Reading(True, own, files=RecordedFiles(identity), search_method=method)
     return Campaign.from_text(text, name, allowed or recorded_function(identity), reading)
 
 

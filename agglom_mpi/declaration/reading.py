@@ -162,6 +162,8 @@ class Reading(NamedTuple):
         Variables of its strings.
     files
         Reads the files of sizes.
+    search_method
+        Search method of a recorded campaign whose text may name none; empty: today's default.
     earlier
         Fields of the mapping that is read which stand before the field, where they are right.
     """
@@ -170,6 +172,7 @@ class Reading(NamedTuple):
     own: OwnComponents = NO_OWN
     variables: VariableTable = TEN
     files: NamedFiles = NO_FILES
+    search_method: str = ""
     earlier: Mapping[str, Any] = {}
 
 

@@ -65,7 +65,7 @@ class Finding(NamedTuple):
 
 NEEDED_FOR: Final = {
     "report": "tables, figures, pages and posteriors",
-    "search": "the searches surrogate and cmaes",
+    "search": "the search cmaes",
 }
 """Purpose of each extra that users install; `check_mpi` looks for the extra `mpi`."""
 

@@ -5,7 +5,7 @@ from functools import wraps
 from threading import RLock
 from typing import Final, ParamSpec, TypeVar
 
-from agglom_mpi.errors import require_library
+from threadpoolctl import threadpool_limits
 
 Result = TypeVar("Result")
 Arguments = ParamSpec("Arguments")
@@ -27,9 +27,7 @@ def single_threaded(method: Callable[Arguments, Result]) -> Callable[Arguments, 
 
     @wraps(method)
     def limited(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
-        require_library("threadpoolctl", "report", "feasible sets")
         import scipy.linalg  # noqa: F401  (a library that is loaded later would not be limited)
-        from threadpoolctl import threadpool_limits
 
         with BLAS_LIMIT_LOCK, threadpool_limits(1):
             return method(*args, **kwargs)

@@ -2,16 +2,19 @@
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.own_components import recorded_texts
+from agglom_mpi.config.yaml_source import parse
 from agglom_mpi.declaration.reading import SOURCE_SHA256, SOURCE_VALUES
 from agglom_mpi.errors import UserError
 from agglom_mpi.formatting import pluralise, shortened
 from agglom_mpi.runtime.experiment import Experiment
 from agglom_mpi.runtime.provenance import sources_digest
+from agglom_mpi.search.methods.method import SearchMethod
 from agglom_mpi.storage.access import DamagedCampaign
 from agglom_mpi.storage.create import create_campaign_file, enlarge_campaign_file
 from agglom_mpi.storage.reader import CampaignData, read_campaign
@@ -44,6 +47,22 @@ def output_path(campaign: Campaign, output: str | None, seed: int | None = None)
         path = path.with_stem(f"{path.stem}_seed{seed}")
     check_writable(path)
     return path
+
+
+def by_recorded_method(campaign: Campaign, path: Path) -> Campaign:
+    """Return a campaign with the search method of its existing file, where its text names none.
+
+    The default method differs by version, and a file is continued by the one it was made with.
+    """
+    plan = campaign.plan
+    if plan is None or not path.exists():
+        return campaign
+    section = parse(campaign.text, campaign.name).data.get("search") or {}
+    method = str(read_campaign(path, True).identity.get("search.method"))
+    stored = SearchMethod.components().get(method)
+    if stored is None or stored is type(plan.search) or section.keys() - {"start"}:
+        return campaign
+    return replace(campaign, plan=plan._replace(search=stored(start=plan.search.start)))
 
 
 def _names_seed(path: Path, seed: object) -> bool:

@@ -13,7 +13,7 @@ from agglom_mpi.config.yaml_source import warn
 from agglom_mpi.contracts.promises import promises_of
 from agglom_mpi.display.run_display import Display
 from agglom_mpi.runtime.experiment import InversionExperiment
-from agglom_mpi.runtime.file_setup import output_path
+from agglom_mpi.runtime.file_setup import by_recorded_method, output_path
 from agglom_mpi.runtime.leg import RunRequest
 from agglom_mpi.runtime.run import run_on_all_ranks
 from agglom_mpi.storage.reader import read_campaign
@@ -78,10 +78,11 @@ def request_for(
         campaign = campaign.with_seed(options.seed)
     if options.generations is not None:
         campaign = campaign.with_generations(options.generations)
+    path = output_path(campaign, options.output, options.seed)
+    campaign = by_recorded_method(campaign, path)
     narrow = check_searchable(campaign)
     check_search_library(campaign)
     warn([*campaign.warnings(), *narrow], options.strict, show)
-    path = output_path(campaign, options.output, options.seed)
     if options.allow_code and not path.exists():  # a file records that they have passed
         for line in promises_of(campaign, options.allow_code):
             show(line)

@@ -97,7 +97,7 @@ def message(*edits: tuple[str, str]) -> str:
             ("search.batch:", "unknown key 'batch'", "allowed: start, population, m"),
         ),
         (
-            "{initial: 48}",
+            "{initial: 48, parents: 6}",
             ("search.initial:", "unknown key 'initial'", "allowed: start, population, method, p"),
         ),
         ("{method: surrogate, batch: 1}", ("search.batch:", "is 1", "at least 2")),
@@ -239,7 +239,24 @@ def test_what_is_not_said_has_a_default() -> None:
         "random": {"population": 20},
         "sobol": {"population": 20},
     }
-    assert campaign(("search", "")).search.method == "genetic"
+
+
+@pytest.mark.parametrize(
+    ("section", "method"),
+    [
+        ("", "surrogate"),
+        ("search: {}", "surrogate"),
+        ("search: {batch: 12, aim: set}", "surrogate"),
+        ("search: {start: [{hardness: 50 MPa}]}", "surrogate"),
+        ("search: {population: 12}", "genetic"),
+        ("search: {parents: 2}", "genetic"),
+        ("search: {rescale: none}", "genetic"),
+    ],
+)
+def test_a_search_without_a_method_is_a_surrogate_unless_it_has_keys_of_the_genetic_one(
+    section, method
+) -> None:
+    assert campaign(("search", section)).search.method == method
 
 
 @pytest.mark.parametrize(

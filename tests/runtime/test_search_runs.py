@@ -21,11 +21,14 @@ from search_runs import SEARCHES, write_search
 
 from agglom_mpi.analysis.file_check import check_file
 from agglom_mpi.campaign_file import open_campaign
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.errors import MissingLibraryError
 from agglom_mpi.planning.plan import plan
+from agglom_mpi.runtime.file_setup import OutputError, prepare
 from agglom_mpi.runtime.invert import InvertOptions, read_request
 from agglom_mpi.storage.reader import read_campaign
+from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
 
 @pytest.fixture(scope="module")
@@ -169,7 +172,6 @@ for name in {names}:
 @pytest.mark.parametrize(
     ("search", "names", "missing"),
     [
-        ("surrogate", ["threadpoolctl"], "threadpoolctl"),
         ("cmaes", ["cmaes"], "cmaes"),
     ],
 )
@@ -198,11 +200,34 @@ def test_on_several_ranks_a_missing_library_is_one_message_too(plain, tmp_path):
     assert not (tmp_path / "new.h5").exists()
 
 
-def test_the_genetic_search_needs_no_extra_library(tmp_path, monkeypatch):
-    write_search(tmp_path / "tiny.yaml", "{population: 6, parents: 2}", samples=1, generations=2)
-    for name in ("cmaes", "threadpoolctl"):
-        monkeypatch.setitem(sys.modules, name, None)
+def test_a_search_without_a_method_needs_no_extra_library(tmp_path, monkeypatch):
+    write_search(tmp_path / "tiny.yaml", "{}", samples=1, generations=2)
+    monkeypatch.setitem(sys.modules, "cmaes", None)
     finish(tmp_path, "tiny.yaml")
+
+
+@pytest.mark.parametrize("section", ["{}", "{start: [{hardness: 50 MPa}]}"])
+def test_a_file_made_with_another_default_is_read_and_continued_by_its_own(
+    tmp_path, monkeypatch, section
+):
+    path = write_search(tmp_path / "tiny.yaml", section, samples=1, generations=2)
+    with monkeypatch.context() as earlier:
+        earlier.setattr("agglom_mpi.search.methods.method.DEFAULT_METHODS", ("genetic",))
+        finish(tmp_path, "tiny.yaml")
+    assert load_campaign(path).search.name == "surrogate"
+    file = tmp_path / "tiny.h5"
+    assert recorded_campaign(read_campaign(file)).search.name == "genetic"
+    finish(tmp_path, "tiny.yaml", "--generations", 3)
+    assert_sound(file)
+    assert len(read_campaign(file).string_rows()) == 20 + 14 + 14
+
+
+def test_a_text_that_names_another_method_than_its_file_is_refused(tmp_path):
+    path = write_search(tmp_path / "tiny.yaml", "{method: sobol}", samples=1, generations=1)
+    finish(tmp_path, "tiny.yaml")
+    path.write_text(path.read_text().replace("{method: sobol}", "{method: random}"))
+    with pytest.raises(OutputError, match=r"search\.method: sobol in the file, random now"):
+        prepare(tmp_path / "tiny.h5", read_request(InvertOptions(str(path))).experiment, False)
 
 
 def test_checking_a_file_without_the_library_says_so_and_does_not_call_it_damaged(

@@ -18,8 +18,9 @@ from agglom_mpi.formatting import pluralise
 from agglom_mpi.search.proposals import Evaluations, Proposals, Ranked
 from agglom_mpi.search.space import SearchSpace
 
-DEFAULT_METHOD: Final = "genetic"
-"""Method of a section `search` without the key `method`."""
+DEFAULT_METHODS: Final = ("surrogate", "genetic")
+"""Methods of a section `search` without the key `method`: the first one that has all its keys, or
+the last one."""
 
 
 class RunningSearch(Protocol):
@@ -122,7 +123,13 @@ class SearchMethod(Component):
     def as_mapping(cls, entry: Any) -> Any:
         """Return a section with its method."""
         if isinstance(entry, Mapping) and cls.named_by not in entry:
-            return {cls.named_by: DEFAULT_METHOD, **entry}
+            methods = cls.components()
+            fits = (
+                name
+                for name in DEFAULT_METHODS
+                if methods[name].model_fields.keys() >= entry.keys()
+            )
+            return {cls.named_by: next(fits, DEFAULT_METHODS[-1]), **entry}
         return entry
 
     @property

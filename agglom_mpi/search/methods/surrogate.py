@@ -70,7 +70,6 @@ class Surrogate(SearchMethod):
     """
 
     lag: ClassVar[int] = 2
-    library: ClassVar[str | None] = "threadpoolctl"
     ranks_by_model: ClassVar[bool] = True
     method: Literal["surrogate"] = "surrogate"
     initial: Annotated[int, Whole(at_least=8, at_most=10**4)] = 48
