@@ -97,8 +97,13 @@ def _variable_columns(file: CampaignData, best: Sequence[dict[str, Any]]) -> Ite
             shown = column_of(text, variable.name, variable.unit, variable.upper, note)
             yield shown._replace(constant=bool(note))
     for column in derived_columns(file):
-        largest = np.nanmax([abs(entry[column.name]) for entry in best], initial=0.0)
-        yield column_of(text, column.name, column.unit, float(largest))
+        values = [entry[column.name] for entry in best]
+        shown = column_of(
+            text, column.name, column.unit, float(np.nanmax(np.abs(values), initial=0.0))
+        )
+        yield shown._replace(
+            constant=len(values) > 1 and np.allclose(values, values[0], 1e-12, 0.0)
+        )
 
 
 def _moment_columns(entries: Sequence[dict[str, Any] | None], measured: str) -> Iterator[Column]:

@@ -63,6 +63,8 @@ of unequal grains bond from 0.71 of it on, and collisions hardly raise the faste
 
 COLLISIONS_PER_SECOND: Final = 5e5
 """Collisions that one core handles per second with the event engine, at least."""
+UNSTIRRED: Final = 1e4
+"""Collisions per grain, were all elastic, from which grains that lose energy are long at rest."""
 LONG_SAMPLE: Final = 3600.0
 """Time of a sample in s above which it is warned of."""
 
@@ -289,6 +291,13 @@ def _collisions(scene: "SceneSection", low: Value, high: Value) -> Iterator[Find
         message = (
             f"makes a sample take {format_duration(seconds)} unless grains bond or come to rest: "
             f"{typical:.2g} collisions per grain are expected; usual are seconds, below 1e6"
+        )
+        yield ("scene", "end_time"), message
+    elif typical > UNSTIRRED and scene.restitution.never_bonds is None:
+        message = (
+            f"lasts for {typical:.2g} collisions per grain, if all were elastic; nothing stirs the "
+            "grains, which slow down and merge in the first part of it: seconds in a mixer must be "
+            f"a short effective time; usual are up to {UNSTIRRED:g}"
         )
         yield ("scene", "end_time"), message
 

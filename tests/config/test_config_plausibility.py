@@ -141,7 +141,16 @@ def test_a_sample_of_hours_is_warned_of_where_each_collision_is_simulated() -> N
     [line] = lines(campaign(*long))
     assert "campaign.yaml:14: scene.end_time: makes a sample take" in line
     assert "unless grains bond or come to rest" in line
-    assert lines(campaign(*long[:1])) == []
+    [line] = lines(campaign(*long[:1]))
+    assert "makes a sample take" not in line
+
+
+def test_a_time_in_which_unstirred_grains_are_long_at_rest_is_warned_of() -> None:
+    assert lines(campaign(("  end_time", "  end_time: 1 s"))) == []
+    end = "  end_time: 1000 s"
+    [line] = lines(campaign(("  end_time", end)))
+    assert line.startswith("campaign.yaml:14: scene.end_time: lasts for ")
+    assert not any("scene.end_time" in line for line in lines(constant(end_time="1000 s")))
 
 
 def test_growth_is_out_of_reach_of_grains_that_never_bond() -> None:

@@ -57,12 +57,14 @@ def campaign(*edits: tuple[str, str]) -> Campaign:
     return Campaign.from_text(edited(*edits))
 
 
-def constant(contact_time: str | None = None, value: float = 0.9) -> Campaign:
+def constant(
+    contact_time: str | None = None, value: float = 0.9, end_time: str = "1 ms"
+) -> Campaign:
     """The campaign with constant restitution, of which no hardness decides anything."""
     lasting = "" if contact_time is None else f", contact_time: {contact_time}"
     return campaign(
         ("  restitution", f"  restitution: {{law: constant, value: {value}{lasting}}}"),
         ("  hardness: a", ""),
         ("  hardness: [", ""),
-        ("  end_time", "  end_time: 1 ms"),
+        ("  end_time", f"  end_time: {end_time}"),
     )
