@@ -15,6 +15,7 @@ DOCUMENTS = [
     ROOT / "README.md",
     *(p for folder in ("agglom_mpi", "jobs", "slurm") for p in (ROOT / folder).rglob("README.md")),
     ROOT / "agglom_mpi" / "SECURITY.md",
+    ROOT / "agglom_mpi" / "TROUBLESHOOTING.md",
     ROOT / "agglom_mpi" / "storage" / "OLDER_FILES.md",
     ROOT / "agglom_mpi" / "storage" / "TABLES.md",
 ]
