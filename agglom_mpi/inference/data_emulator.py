@@ -36,6 +36,9 @@ MAX_DENSITIES_AT_ONCE: Final = 4096
 COARSE_POINTS: Final = 1 << 11
 """Number of even points of the box that show how near to the data strings come."""
 
+MAX_PLAIN_IMPACTS: Final = 20_000
+"""Number of impacts of strings from which their law is compiled; plain Python takes seconds."""
+
 CALIBRATION_STREAM, PREDICTIVE_STREAM = 3, 4
 """Further random streams of a posterior of data."""
 
@@ -94,6 +97,7 @@ class EmulatedData(EmulatedBox):
         is_exact = exact_values(self.data)
         self._typical = self.frame.measured if is_exact.all() else values.values.mean(axis=0)
         self.lengths = values.lengths
+        self._impacts_solved = 0
         self._set_components(points, framed)
         self.reached = np.array([[-math.inf], [math.inf]]) * np.ones(len(is_exact))
         for i in np.flatnonzero(~is_exact):
@@ -152,11 +156,16 @@ class EmulatedData(EmulatedBox):
         found = np.full((len(strings), len(self.exact_columns)), math.nan)
         rows = exact_values(self.data)
         basis = self.frame.basis[np.ix_(rows, self.exact_columns)]
-        impacts = [datum.impacts for datum in self.data if datum.impacts is not None]
-        for i in range(len(strings) if impacts else 0):
-            with suppress(ValueError):
-                tests = self.box.campaign.impact_tests_at(strings[i])
-                found[i] = tests.coefficients(np.concatenate(impacts)) @ basis
+        lists = [datum.impacts for datum in self.data if datum.impacts is not None]
+        if not lists:
+            return found
+        impacts = np.concatenate(lists)
+        self._impacts_solved += len(strings) * len(impacts)
+        is_compiled = self._impacts_solved > MAX_PLAIN_IMPACTS
+        for i, string in enumerate(strings):
+            with suppress(ValueError, ArithmeticError):
+                tests = self.box.campaign.impact_tests_at(string)
+                found[i] = tests.coefficients(impacts, is_compiled) @ basis
         return found
 
     def _exact_squares(self, strings: Floats) -> Floats:

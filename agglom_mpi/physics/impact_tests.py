@@ -7,16 +7,46 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.compilation.kernels import as_plain, kernel
 from agglom_mpi.physics.pair import ContactPair
 from agglom_mpi.physics.restitution import ImpactLaws, solve_restitution
 
 Floats = NDArray[np.float64]
 
 
+@kernel
+def impact_coefficients(
+    laws: ImpactLaws, density: float, temperature: float, impacts: Floats, found: Floats
+) -> None:
+    """Fill in the coefficient of each impact, shape (q,); the others as of `ImpactTests`."""
+    for k in range(found.size):
+        speed, first, second = impacts[k, 0], impacts[k, 1], impacts[k, 2]
+        own = temperature if math.isnan(impacts[k, 3]) else impacts[k, 3]
+        one = 4.0 / 3.0 * math.pi * density * first**3
+        other = 4.0 / 3.0 * math.pi * density * second**3
+        share = other / (one + other)
+        pair = ContactPair(
+            approach_speed=speed,
+            slip_speed=0.0,
+            mass_i=one,
+            mass_j=other,
+            reduced_mass=one * share,
+            radius=min(first, second),
+            radius_i=first,
+            radius_j=second,
+            temperature_i=own,
+            temperature_j=own,
+            normal_i=share * speed,  # in the frame of the centre of mass
+            normal_j=-(1.0 - share) * speed,
+            tangent_i=0.0,
+            tangent_j=0.0,
+        )
+        solution = solve_restitution(laws.restitution, laws, pair)
+        found[k] = 0.0 if solution.bonds else 1.0 - float(solution.deficit)
+
+
 class ImpactTests(NamedTuple):
     """The laws of a string, which give the coefficients of single impacts without samples.
-
-    They are evaluated in plain Python, by the formulas that kernels compile.
 
     Attributes
     ----------
@@ -32,7 +62,7 @@ class ImpactTests(NamedTuple):
     density: float
     temperature: float
 
-    def coefficients(self, impacts: Floats) -> Floats:
+    def coefficients(self, impacts: Floats, is_compiled: bool = False) -> Floats:
         """Return the coefficient of each impact, shape (q,); it is 0 where the pair bonds.
 
         Parameters
@@ -40,31 +70,13 @@ class ImpactTests(NamedTuple):
         impacts
             Approach speed in m/s, both radii in m and the temperature in K, nan if it is not
             stated, shape (q, 4).
+        is_compiled
+            Whether a kernel evaluates them, which takes seconds to compile; else plain Python does.
         """
-        return np.array([self._coefficient(*row) for row in impacts.tolist()])
-
-    def _coefficient(self, speed: float, first: float, second: float, stated: float) -> float:
-        temperature = self.temperature if math.isnan(stated) else stated
-        one, other = (4.0 / 3.0 * math.pi * self.density * radius**3 for radius in (first, second))
-        share = other / (one + other)
-        pair = ContactPair(
-            approach_speed=speed,
-            slip_speed=0.0,
-            mass_i=one,
-            mass_j=other,
-            reduced_mass=one * share,
-            radius=min(first, second),
-            radius_i=first,
-            radius_j=second,
-            temperature_i=temperature,
-            temperature_j=temperature,
-            normal_i=share * speed,  # in the frame of the centre of mass
-            normal_j=-(1.0 - share) * speed,
-            tangent_i=0.0,
-            tangent_j=0.0,
-        )
-        solution = solve_restitution(self.laws.restitution, self.laws, pair)
-        return 0.0 if solution.bonds else 1.0 - float(solution.deficit)
+        found = np.empty(len(impacts))
+        solve = impact_coefficients if is_compiled else as_plain(impact_coefficients)
+        solve(self.laws, self.density, self.temperature, impacts, found)
+        return found
 
 
 def impact_tests(scene: Any, value: Mapping[str, float]) -> ImpactTests:

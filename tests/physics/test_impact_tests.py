@@ -109,6 +109,18 @@ def test_the_coefficient_is_that_of_the_closed_form(name, radii):
     assert found == pytest.approx([expected(w, *reduced(radii)) for w in SPEEDS], rel=1e-9, abs=0)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [*CLOSED, "pressure"])
+def test_a_kernel_returns_the_coefficients_of_plain_python(name):
+    if name == "pressure":
+        found = laws_of("pressure", HOT, "pair_split")
+    else:
+        found = laws_of(*CLOSED[name][:2])
+    rows = np.concatenate([impacts(radii, temperature=350.0) for radii in PAIRS])
+    plain, compiled = (found.coefficients(rows, is_compiled) for is_compiled in (False, True))
+    assert compiled == pytest.approx(plain, rel=1e-10, abs=0)
+
+
 @pytest.mark.parametrize("name", ["adhesive", "wet"])
 def test_a_pair_that_sticks_has_a_coefficient_of_0(name):
     law, variables, _ = CLOSED[name]
