@@ -134,6 +134,11 @@ class Forecast(NamedTuple):
         )
 
     @property
+    def core_hours(self) -> float:
+        """Time of all ranks together, fresh samples included, h."""
+        return self.ranks * (self.seconds + self.again) / 3600.0
+
+    @property
     def bound(self) -> float:
         """Lower bound for every scheduler, s: the work spread evenly, or the critical path."""
         return max(self.work / self.ranks, self.chain)
@@ -190,6 +195,9 @@ class PilotSummary(NamedTuple):
         Ratio of wall-clock to processor time of all samples; nan if it was not recorded.
     differences
         Entries in which the file's campaign differs.
+    relative_error
+        Standard error of the mean time relative to it, from the spread of the strings' means; nan
+        of a single string.
     """
 
     source: str | None
@@ -200,6 +208,7 @@ class PilotSummary(NamedTuple):
     longest_seconds: float
     wall_over_cpu: float
     differences: tuple[str, ...]
+    relative_error: float = math.nan
 
 
 class ForecastReport(NamedTuple):

@@ -20,15 +20,14 @@ from agglom_mpi.planning.workload import LEAST_SAMPLES
 from agglom_mpi.stopwatch import BUSY_RATIO
 
 EXPLANATION: Final = (
-    "needed: share of the ranks' time spent on samples that decisions use\n"
-    "rank 0: share of its time spent on messages; simulated, used: samples\n"
-    "at best: time with an ideal order of work; reached: speed relative to it\n"
-    "limit: work, evenly spread over the ranks; chain, generations that wait for\n"
-    "their longest sample; rank 0, messages"
+    "useful: share of the ranks' time spent on samples that decisions use\n"
+    "rank 0: share of its time spent on messages; samples, used: their numbers\n"
+    "ideal: time with an ideal order of work; limited by: work, evenly spread over\n"
+    "the ranks; chain, generations that wait for their longest sample; rank 0"
 )
 """Meaning of the columns."""
 
-AGAIN: Final = "again: at the end, for fresh samples of the best strings"
+AGAIN: Final = "fresh: at the end, for fresh samples of the best strings"
 """Meaning of the last column, which only campaigns with fresh samples have."""
 
 
@@ -36,11 +35,13 @@ def to_json(report: ForecastReport) -> str:
     """Return forecasts as JSON; all times in s."""
     measured = report.pilot.wall_over_cpu
     slowed = measured if math.isfinite(measured) else None
+    spread = report.pilot.relative_error
+    error = spread if math.isfinite(spread) else None
     content: dict[str, Any] = {
         "campaign": report.campaign.name,
         "generations": report.campaign.stopping.generations,
         "most_strings": report.campaign.max_strings,
-        "samples": report.pilot._asdict() | {"wall_over_cpu": slowed},
+        "samples": report.pilot._asdict() | {"wall_over_cpu": slowed, "relative_error": error},
         "costs": report.costs._asdict(),
         "forecasts": _records(report),
         "not_forecast": report.not_forecast,
@@ -54,14 +55,14 @@ def to_json(report: ForecastReport) -> str:
 COLUMNS: Final = (
     Column("ranks", format="d"),
     Column("seconds", "time", format=format_duration),
-    Column("needed", format=".1%"),
-    Column("master", "rank 0", format=".1%"),
-    Column("simulated", format="d"),
+    Column("core_hours", "core-hours", format=".3g"),
+    Column("needed", "useful", format=".0%"),
+    Column("master", "rank 0", format=".0%"),
+    Column("simulated", "samples", format="d"),
     Column("used", format="d"),
-    Column("bound", "at best", format=format_duration),
-    Column("reached", format=".1%"),
-    Column("limit", text=True),
-    Column("again", "+ again", format=lambda seconds: format_duration(seconds) if seconds else ""),
+    Column("bound", "ideal", format=format_duration),
+    Column("limit", "limited by", text=True),
+    Column("again", "+ fresh", format=lambda seconds: format_duration(seconds) if seconds else ""),
 )
 
 
@@ -73,7 +74,7 @@ def forecast_table(report: ForecastReport) -> RenderableType:
 
 def _records(report: ForecastReport) -> list[dict[str, Any]]:
     """Return the forecasts as plain values."""
-    names = (*Forecast._fields, "bound", "reached", "needed", "wasted", "limit")
+    names = (*Forecast._fields, "core_hours", "bound", "reached", "needed", "wasted", "limit")
     return [{name: getattr(each, name) for name in names} for each in report.forecasts]
 
 
@@ -116,6 +117,12 @@ def _busy(pilot: PilotSummary) -> list[str]:
 
 def _footer(report: ForecastReport) -> list[str]:
     lines = []
+    if report.forecasts and math.isfinite(report.pilot.relative_error):
+        strings, error = pluralise(report.pilot.strings, "string"), report.pilot.relative_error
+        lines.append(
+            f"times rest on {pluralise(report.pilot.samples, 'sample')} of {strings}: "
+            f"± {2.0 * error:.0%}, two standard errors,\nif the search's strings are like them"
+        )
     if report.pilot.samples < LEAST_SAMPLES * report.pilot.strings:
         lines.append("rough: there are few samples of each string; simulate for more --seconds")
     if shares := [f.share for f in report.forecasts if f.share < 1.0]:

@@ -171,13 +171,17 @@ def pilot_summary(pilot: PilotSamples) -> PilotSummary:
     """Return number and times of pilot samples."""
     rows = pilot.rows
     seconds = time_on_free_core(rows)
+    _, which, count = np.unique(rows["string"], return_inverse=True, return_counts=True)
+    means = np.bincount(which, seconds) / count
+    error = means.std(ddof=1) / math.sqrt(len(means)) if len(means) > 1 else math.nan
     return PilotSummary(
         pilot.source,
         len(rows),
-        len(np.unique(rows["string"])),
+        len(count),
         int((rows["state"] == FAILED).sum()),
         float(seconds.mean()),
         float(seconds.max()),
         wall_over_cpu(rows),
         pilot.differences,
+        float(error / means.mean()),
     )

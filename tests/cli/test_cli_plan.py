@@ -1,5 +1,7 @@
 import json
+import math
 
+import numpy as np
 import pytest
 from campaign_runs import QUICKSTART, TINY, write_campaign
 
@@ -33,6 +35,10 @@ def test_json_holds_the_forecasts_from_a_campaign_file(agglom):
     plan = json.loads(done.stdout)
     assert plan["samples"]["source"] == "tiny.h5"
     assert plan["not_forecast"] == []
+    rows = read_campaign("tiny.h5").all_sample_rows()
+    times = [rows["cpu_seconds"][rows["string"] == i].mean() for i in np.unique(rows["string"])]
+    expected = np.std(times, ddof=1) / math.sqrt(len(times)) / np.mean(times)
+    assert plan["samples"]["relative_error"] == pytest.approx(expected)
     one, four = plan["forecasts"]
     assert (one["ranks"], four["ranks"]) == (1, 4)
     assert one["used"] == four["used"] > 0
@@ -51,11 +57,12 @@ def test_a_plan_says_what_the_fresh_samples_of_the_best_take(agglom, tmp_path):
     assert one["again"] / 4 <= four["again"] <= one["again"] / 4 + mean.max()
     done = agglom(*words).stdout.splitlines()
     first = table_begins(done)
-    assert done[first].endswith("+ again")
-    assert any(line.startswith("again: at the end") for line in done)
+    assert done[first].endswith("+ fresh")
+    assert any(line.startswith("fresh: at the end") for line in done)
+    assert one["core_hours"] == pytest.approx((one["seconds"] + one["again"]) / 3600.0)
     assert len(max(done[first:-1], key=len)) < 80
     bare = agglom("plan", "tiny.yaml", "--from", "tiny.h5", "--ranks", "1").stdout
-    assert "again" not in bare
+    assert "fresh" not in bare
 
 
 def test_a_plan_ends_with_the_command_that_submits_it(agglom, monkeypatch):
