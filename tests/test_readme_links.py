@@ -9,6 +9,7 @@ ROOT = Path(__file__).parents[1]
 DOCUMENTS = [
     ROOT / "README.md",
     *(p for folder in ("agglom_mpi", "jobs", "slurm") for p in (ROOT / folder).rglob("README.md")),
+    ROOT / "jobs" / "REFERENCE.md",
     ROOT / "agglom_mpi" / "SECURITY.md",
     ROOT / "agglom_mpi" / "storage" / "OLDER_FILES.md",
     ROOT / "agglom_mpi" / "storage" / "TABLES.md",
