@@ -8,13 +8,9 @@ import pytest
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = [
     ROOT / "README.md",
-    *(p for folder in ("agglom_mpi", "jobs", "slurm") for p in (ROOT / folder).rglob("README.md")),
-    *(
-        ROOT / "agglom_mpi" / name
-        for name in ("SECURITY.md", "CHANGELOG.md", "PROMISES.md", "TROUBLESHOOTING.md")
-    ),
-    ROOT / "agglom_mpi" / "storage" / "OLDER_FILES.md",
-    ROOT / "agglom_mpi" / "storage" / "TABLES.md",
+    ROOT / "jobs" / "REFERENCE.md",
+    *(ROOT / "agglom_mpi").rglob("*.md"),
+    *(p for folder in ("jobs", "slurm") for p in (ROOT / folder).rglob("README.md")),
 ]
 
 

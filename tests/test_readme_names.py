@@ -13,13 +13,9 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "agglom_mpi"
 DOCUMENTS = [
     ROOT / "README.md",
-    *(p for folder in ("agglom_mpi", "jobs", "slurm") for p in (ROOT / folder).rglob("README.md")),
-    *(
-        ROOT / "agglom_mpi" / name
-        for name in ("SECURITY.md", "CHANGELOG.md", "PROMISES.md", "TROUBLESHOOTING.md")
-    ),
-    ROOT / "agglom_mpi" / "storage" / "OLDER_FILES.md",
-    ROOT / "agglom_mpi" / "storage" / "TABLES.md",
+    ROOT / "jobs" / "REFERENCE.md",
+    *(ROOT / "agglom_mpi").rglob("*.md"),
+    *(p for folder in ("jobs", "slurm") for p in (ROOT / folder).rglob("README.md")),
 ]
 EXAMPLES = {
     "CAMPAIGN.yaml",

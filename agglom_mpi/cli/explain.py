@@ -28,11 +28,11 @@ INDENT: Final = "  "
         "agglom explain",
         "agglom explain restitution",
         "agglom explain cooling.emissivity density",
-        "agglom explain --markdown > reference.md",
+        "agglom explain --markdown > REFERENCE.md",
     )
 )
 @click.argument("keys", nargs=-1, metavar="[KEY ...]")
-@click.option("--markdown", is_flag=True, help="Print all keys as tables in Markdown.")
+@click.option("--markdown", is_flag=True, help="Print all keys and laws as a page in Markdown.")
 @exit_with
 def explain(keys: tuple[str, ...], markdown: bool) -> int:
     """Explain the KEYs of a campaign file: meaning, allowed values, default.
@@ -42,11 +42,11 @@ def explain(keys: tuple[str, ...], markdown: bool) -> int:
     """
     if sys.flags.optimize > 1:
         raise UserError("agglom explain: python -OO removes the texts; run python without -OO")
-    from agglom_mpi.config.explanation import below, component_tables, find, section_tables
+    from agglom_mpi.config.explanation import below, find, reference_page
 
     pages = [page for key in keys for page in _pages(find(key))]
     if markdown:
-        say(f"{section_tables()}\n{component_tables()}")
+        say(reference_page())
     elif not keys:
         sections = below(())
         pages = [[*_table(sections), "", "`agglom explain SECTION` lists the keys of a section."]]

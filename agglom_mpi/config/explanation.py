@@ -24,6 +24,22 @@ from agglom_mpi.variables import PAPER_VARIABLES, VOLUME_FRACTION, Variable
 
 Path: TypeAlias = tuple[str, ...]
 
+_REFERENCE: Final = """\
+# Reference of the campaign file: the output of `agglom explain --markdown`
+
+Numbers are in SI units, or carry any unit of the same dimension (`67 MPa`).
+
+## Keys of each section
+
+{sections}
+## Laws, objectives, searches and rules
+
+The limits of a number are followed by its SI unit and, in brackets, its default. `v⁰`, `H₀`, `μ₀` \
+and `θ₀` are the variables `relative_speed`, `hardness`, `friction` and `temperature`; [A] and [B] \
+are the papers of 2003 and 2004.
+
+{components}"""
+"""Reference in Markdown, without its tables."""
 _ATTRIBUTES: Final = re.compile(r"\n\nAttributes\n-+\n")
 _SOURCE: Final = re.compile(r"^\[(\w+)\] +(.+(?:\n .+)*)", re.MULTILINE)
 _ENTRY: Final = re.compile(r"^(\w[\w, ]*)\n((?:    .*(?:\n|$)|\n(?=    ))*)", re.MULTILINE)
@@ -294,6 +310,12 @@ def component_kinds() -> dict[Path, type[Component]]:
         if (choice := choice_of(field))
     }
     return kinds | {("stopping",): EndingCriterion}
+
+
+def reference_page() -> str:
+    """Return the page in Markdown that lists every key and component: `jobs/REFERENCE.md`."""
+    page = _REFERENCE.format(sections=section_tables(), components=component_tables())
+    return page.removesuffix("\n")
 
 
 def component_tables() -> str:

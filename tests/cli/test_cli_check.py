@@ -1,4 +1,5 @@
 import json
+import re
 
 import pytest
 from campaign_runs import QUICKSTART, invert, write_campaign
@@ -34,6 +35,16 @@ def test_the_quickstart_says_how_much_it_is_and_what_it_leaves_out(agglom):
         "  particles do not record: time of last cooling, time of last impact, number of grains",
         "  samples do not store: single particles, states before the end",
     ]
+
+
+def test_the_campaign_on_the_page_of_jobs_prints_the_variables_shown_there(agglom, tmp_path):
+    page = (QUICKSTART.parent / "README.md").read_text()
+    section = page.partition("## Any number of the scene as a variable")[2]
+    campaign, shown = re.findall(r"```(?:yaml)?\n(.*?)```", section, re.S)[:2]
+    (tmp_path / "page.yaml").write_text(campaign)
+    done = agglom("check", tmp_path / "page.yaml")
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert f"\n{shown}" in done.stdout
 
 
 def test_a_file_that_would_be_too_large_is_refused_before_it_is_made(mistaken, agglom, tmp_path):

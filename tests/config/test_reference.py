@@ -1,10 +1,6 @@
-"""The tables of components: complete, and those of the README."""
+"""The tables of components are complete."""
 
-from pathlib import Path
-
-from agglom_mpi.config.explanation import component_kinds, component_tables, section_tables
-
-JOBS = Path(__file__).parents[2] / "jobs"
+from agglom_mpi.config.explanation import component_kinds, component_tables
 
 
 def test_every_component_has_a_row_with_all_its_keys():
@@ -23,11 +19,3 @@ def test_every_component_has_a_row_with_all_its_keys():
                 and (component.__doc__ or "").replace("  [", " [")[:9] in row
             ]
             assert len(row.split(" | ")) == 3
-
-
-def test_the_readme_has_the_tables_of_the_program():
-    assert component_tables() in (JOBS / "README.md").read_text()
-
-
-def test_the_readme_has_the_tables_of_the_sections():
-    assert section_tables() in (JOBS / "README.md").read_text()
