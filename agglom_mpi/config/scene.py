@@ -387,10 +387,30 @@ class SceneSection(Declared):
                     f"but grains spin by friction {self.friction.name!r}; must be a law by the "
                     "energy of the pair, or none",
                 )
+        yield from self._problems_of_shear()
         for key, law in (("reaction", self.reaction), ("cooling", self.cooling)):
             if self.heating.is_absent and not law.is_absent:
                 message = f"is {law.name!r}, but heating is 'none'; allowed without heating: none"
                 yield (key,), message
+
+    def _problems_of_shear(self) -> Iterator[tuple[FieldPath, str]]:
+        """Yield what cannot work in a sheared box."""
+        if not self.escape.is_sheared():
+            return
+        if self.engine.has_time_steps:
+            yield (
+                (ENGINE_KEY,),
+                f"is {self.engine.name!r}, but escape is {self.escape.name!r}, whose images move "
+                "between the steps; must be 'event'",
+            )
+        for key, of_one in (("heating", self.heating), ("fragmentation", self.fragmentation)):
+            if of_one.is_frame_dependent():
+                yield (
+                    (key,),
+                    f"is {of_one.name!r}, which counts the motion of each grain, but that is "
+                    f"another in each image of escape {self.escape.name!r}; must be a law by the "
+                    "energy of the pair, or none",
+                )
 
 
 def _needs_pressure(entry: Any, reading: Reading) -> bool:

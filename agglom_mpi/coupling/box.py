@@ -153,6 +153,9 @@ class Box(metaclass=PublicFace, constructor=True):
         if scene.has_spins and friction.spin_temperature > 0.0:
             message = "is given; must be left out, as a box starts without spins"
             raise ArgumentError.of(campaign.name, "scene.friction.spin_temperature", message)
+        if campaign.scene.escape.is_sheared():
+            message = "is 'shear', whose images move on while a step starts anew; must be another"
+            raise ArgumentError.of(campaign.name, "scene.escape", message)
         self._random = random_numbers(campaign, string, sample)
         self._initial = initial_particles(
             scene, self._random, particles, radii, velocities, temperatures, positions, grains

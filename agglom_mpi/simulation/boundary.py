@@ -1,12 +1,14 @@
-"""The cube −D ≤ r ≤ D: periodic images, re-entry, and the sorting of particles into cells."""
+"""The cube −D ≤ r ≤ D: periodic images, re-entry, shear, and sorting particles into cells."""
 
 import math
-from typing import Any, ClassVar, Literal, TypeAlias
+from collections.abc import Iterator
+from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
 
 from agglom_mpi.compilation.stages import formula, inlined, inlined_allocating
-from agglom_mpi.declaration.laws import Law
+from agglom_mpi.declaration.components import In
+from agglom_mpi.declaration.laws import Law, Reported, Values
 from agglom_mpi.declaration.needed import needed
 
 Vector: TypeAlias = tuple[float, float, float]
@@ -57,6 +59,26 @@ class Boundary(Law):
     def is_periodic(self) -> bool:
         """Whether contacts reach across faces."""
         raise NotImplementedError
+
+    def wrapped_height(self, coordinate: float, half_width: float) -> float:
+        """Return `wrapped` of the coordinate y in m."""
+        return wrapped(self, coordinate, half_width)
+
+    def is_sheared(self) -> bool:
+        """Whether images of the box beyond the faces of y move along x; see `Shear`."""
+        return False
+
+    def flow_speed(self, height: float) -> float:
+        """Mean velocity along x in m/s at the coordinate y = `height` in m."""
+        return 0.0
+
+    def image_offset(self, side: float, time: float) -> float:
+        """Way in m, from 0 to `side`, that the image above is ahead along x at `time` in s."""
+        return 0.0
+
+    def shift_time(self, shifts: int, per_axis: int) -> float:
+        """Time in s at which the image above is ahead by so many cells of the box's `per_axis`."""
+        return math.inf
 
 
 class Periodic(Boundary):
@@ -143,21 +165,95 @@ class Reentry(Boundary):
         return True
 
 
+class Shear(Periodic):
+    """Periodic box in uniform shear: grains flow along x, the faster the higher in y.
+
+    The images of the box above and below move along x by `rate` times the edge, so that the mean
+    flow u_x = `rate` y has no faces (A. W. Lees and S. F. Edwards, J. Phys. C 5 (1972) 1921). Who
+    crosses a face of y goes on as its image: shifted along x, and slower or faster by the flow.
+
+    Attributes
+    ----------
+    rate
+        Velocity of the mean flow over the height, du_x/dy.
+    """
+
+    law: Literal["shear"] = "shear"  # type: ignore[assignment]  # a periodic box but for y
+    example: ClassVar[str] = "{law: shear, rate: 100 1/s}"
+    rate: Annotated[float, In("1/s", above=0)]
+    summary: ClassVar[str] = "periodic box in uniform shear, u_x = rate y [Lees and Edwards 1972]"
+
+    def entries(self) -> Any:
+        """Return the name and the rate."""
+        return Law.entries(self)
+
+    def wrapped_height(self, coordinate, half_width):
+        """Return it as it is: across a face of y the velocity changes, too."""
+        return coordinate
+
+    def is_sheared(self):
+        """Return True."""
+        return True
+
+    def flow_speed(self, height):
+        """Rate times height."""
+        return self.rate * height
+
+    def image_offset(self, side, time):
+        """Rate times edge times time, less whole edges."""
+        strain = self.rate * time
+        return side * (strain - math.floor(strain))
+
+    def shift_time(self, shifts, per_axis):
+        """Return when the strain is that many cells of an edge."""
+        return shifts / (self.rate * per_axis)
+
+    def reported(self) -> Iterator[Reported]:
+        """Yield the strain of a sample, and how fast shear is beside the motion of grains."""
+        yield Reported("strain", "1", _strain, "rate times the end time")
+        note = "rate²b²/⟨c²⟩, b the radius and c the starting velocities about the mean flow"
+        yield Reported("reduced shear rate²", "1", _reduced_rate, note)
+
+
+def _strain(law: Any, scene: Any, value: Values) -> float:
+    """Return the rate times the end time."""
+    from agglom_mpi.physics.scales import end_time
+
+    return float(law.rate * end_time(scene, value))
+
+
+def _reduced_rate(law: Any, scene: Any, value: Values) -> float:
+    """Return rate²b²/⟨c²⟩ of the start."""
+    from agglom_mpi.physics.scales import grain_radius
+
+    variance = scene.velocities.variance(value["relative_speed"])
+    square = (law.rate * grain_radius(scene, value)) ** 2
+    return float(square / variance) if variance > 0.0 else math.inf
+
+
 separation = formula(Boundary, Boundary.separation)
 distance_along = formula(Boundary, Boundary.distance_along)
 wrapped = formula(Boundary, Boundary.wrapped)
 nearest_image = formula(Boundary, Boundary.nearest_image)
 clamped_position = formula(Boundary, Boundary.clamped_position)
 is_periodic = formula(Boundary, Boundary.is_periodic)
+wrapped_height = formula(Boundary, Boundary.wrapped_height)
+is_sheared = formula(Boundary, Boundary.is_sheared)
+flow_speed = formula(Boundary, Boundary.flow_speed)
+image_offset = formula(Boundary, Boundary.image_offset)
+shift_time = formula(Boundary, Boundary.shift_time)
 
 
 @inlined
 def wrapped_position(scene, position):
-    """Place in m at which a particle that may have left the box is put, three components."""
+    """Place in m at which a particle that may have left the box is put, three components.
+
+    Where the box is sheared, that is not through a face of y; see `shear.put_into_box`.
+    """
     escape, half_width = scene.escape, scene.half_width
     return (
         wrapped(escape, position[0], half_width),
-        wrapped(escape, position[1], half_width),
+        wrapped_height(escape, position[1], half_width),
         wrapped(escape, position[2], half_width),
     )
 

@@ -21,7 +21,9 @@ from agglom_mpi.physics.velocities import draw_velocities
 from agglom_mpi.simulation.boundary import (
     cell_of,
     distance_along,
+    flow_speed,
     is_periodic,
+    is_sheared,
     wrapped,
     wrapped_cell,
 )
@@ -248,6 +250,8 @@ def is_free_of(escape, position, i, j, following, sizes, half_width):
 def scatter(escape, velocities, random, sizes, half_width, position, velocity, abort):
     """Place spheres as the grains of a sample are placed, and draw their velocities.
 
+    In shear these have the mean flow in them.
+
     Parameters
     ----------
     escape, velocities, half_width
@@ -267,4 +271,7 @@ def scatter(escape, velocities, random, sizes, half_width, position, velocity, a
             return False
     if velocity is not None:
         draw_velocities(velocities, random, velocity)
+        if is_sheared(escape):
+            for i in range(velocity.shape[1]):
+                velocity[0, i] += flow_speed(escape, position[1, i])
     return True

@@ -27,10 +27,11 @@ DISSIPATED: Final = 3
 UNRESOLVED: Final = 4
 EXCHANGED: Final = 5
 LEFT_TO_STRUCTURE: Final = 6
+WORK: Final = 9
 """Places in `Ledger.energy`, J. UNRESOLVED: heat too small for a temperature to change by (float64
 resolves 3e-14 K at 300 K); EXCHANGED: sum of |radiated|, the scale of the closure error. From
 LEFT_TO_STRUCTURE on, three components in J s: angular momentum that no rotation had the energy
-for."""
+for. WORK: of a shear, on the box."""
 
 COLLISIONS: Final = 0
 MERGES: Final = 1
@@ -268,7 +269,7 @@ def reorder(particles: Particles, order: np.ndarray) -> None:
 
 def new_ledger() -> Ledger:
     """Return an empty ledger."""
-    return Ledger(np.zeros(LEFT_TO_STRUCTURE + 3), np.zeros(SPIN_CAPS + 1, np.int64), np.zeros(1))
+    return Ledger(np.zeros(WORK + 1), np.zeros(SPIN_CAPS + 1, np.int64), np.zeros(1))
 
 
 def particle_type_of(scene: Any, shown: bool = False) -> np.dtype[np.void]:

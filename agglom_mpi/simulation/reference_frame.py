@@ -9,8 +9,9 @@ import math
 
 from agglom_mpi.compilation.stages import inlined
 from agglom_mpi.declaration.laws import is_frame_dependent
-from agglom_mpi.simulation.boundary import wrapped_position
-from agglom_mpi.simulation.particles import moved_by, set_position
+from agglom_mpi.simulation.boundary import flow_speed, is_sheared, wrapped_position
+from agglom_mpi.simulation.particles import moved_by, set_position, velocity_of
+from agglom_mpi.simulation.shear import put_into_box
 
 
 @inlined
@@ -24,7 +25,7 @@ def to_mass_frame(scene, particles):
         return 0.0, 0.0, 0.0
     if is_frame_dependent(laws.heating) or is_frame_dependent(laws.fragmentation):
         return 0.0, 0.0, 0.0
-    momentum, mass = total_momentum(particles)
+    momentum, mass = total_momentum(scene.escape, particles)
     drift = (momentum[0] / mass, momentum[1] / mass, momentum[2] / mass)
     for i in range(particles.size[0]):
         particle = particles.records[i]
@@ -49,32 +50,58 @@ def to_box_frame(scene, particles, drift, time):
         particle["v"] += drift[1]
         particle["w"] += drift[2]
         set_position(particle, wrapped_position(scene, moved_by(particle, 1.0, shift)))
+        put_into_box(scene, particle, None, time)
 
 
 @inlined
-def total_momentum(particles):
-    """Momentum in kg m/s, three components, and mass in kg."""
+def velocity_about_flow(escape, particle):
+    """Velocity of a particle about the mean flow at its place in m/s, three components."""
+    u, v, w = velocity_of(particle)
+    return (u - flow_speed(escape, particle["y"]) if is_sheared(escape) else u), v, w
+
+
+@inlined
+def total_momentum(escape, particles):
+    """Momentum about the mean flow in kg m/s, three components, and mass in kg."""
     mass, x, y, z = 0.0, 0.0, 0.0, 0.0
     for i in range(particles.size[0]):
         particle = particles.records[i]
+        u, v, w = velocity_about_flow(escape, particle)
         mass += particle["mass"]
-        x += particle["mass"] * particle["u"]
-        y += particle["mass"] * particle["v"]
-        z += particle["mass"] * particle["w"]
+        x += particle["mass"] * u
+        y += particle["mass"] * v
+        z += particle["mass"] * w
     return (x, y, z), mass
 
 
 @inlined
-def fluctuation_energy(particles):
-    """Kinetic energy in J and sum of m|v| in kg m/s, both in the centre-of-mass frame."""
-    momentum, mass = total_momentum(particles)
+def fluctuation_energy(escape, particles):
+    """Kinetic energy in J and sum of m|v| in kg m/s, about the mean flow and the mean velocity."""
+    momentum, mass = total_momentum(escape, particles)
     mean_u, mean_v, mean_w = momentum[0] / mass, momentum[1] / mass, momentum[2] / mass
     energy, momentum_scale = 0.0, 0.0
     for i in range(particles.size[0]):
         particle = particles.records[i]
-        square = (particle["u"] - mean_u) ** 2
-        square += (particle["v"] - mean_v) ** 2
-        square += (particle["w"] - mean_w) ** 2
+        u, v, w = velocity_about_flow(escape, particle)
+        square = (u - mean_u) ** 2
+        square += (v - mean_v) ** 2
+        square += (w - mean_w) ** 2
         energy += 0.5 * particle["mass"] * square
         momentum_scale += particle["mass"] * math.sqrt(square)
+    return energy, momentum_scale
+
+
+@inlined
+def motion_energy(escape, particles):
+    """`fluctuation_energy`; where the box is sheared, the energy in J has the mean flow in it.
+
+    Between changes of images that one is conserved, whereas the flow feeds fluctuations all along.
+    """
+    energy, momentum_scale = fluctuation_energy(escape, particles)
+    if is_sheared(escape):
+        energy = 0.0
+        for i in range(particles.size[0]):
+            particle = particles.records[i]
+            u, v, w = velocity_of(particle)
+            energy += 0.5 * particle["mass"] * (u * u + v * v + w * w)
     return energy, momentum_scale

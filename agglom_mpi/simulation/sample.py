@@ -70,7 +70,8 @@ class Outcome(metaclass=PublicFace, internal=["measured", "census"]):
     ledger : dict
         Closure errors and counts of everything that was capped or refused; where grains spin also
         the rotational over the translational temperature at the end (`rotational_ratio`), how many
-        merges and breakups left angular momentum to the structure (`spin_caps`), and that in J s.
+        merges and breakups left angular momentum to the structure (`spin_caps`), and that in J s;
+        in shear its work (`shear_work`) and the kinetic energy about the mean flow in J.
     collisions, merges, breakups, steps : int
     seconds, cpu_seconds : float
         Wall-clock and processor time of the simulation, s.
@@ -296,7 +297,7 @@ def place_grains(
         return False
     particles.position[:, : scene.particles] = placed
     particles.velocity[:, : scene.particles] = velocity
-    draw_spins(scene.laws.friction, random, particles)
+    draw_spins(scene.laws.friction, scene.escape, random, particles)
     return True
 
 

@@ -81,7 +81,7 @@ def measure_sample(scene, particles, ledger, initial, end, out):
     if not (is_finite(particles) and math.isfinite(turning)):
         record["reason"] = result.FailureReason.NON_FINITE
         return
-    measure(scene, particles, record)
+    measure(scene, particles, end, record)
     measure_ledger(scene, particles, ledger, initial[0], record)
     to_box_frame(scene, particles, initial[0]["drift"], end)
     record["state"] = result.COMPLETED

@@ -180,7 +180,7 @@ def simulate_one(scene, room, random, draws, census, k, abort):
         record["reason"] = result.FailureReason.PLACEMENT_JAMMED
         return
     put_grains(room.particles, room.placed, room.velocity)
-    draw_spins(scene.laws.friction, random, room.particles)
+    draw_spins(scene.laws.friction, scene.escape, random, room.particles)
     particles, ledger, initial = room.particles, room.ledger, room.initial
     end = run_to_end(census, scene, room, k, abort)
     call_measurement(

@@ -55,7 +55,7 @@ def empty_observer(scene: Scene, capacity: int) -> Observer:
 @kernel
 def overlaps_of(scene, particles):
     """Count the pairs of particles that overlap by more than rounding."""
-    return count_overlaps(scene, particles)
+    return count_overlaps(scene, particles, 0.0)
 
 
 @kernel
@@ -94,9 +94,9 @@ def observe(scene, particles, engine_state, observer, time, observation):
     copy_at(scene.engine, scene, particles, engine_state, observer, time)
     cool_copies(observer, scene, time)
     copy = observer.copy
-    energy, _ = fluctuation_energy(copy)
+    energy, _ = fluctuation_energy(scene.escape, copy)
     return_copies_to_box(observer, scene, time)
-    momentum, mass = total_momentum(copy)
+    momentum, mass = total_momentum(scene.escape, copy)
     mean, variance, _, _ = radius_moments(copy, 1.0)
     observation["mean_radius"] = mean
     observation["radius_variance"] = variance

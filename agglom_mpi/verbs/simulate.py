@@ -28,6 +28,7 @@ from agglom_mpi.simulation.compilation import ensure_compiled
 from agglom_mpi.simulation.engines import Engine
 from agglom_mpi.simulation.finished import finished_sample
 from agglom_mpi.simulation.frames import frame_times, new_frames, without_temperatures
+from agglom_mpi.simulation.measurement import shear_account
 from agglom_mpi.simulation.particles import new_ledger
 from agglom_mpi.simulation.sample import (
     Outcome,
@@ -86,7 +87,8 @@ def simulate(
         temperatures=final.temperatures,
         moments=np.array([ratio, *(float(record[f"radius_moment_{r}"]) for r in (2, 3, 4))]),
         ledger={name: record[name].item() for name in result.LEDGER}
-        | spin_account(scene, particles, ledger),
+        | spin_account(scene, particles, ledger)
+        | shear_account(scene, particles, ledger),
         collisions=int(record["collisions"]),
         merges=int(record["merges"]),
         breakups=int(record["breakups"]),

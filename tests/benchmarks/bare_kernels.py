@@ -88,7 +88,7 @@ def process_next(scene, state, events, counts, now):
     next_event = flights.next_event[i]
     j = np.int64(next_event["partner"])
     if next_event["crossing_time"] <= next_event["collision_time"]:
-        face = cross_cell(scene, state, cells, flights, i, now)
+        face = cross_cell(scene, state, None, cells, flights, i, now)
         schedule_crossing(scene, cells, flights, i)
         return i, NO_PARTICLE, face
     if flights.next_event[j]["version"] != next_event["partner_version"]:
@@ -96,8 +96,8 @@ def process_next(scene, state, events, counts, now):
         next_event["partner"] = NO_PARTICLE
         return i, NO_PARTICLE, RANGE
     i, j = min(i, j), max(i, j)
-    synchronise_particle(scene, state, flights, i, now)
-    synchronise_particle(scene, state, flights, j, now)
+    synchronise_particle(scene, state, None, flights, i, now)
+    synchronise_particle(scene, state, None, flights, j, now)
     one, other = state.records[i], state.records[j]
     line = separation_vector(scene.escape, one, other, scene.half_width)
     counts[1] += int(bounce(one, other, scene.laws.restitution.value, line))
@@ -130,7 +130,7 @@ def events_of_whole_state(scene, particles, events):
     reset_event_queue(events.event_queue)
     predict_due(scene, events, entry(rebuild(scene, particles, events, 0.0)), 0.0, never)
     loop(scene, particles, events, counts)
-    synchronise(scene, particles, events, scene.end_time)
+    synchronise(scene, particles, None, events, scene.end_time)
     return counts
 
 
@@ -141,7 +141,7 @@ def events_of_bare_state(scene, state, events):
     begin(scene, state, events)
     loop(scene, state, events, counts)
     for i in range(scene.particles):
-        synchronise_particle(scene, state, events.flights, i, scene.end_time)
+        synchronise_particle(scene, state, None, events.flights, i, scene.end_time)
     return counts
 
 

@@ -75,7 +75,7 @@ SCENE = [
     (
         "  velocities",
         "  velocities: uniform_x\n  escape: open",
-        ("7: scene.escape:", "is 'open'", "allowed: periodic, reentry"),
+        ("7: scene.escape:", "is 'open'", "allowed: periodic, shear, reentry"),
     ),
     (
         "  restitution",

@@ -52,6 +52,8 @@ def test_an_example_is_a_part_of_a_valid_campaign(topic, tmp_path):
         section["reaction"] = "none"
     if topic.path[1:2] == ("fragmentation",) or topic.path[2:] == ("adhesive",):
         document["variables"]["surface_energy"] = 1.0
+    if topic.path[1:] == ("escape", "shear"):
+        section["engine"] = "event"
     if topic.path == ("objective", "misfit"):
         document["data"] = [{"quantity": "spread", "value": 0.3, "error": 0.1}]
         document["ensemble"] = {"rule": "fixed", "samples": 3}

@@ -14,11 +14,11 @@ from agglom_mpi.simulation.engines import EventDriven
 from agglom_mpi.simulation.event_driven.cells import OVERSIZE, PER_AXIS
 from agglom_mpi.simulation.event_driven.engine import (
     entry,
-    next_time,
     predict_due,
     process_event,
 )
 from agglom_mpi.simulation.event_driven.event_queue import reset_event_queue
+from agglom_mpi.simulation.event_driven.image_shifts import next_time
 from agglom_mpi.simulation.event_driven.prediction import neighbours_of
 from agglom_mpi.simulation.event_driven.state import new_events, rebuild, synchronise
 from agglom_mpi.simulation.particles import EXHAUSTED, STEPS, Ledger, compact, new_ledger
@@ -67,7 +67,7 @@ def record_events(scene, particles, ledger, events, times, pairs, kinds, shape, 
             shape[2, 0] += events.cells.shape[OVERSIZE] + neighbours_of(
                 scene, events.cells, trajectory, next_event, x, y, z, event.face
             )
-        following = next_time(events)
+        following = next_time(scene, events)
         if following > scene.end_time:
             time = scene.end_time
             break
@@ -82,7 +82,7 @@ def record_events(scene, particles, ledger, events, times, pairs, kinds, shape, 
             kinds[collisions] = event.kind
             collisions += 1
     shape[1, 0], shape[1, 1] = events.cells.shape[PER_AXIS], events.cells.shape[OVERSIZE]
-    synchronise(scene, particles, events, time)
+    synchronise(scene, particles, ledger, events, time)
     compact(particles)
     to_box_frame(scene, particles, drift, time - start)
     return time, collisions

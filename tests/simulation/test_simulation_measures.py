@@ -14,7 +14,7 @@ from agglom_mpi.simulation.measurement import count_overlaps
 
 @kernel
 def overlaps(scene, particles):
-    return count_overlaps(scene, particles)
+    return count_overlaps(scene, particles, 0.0)
 
 
 def counted_plainly(positions, radii, periodic):

@@ -312,7 +312,7 @@ def test_initial_spins_have_their_temperature_and_change_no_velocity():
 
 
 def left_to_structure(ledger):
-    return ledger.energy[LEFT_TO_STRUCTURE:]
+    return ledger.energy[LEFT_TO_STRUCTURE : LEFT_TO_STRUCTURE + 3]
 
 
 def test_a_grazing_pair_that_merges_spins_with_all_its_energy():

@@ -3,13 +3,15 @@
 import numpy as np
 
 from agglom_mpi.compilation.stages import inlined
-from agglom_mpi.simulation.boundary import is_periodic
+from agglom_mpi.simulation.boundary import cell_of, is_periodic, is_sheared
 from agglom_mpi.simulation.event_driven.cells import PER_AXIS, copy_if_oversize, link, unlink
 from agglom_mpi.simulation.event_driven.flights import (
     RANGE,
+    copy_motion,
     invalidate_prediction,
     synchronise_particle,
 )
+from agglom_mpi.simulation.shear import shift_image
 
 
 @inlined
@@ -74,7 +76,7 @@ def next_cell(index, face, per_axis):
 
 
 @inlined
-def cross_cell(scene, particles, cells, flights, i, now):
+def cross_cell(scene, particles, ledger, cells, flights, i, now):
     """Process the crossing of particle i at `now` in s; return the face to predict through.
 
     Through a cell's face the nine cells behind it come into reach. After a jump to the opposite
@@ -83,7 +85,7 @@ def cross_cell(scene, particles, cells, flights, i, now):
     next_event = flights.next_event[i]
     face = np.int64(next_event["crossing"])
     if face == RANGE:
-        synchronise_particle(scene, particles, flights, i, now)
+        synchronise_particle(scene, particles, ledger, flights, i, now)
         copy_if_oversize(cells, flights, i)
     else:
         beyond = 1 if face & 1 else -1
@@ -92,7 +94,10 @@ def cross_cell(scene, particles, cells, flights, i, now):
             beyond = step_cell(next_event, face, cells.shape[PER_AXIS])
             link(cells, next_event, i)
         if beyond != 0:
-            face = cross_face(scene, particles, flights, i, face, beyond, now)
+            if is_sheared(scene.escape) and (face == 2 or face == 3):
+                face = cross_sheared_face(scene, particles, ledger, cells, flights, i, beyond, now)
+            else:
+                face = cross_face(scene, particles, ledger, flights, i, face, beyond, now)
             copy_if_oversize(cells, flights, i)
     return face
 
@@ -110,7 +115,7 @@ def step_cell(next_event, face, per_axis):
 
 
 @inlined
-def cross_face(scene, particles, flights, i, face, beyond, now):
+def cross_face(scene, particles, ledger, flights, i, face, beyond, now):
     """Take particle i across a face of the box; return the face to predict through."""
     trajectory, next_event = flights.trajectory[i], flights.next_event[i]
     if is_periodic(scene.escape):
@@ -122,7 +127,7 @@ def cross_face(scene, particles, flights, i, face, beyond, now):
         else:
             trajectory["z"] += shift
         return face
-    synchronise_particle(scene, particles, flights, i, now)
+    synchronise_particle(scene, particles, ledger, flights, i, now)
     opposite = -scene.half_width * beyond
     if face < 2:
         trajectory["x"] = opposite
@@ -131,4 +136,20 @@ def cross_face(scene, particles, flights, i, face, beyond, now):
     else:
         trajectory["z"] = opposite
     invalidate_prediction(next_event)
+    return RANGE
+
+
+@inlined
+def cross_sheared_face(scene, particles, ledger, cells, flights, i, beyond, now):
+    """Take particle i, in a cell, across a face of y of a sheared box, as its image in the box.
+
+    It flies on as before, so what was predicted holds; but all around it may be in reach.
+    """
+    particle, next_event = particles.records[i], flights.next_event[i]
+    synchronise_particle(scene, particles, ledger, flights, i, now)
+    shift_image(scene, particle, ledger, -beyond, now)
+    copy_motion(flights.trajectory[i], particle)
+    unlink(cells, next_event, i)
+    next_event["a"] = cell_of(particle["x"], cells.shape[PER_AXIS], scene.half_width)
+    link(cells, next_event, i)
     return RANGE

@@ -12,7 +12,7 @@ import numpy as np
 
 from agglom_mpi.compilation.stages import inlined, not_inlined
 from agglom_mpi.physics.restitution import lets_particles_bond
-from agglom_mpi.simulation.boundary import cell_of, is_periodic
+from agglom_mpi.simulation.boundary import cell_of, is_periodic, is_sheared
 
 MAX_OVERSIZE: Final = 128
 """Oversize particles beside which cells are considered; more are rarely the cheapest choice."""
@@ -27,7 +27,8 @@ class Cells(NamedTuple):
     Attributes
     ----------
     shape
-        Cells per axis n (0: all particles are oversize), number of oversize particles; shape (2,).
+        Cells per axis n (0: all particles are oversize), number of oversize particles, whole cells
+        that the image above a sheared box is ahead; shape (3,).
     head
         First particle of each cell, else −1. Cell (a, b, c) has the number offset[0, n + a] +
         offset[1, n + b] + offset[2, n + c].
@@ -78,6 +79,7 @@ class Cells(NamedTuple):
 
 PER_AXIS: Final = 0
 OVERSIZE: Final = 1
+SHIFTS: Final = 2
 
 
 def _max_cells(count):
@@ -98,7 +100,7 @@ def new_cells(count: int, capacity: int) -> Cells:
     """Return cells with room for `count` particles at first and at most `capacity`."""
     most = _max_cells(count)
     return Cells(
-        np.zeros(2, np.int64),
+        np.zeros(3, np.int64),
         np.empty(_padded(most) ** 3, np.int32),
         np.empty((3, 3 * most), np.int64),
         np.empty(capacity, np.int32),
@@ -230,6 +232,9 @@ Anything from 100 to 256 makes samples of both papers as fast; 32 and 64 make th
 MIN_CELLS: Final = 4
 """Cells per axis from which the nearest image is the only one in reach."""
 
+MIN_CELLS_SHEARED: Final = 6
+"""The same in shear: an image that moves is in reach of one more cell, and moves by one."""
+
 MERGE_GROWTH: Final = 2.0 ** (1.0 / 3.0)
 """Radius after two equals have merged, over that of one."""
 
@@ -309,12 +314,13 @@ def best_cells(scene, particles, cells, count):
     mean = find_largest_radii(particles, cells.largest_radii, count)
     edge = best_edge(count, 2.0 * mean, scene.half_width)
     most = min(max_cells(count), cells.offset.shape[1] // 3)
+    fewest = MIN_CELLS_SHEARED if is_sheared(scene.escape) else MIN_CELLS
     chosen, cheapest = 0, all_pairs
     for oversize in range(MAX_OVERSIZE + 1):
         side = max(edge, 2.0 * cells.largest_radii[oversize])
         per_axis = min(most, int(FITTING_SHARE * 2.0 * scene.half_width / side))
         cost = prediction_cost(count, per_axis, oversize)
-        if per_axis >= MIN_CELLS and cost < min(cheapest, CELL_ADVANTAGE * all_pairs):
+        if per_axis >= fewest and cost < min(cheapest, CELL_ADVANTAGE * all_pairs):
             chosen, cheapest = per_axis, cost
     return chosen, cheapest
 

@@ -11,8 +11,9 @@ import numpy as np
 
 from agglom_mpi.compilation.kernels import fused
 from agglom_mpi.compilation.stages import inlined
-from agglom_mpi.simulation.boundary import nearest_image
+from agglom_mpi.simulation.boundary import flow_speed, image_offset, is_sheared, nearest_image
 from agglom_mpi.simulation.event_driven.cells import OVERSIZE, copy_flight
+from agglom_mpi.simulation.shear import plus_images
 
 VECTOR_LENGTH: Final = 8
 """Particles that are compared at once; their number is rounded up to a multiple."""
@@ -60,6 +61,14 @@ def way_after(scene, coordinate, velocity, flight, origin, side, per_side):
 
 
 @inlined
+def images_above(scene, coordinate, velocity, flight, origin, per_side):
+    """Images of a sheared box from `origin` in m up to where y leads in a flight in s; else 0."""
+    if not is_sheared(scene.escape):
+        return 0.0
+    return np.rint((fused(velocity, flight, coordinate) - origin) * per_side)
+
+
+@inlined
 def compare(scene, cells, count, trajectory, x, y, z, now, safe):
     """Compare a particle at (x, y, z) in m with the first `count` beside one another.
 
@@ -72,12 +81,16 @@ def compare(scene, cells, count, trajectory, x, y, z, now, safe):
     block, soonest, rate = cells.flights, cells.comparison[SOONEST], cells.comparison[IMAGE_RATE]
     side, per_side = 2.0 * scene.half_width, 0.5 / scene.half_width
     u, v, w, radius = trajectory["u"], trajectory["v"], trajectory["w"], trajectory["radius"]
+    ahead, faster = image_offset(scene.escape, side, now), flow_speed(scene.escape, side)
     for k in range((count + VECTOR_LENGTH - 1) // VECTOR_LENGTH * VECTOR_LENGTH):
         flight = now - block[6, k]
-        dx = way_after(scene, block[0, k], block[3, k], flight, x, side, per_side)
+        images = images_above(scene, block[1, k], block[4, k], flight, y, per_side)
+        origin = plus_images(scene.escape, x, images, ahead)
+        dx = way_after(scene, block[0, k], block[3, k], flight, origin, side, per_side)
         dy = way_after(scene, block[1, k], block[4, k], flight, y, side, per_side)
         dz = way_after(scene, block[2, k], block[5, k], flight, z, side, per_side)
-        du, dv, dw = block[3, k] - u, block[4, k] - v, block[5, k] - w
+        du = plus_images(scene.escape, block[3, k] - u, images, -faster)
+        dv, dw = block[4, k] - v, block[5, k] - w
         closing = scalar_product(dx, dy, dz, du, dv, dw)
         reach = radius + block[7, k]
         excess = fused(-reach, reach, scalar_product(dx, dy, dz, dx, dy, dz))

@@ -16,7 +16,6 @@ from agglom_mpi.simulation.event_driven.cell_crossing import cross_cell, schedul
 from agglom_mpi.simulation.event_driven.cells import copy_if_oversize, insert, remove
 from agglom_mpi.simulation.event_driven.event_queue import (
     earliest,
-    earliest_time,
     reset_event_queue,
     set_time,
 )
@@ -27,6 +26,7 @@ from agglom_mpi.simulation.event_driven.flights import (
     load_velocity,
     synchronise_particle,
 )
+from agglom_mpi.simulation.event_driven.image_shifts import is_shift, next_time, shift
 from agglom_mpi.simulation.event_driven.prediction import predict_collision
 from agglom_mpi.simulation.event_driven.prefetching import prefetch_events
 from agglom_mpi.simulation.event_driven.state import (
@@ -53,6 +53,7 @@ from agglom_mpi.simulation.scene import (
     is_aborted,
     new_engine_state,
 )
+from agglom_mpi.simulation.shear import bring_together, put_back, put_into_box
 from agglom_mpi.simulation.trajectory import copy_particles
 
 
@@ -70,6 +71,7 @@ def copy_position(scene, copy, trajectory, now):
     """Move the copy of a particle to where its trajectory is at `now` in s."""
     moved = moved_by(trajectory, now - trajectory["time"], velocity_of(trajectory))
     set_position(copy, clamped_position(scene.escape, scene, moved))
+    put_into_box(scene, copy, None, now)
 
 
 NO_PARTICLE: Final = -1
@@ -130,7 +132,7 @@ def _advance_events(engine, scene, particles, ledger, events, until, abort):
     while True:
         predict_due(scene, events, event, time, abort)
         prefetch_events(scene, particles, events, events.winners, event.due)
-        time = next_time(events)
+        time = next_time(scene, events)
         if time > until or is_aborted(abort):
             return min(time, until)
         if ledger.counts[STEPS] >= budget:
@@ -141,19 +143,13 @@ def _advance_events(engine, scene, particles, ledger, events, until, abort):
 
 @finish.register(EventDriven)
 def _finish_events(engine, scene, particles, ledger, events, time):
-    synchronise(scene, particles, events, time)
+    synchronise(scene, particles, ledger, events, time)
     compact(particles)
 
 
 @copy_at.register(EventDriven)
 def _copy_between_events(engine, scene, particles, events, observer, time):
     copy_particles_at(observer, scene, particles, events.flights, time)
-
-
-@inlined
-def next_time(events):
-    """Time of the next event in s."""
-    return earliest_time(events.event_queue)
 
 
 @inlined
@@ -194,12 +190,14 @@ def predict_due(scene, events, event, now, abort):
 def process_event(scene, particles, ledger, events, now):
     """Process the earliest event, which is at `now` in s."""
     ledger.counts[STEPS] += 1
+    if is_shift(scene, events, now):
+        return Event(shift(events), RANGE, NO_CONTACT, NO_PARTICLE, NO_PARTICLE, False, False)
     i = earliest(events.event_queue)
     next_event = events.flights.next_event[i]
     j = np.int64(next_event["partner"])
     events.due[0] = i
     if next_event["crossing_time"] <= next_event["collision_time"]:
-        face = cross_cell(scene, particles, events.cells, events.flights, i, now)
+        face = cross_cell(scene, particles, ledger, events.cells, events.flights, i, now)
         return no_contact(face)
     if events.flights.next_event[j]["version"] != next_event["partner_version"]:
         next_event["collision_time"] = np.inf
@@ -212,12 +210,14 @@ def process_event(scene, particles, ledger, events, now):
 def process_collision(scene, particles, ledger, events, i, j, now):
     """Resolve the contact of particles i < j; both, or what became of them, are due."""
     flights = events.flights
-    synchronise_particle(scene, particles, flights, i, now)
-    synchronise_particle(scene, particles, flights, j, now)
+    synchronise_particle(scene, particles, ledger, flights, i, now)
+    synchronise_particle(scene, particles, ledger, flights, j, now)
+    images = bring_together(scene, particles.records[i], particles.records[j], ledger, now)
     size = particles.size[0]
     kind = resolve_contact(scene, particles, ledger, i, j, now)
     events.due[0], events.due[1] = i, j
     if kind != BONDED and particles.size[0] == size:
+        put_back(scene, particles.records[j], ledger, images, now)
         load_velocity(flights, particles, i)
         load_velocity(flights, particles, j)
         copy_if_oversize(events.cells, flights, i)
@@ -242,6 +242,7 @@ def predict_again(scene, particles, ledger, events, i, j, kind, size, now):
     for k in range(2, due):
         events.due[k] = size + k - 2
     for k in range(due):
+        put_into_box(scene, particles.records[events.due[k]], ledger, now)
         load_particle(flights, particles, events.due[k], now)
     events.counts[ALIVE] += due - 2
-    return compact_after_merge(scene, particles, events, due, now)
+    return compact_after_merge(scene, particles, ledger, events, due, now)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.compilation.stages import inlined
-from agglom_mpi.simulation.boundary import clamped_position
+from agglom_mpi.simulation.boundary import clamped_position, is_sheared
 from agglom_mpi.simulation.particles import (
     moved_by,
     position_of,
@@ -14,6 +14,7 @@ from agglom_mpi.simulation.particles import (
     set_velocity,
     velocity_of,
 )
+from agglom_mpi.simulation.shear import put_into_box
 
 TRAJECTORY: Final = np.dtype(
     [(name, "f8") for name in ("x", "y", "z", "u", "v", "w", "time", "radius")]
@@ -100,7 +101,7 @@ def invalidate_prediction(next_event):
 
 
 @inlined
-def synchronise_particle(scene, particles, flights, i, now):
+def synchronise_particle(scene, particles, ledger, flights, i, now):
     """Move particle i to where it is at `now` in s.
 
     An oversize particle is wrapped into the box. One in a cell stays on the side of the face
@@ -114,3 +115,13 @@ def synchronise_particle(scene, particles, flights, i, now):
     set_position(particles.records[i], inside)
     if next_event["oversize"] >= 0:
         set_position(trajectory, inside)
+        if is_sheared(scene.escape):
+            put_into_box(scene, particles.records[i], ledger, now)
+            copy_motion(trajectory, particles.records[i])
+
+
+@inlined
+def copy_motion(trajectory, particle):
+    """Copy the position and velocity of a particle to its trajectory, whose time is the same."""
+    set_position(trajectory, position_of(particle))
+    set_velocity(trajectory, velocity_of(particle))

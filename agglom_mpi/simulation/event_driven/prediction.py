@@ -7,18 +7,20 @@ import numpy as np
 
 from agglom_mpi.compilation.kernels import fused
 from agglom_mpi.compilation.stages import inlined
-from agglom_mpi.simulation.boundary import is_periodic
-from agglom_mpi.simulation.event_driven.cells import OVERSIZE, PER_AXIS
+from agglom_mpi.simulation.boundary import flow_speed, image_offset, is_periodic, is_sheared
+from agglom_mpi.simulation.event_driven.cells import OVERSIZE, PER_AXIS, SHIFTS
 from agglom_mpi.simulation.event_driven.comparison import (
     compare,
     gather_flights,
     highest_rate,
+    images_above,
     keep_likely,
     scalar_product,
     way_after,
 )
 from agglom_mpi.simulation.event_driven.event_queue import set_time
 from agglom_mpi.simulation.event_driven.flights import RANGE
+from agglom_mpi.simulation.shear import columns_beside, plus_images
 
 
 @inlined
@@ -34,23 +36,14 @@ def last_cell(scene, per_axis, high):
 
 
 @inlined
-def particles_in_cells(scene, cells, a0, a1, b0, b1, c0, c1):
-    """Write the particles of cells (a0, b0, c0) to (a1, b1, c1) into `candidates`; their number.
-
-    Without a branch per cell: most cells are empty or hold one, in no order a processor could
-    foresee.
-    """
-    per_axis = cells.shape[PER_AXIS]
-    candidates, head, next_in_cell, offset = (
+def first_in_cells(cells, a0, a1, b0, b1, c0, c1, count):
+    """Write the first particle of each of these cells behind `count` candidates; their number."""
+    candidates, head, offset, per_axis = (
         cells.candidates,
         cells.head,
-        cells.next_in_cell,
         cells.offset,
+        cells.shape[PER_AXIS],
     )
-    a0, a1 = first_cell(scene, a0), last_cell(scene, per_axis, a1)
-    b0, b1 = first_cell(scene, b0), last_cell(scene, per_axis, b1)
-    c0, c1 = first_cell(scene, c0), last_cell(scene, per_axis, c1)
-    count = 0
     for a in range(per_axis + a0, per_axis + a1 + 1):
         for b in range(per_axis + b0, per_axis + b1 + 1):
             row = offset[0, a] + offset[1, b]
@@ -58,6 +51,31 @@ def particles_in_cells(scene, cells, a0, a1, b0, b1, c0, c1):
                 j = head[row + offset[2, c]]
                 candidates[count] = j
                 count += 1 if j >= 0 else 0
+    return count
+
+
+@inlined
+def particles_in_cells(scene, cells, a0, a1, b0, b1, c0, c1):
+    """Write the particles of cells (a0, b0, c0) to (a1, b1, c1) into `candidates`; their number.
+
+    Without a branch per cell: most cells are empty or hold one, in no order a processor could
+    foresee.
+    """
+    per_axis = cells.shape[PER_AXIS]
+    candidates, next_in_cell = cells.candidates, cells.next_in_cell
+    a0, a1 = first_cell(scene, a0), last_cell(scene, per_axis, a1)
+    b0, b1 = first_cell(scene, b0), last_cell(scene, per_axis, b1)
+    c0, c1 = first_cell(scene, c0), last_cell(scene, per_axis, c1)
+    count = 0
+    if is_sheared(scene.escape):
+        if b1 - b0 + 1 >= per_axis:
+            a0, a1 = 0, per_axis - 1
+        shifts = cells.shape[SHIFTS] % per_axis
+        for b in range(b0, b1 + 1):
+            first, last = columns_beside(scene.escape, b, a0, a1, per_axis, shifts)
+            count = first_in_cells(cells, first, last, b, b, c0, c1, count)
+    else:
+        count = first_in_cells(cells, a0, a1, b0, b1, c0, c1, count)
     k = 0
     while k < count:
         j = next_in_cell[candidates[k]]
@@ -119,11 +137,13 @@ def safe_reach(scene, cells):
     """Sum of two radii in m up to which only nearest images can touch until the next prediction.
 
     One moves by its range, the other by its range or a cell at most; the next image is at least D
-    away along an axis. Without a range none is safe. Without oversize particles all are, as with
-    faces that contacts do not cross.
+    away along an axis. Without a range none is safe, nor in shear, where images move, too. Without
+    oversize particles all are, as with faces that contacts do not cross.
     """
     if not is_periodic(scene.escape) or cells.shape[OVERSIZE] == 0:
         return np.inf
+    if is_sheared(scene.escape):
+        return 0.0
     per_axis = cells.shape[PER_AXIS]
     if per_axis == 0:
         return scene.half_width - 2.0 * cells.range[0]
@@ -166,6 +186,7 @@ def first_collision(scene, cells, flights, count, x, y, z, i, now, excluded):
     """
     trajectory, next_event = flights.trajectory[i], flights.next_event[i]
     side, per_side = 2.0 * scene.half_width, 0.5 / scene.half_width
+    ahead, faster = image_offset(scene.escape, side, now), flow_speed(scene.escape, side)
     collision_time, partner = next_event["collision_time"], -1
     for k in range(count):
         if cells.likely_times[k] > collision_time - now:
@@ -173,10 +194,12 @@ def first_collision(scene, cells, flights, count, x, y, z, i, now, excluded):
         j = cells.candidates[k]
         other = flights.trajectory[j]
         flight = now - other["time"]
-        dx = way_after(scene, other["x"], other["u"], flight, x, side, per_side)
+        images = images_above(scene, other["y"], other["v"], flight, y, per_side)
+        origin = plus_images(scene.escape, x, images, ahead)
+        dx = way_after(scene, other["x"], other["u"], flight, origin, side, per_side)
         dy = way_after(scene, other["y"], other["v"], flight, y, side, per_side)
         dz = way_after(scene, other["z"], other["w"], flight, z, side, per_side)
-        du = other["u"] - trajectory["u"]
+        du = plus_images(scene.escape, other["u"] - trajectory["u"], images, -faster)
         dv = other["v"] - trajectory["v"]
         dw = other["w"] - trajectory["w"]
         closing = scalar_product(dx, dy, dz, du, dv, dw)

@@ -27,8 +27,10 @@ from agglom_mpi.simulation.event_driven.flights import (
     new_flights,
     synchronise_particle,
 )
+from agglom_mpi.simulation.event_driven.image_shifts import begin_shifts
 from agglom_mpi.simulation.event_driven.prefetching import new_winners
 from agglom_mpi.simulation.particles import compact, largest_radius, reorder
+from agglom_mpi.simulation.shear import put_into_box
 
 REBUILD_GAIN: Final = 1.5
 """Factor by which predictions must become cheaper for a rebuild to pay; 1.25 to 2.5 do."""
@@ -90,7 +92,7 @@ def new_events(count: int, capacity: int) -> Events:
 
 
 @inlined
-def compact_after_merge(scene, particles, events, due, now):
+def compact_after_merge(scene, particles, ledger, events, due, now):
     """Rebuild if other cells would be cheaper by now, or empty slots have used up the room.
 
     Returns how many are due: all after a rebuild, else `due`.
@@ -102,18 +104,19 @@ def compact_after_merge(scene, particles, events, due, now):
     if cost > cells.limit[0] or full or fewer:
         _, best = best_cells(scene, particles, cells, alive)
         if full or fewer or cost > REBUILD_GAIN * best:
-            synchronise(scene, particles, events, now)
+            synchronise(scene, particles, ledger, events, now)
             return rebuild(scene, particles, events, now)
         cells.limit[0] = REBUILD_GAIN * cost
     return due
 
 
 @not_inlined
-def synchronise(scene, particles, events, now):
+def synchronise(scene, particles, ledger, events, now):
     """Move all particles to where they are at `now` in s."""
     for i in range(particles.size[0]):
         if particles.records[i]["mass"] > 0.0:
-            synchronise_particle(scene, particles, events.flights, i, now)
+            synchronise_particle(scene, particles, ledger, events.flights, i, now)
+            put_into_box(scene, particles.records[i], ledger, now)
 
 
 @kernel
@@ -132,6 +135,7 @@ def rebuild(scene, particles, events, now):
     few = max_all_pairs(scene.laws.restitution)
     cells.limit[1] = max(few + 1, count / REBUILD_FRACTION)
     reset_cells(cells, per_axis)
+    begin_shifts(scene, cells, now)
     choose_range(scene, cells, largest_radius(particles))
     if count > SORT_ABOVE:
         sort_by_cell(scene, particles, events)
