@@ -50,20 +50,24 @@ from agglom_mpi.cli.common import (
     "(relative_speed=5%); may be repeated.",
 )
 @click.option(
-    "--strings", default=100, show_default=True, type=int, help="Number of strings to draw."
+    "--strings",
+    default=100,
+    show_default=True,
+    type=click.IntRange(1, 10**5),
+    help="Number of strings to draw.",
 )
 @click.option(
     "--max-samples",
     default=2560,
     show_default=True,
-    type=int,
+    type=click.IntRange(40, 10**6),
     help="Maximum number of samples of a string; one that they do not decide counts as wrong.",
 )
 @click.option(
     "--seed",
     default=1,
     show_default=True,
-    type=int,
+    type=click.IntRange(0),
     help="Seed of the strings and of their samples.",
 )
 @MAX_WALLTIME

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final, NamedTuple, Self
 
-from agglom_mpi.config.arguments import count_argument, read_fraction
+from agglom_mpi.config.arguments import read_fraction
 from agglom_mpi.errors import UserError
 from agglom_mpi.formatting import format_percent, pluralise
 from agglom_mpi.inference.tolerances import recorded_objective, tolerance_of
@@ -19,7 +19,6 @@ from agglom_mpi.outcome import COLUMNS, COMPLETED
 from agglom_mpi.search.criteria import Band, Criterion
 from agglom_mpi.search.membership import (
     DECISION_ERROR,
-    FIRST_LOOK,
     MembershipTest,
     Verdict,
     largest_share,
@@ -77,7 +76,7 @@ class CertificatePlan(NamedTuple):
 
     @classmethod
     def of_arguments(cls, data: CampaignData, robust: Mapping[str, Any], **given: Any) -> Self:
-        """Return the plan that arguments of any kind state for the set of a file.
+        """Return the plan that arguments state for the set of a file.
 
         Parameters
         ----------
@@ -85,18 +84,15 @@ class CertificatePlan(NamedTuple):
         robust
             By name, how much a variable wobbles, such as `"5%"`.
         given
-            The other attributes.
+            The other attributes; claim, confidence and tolerance also as texts.
 
         Raises
         ------
         ArgumentError
             If one is impossible, or the strings are too few for the claim.
         """
-        values: dict[str, Any] = {"tolerance": tolerance_of(data, given["tolerance"])}
-        for name in ("claim", "confidence"):
-            values[name] = _share(data, name, given[name])
-        for name, least in {"strings": 1, "max_samples": FIRST_LOOK, "seed": 0}.items():
-            values[name] = count_argument(data.path, name, given[name], least)
+        shares = {name: _share(data, name, given[name]) for name in ("claim", "confidence")}
+        values = {**given, **shares, "tolerance": tolerance_of(data, given["tolerance"])}
         names = [variable.name for variable in recorded_campaign(data).variables.own]
         for name in robust:
             if name not in names:
@@ -106,6 +102,9 @@ class CertificatePlan(NamedTuple):
         plan = cls(**values, wobble=wobble)
         if plan.right_needed is None:
             enough = strings_needed(1.0, plan.claim, plan.confidence, DECISION_ERROR)
+            if enough is None:
+                message = f"is {plan.claim:g}; no number of strings can show it"
+                raise _mistaken(data, "claim", message)
             message = f"is {plan.strings}; must be at least {enough} for this claim and confidence"
             raise _mistaken(data, "strings", message)
         return plan
@@ -265,8 +264,8 @@ class Certificate(NamedTuple):
         part = f"{100.0 * self.part.share:.3g} % of {box}"
         what = f"of these {part} are right"
         if plan.wobble:
-            wobbles = ", ".join(f"{n} by ±{format_percent(s)}" for n, s in plan.wobble.items())
-            what = f"of these {part}, wobbling evenly in {wobbles}, are right"
+            wobbles = " and ".join(f"{n} within ±{100 * s:.3g} %" for n, s in plan.wobble.items())
+            what += f", with {wobbles} of it, drawn evenly"
         confidence = f"with {format_percent(plan.confidence)} confidence"
         bound = _rounded_down(self.least_share)
         fresh = f"{self.right} of {plan.strings} fresh strings"
