@@ -264,8 +264,10 @@ class Certificate(NamedTuple):
         part = f"{100.0 * self.part.share:.3g} % of {box}"
         what = f"of these {part} are right"
         if plan.wobble:
-            wobbles = " and ".join(f"{n} within ±{100 * s:.3g} %" for n, s in plan.wobble.items())
-            what += f", with {wobbles} of it, drawn evenly"
+            wobbles = " and ".join(
+                f"{n} is off by up to {100 * s:.3g} %" for n, s in plan.wobble.items()
+            )
+            what += f" where {wobbles}"
         confidence = f"with {format_percent(plan.confidence)} confidence"
         bound = _rounded_down(self.least_share)
         fresh = f"{self.right} of {plan.strings} fresh strings"
