@@ -115,7 +115,8 @@ def certified_part(
     random = search_stream(plan.seed, CERTIFICATE, CHOICE_STREAM)
     strings = emulated.box.space.clip(wobble.drawn(points.strings[order], random))
     chances = _chances(emulated, strings, plan, random)
-    chances[: LEAST_POINTS - 1] = 0.0
+    ends = np.append(np.diff(probability[order]) < 0.0, True)  # equal points belong together
+    chances[~ends | (np.arange(len(order)) < LEAST_POINTS - 1)] = 0.0
     wanted = np.flatnonzero(chances >= WANTED_CHANCE)
     last = int(wanted[-1] if len(wanted) else chances.argmax())
     least = float(probability[order[last]])
