@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from agglom_mpi.emulation.gaussian_process import Floats
-from agglom_mpi.inference.certificate import CertificateError, CertificatePlan, PartOfSet
+from agglom_mpi.inference.certificate_plan import CertificateError, CertificatePlan, PartOfSet
 from agglom_mpi.inference.emulated_set import EmulatedSet
 from agglom_mpi.inference.set_points import OUTER_PROBABILITY, SetPoints
 from agglom_mpi.random_streams import CERTIFICATE, search_stream

@@ -9,7 +9,8 @@ from agglom_mpi.config.allowed_share import allowed_share
 from agglom_mpi.display.table import Column, Facts, Table
 from agglom_mpi.errors import error_text
 from agglom_mpi.formatting import format_percent, value_with_error, without_nan
-from agglom_mpi.inference.certificate import Certificate, CertificateError
+from agglom_mpi.inference.certificate import Certificate
+from agglom_mpi.inference.certificate_plan import CertificateError
 from agglom_mpi.inference.emulated_set import BOX_POINTS
 from agglom_mpi.inference.feasible_set import FeasibleSet
 from agglom_mpi.inference.set_directions import SetVariable, name_ends, rounded

@@ -12,21 +12,26 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.identity import digest
 from agglom_mpi.config.plan import Output
+from agglom_mpi.config.user_function import read_function
 from agglom_mpi.display.run_display import StudyDisplay
 from agglom_mpi.emulation.blas_threads import single_threaded
+from agglom_mpi.errors import CodeNotAllowedError
 from agglom_mpi.formatting import format_percent
 from agglom_mpi.inference.certificate import (
-    ENTRY,
-    CertificateError,
-    CertificatePlan,
-    PartOfSet,
     certificate_path,
     evidence,
     membership_test,
     read_certificate,
     verdict_of,
+)
+from agglom_mpi.inference.certificate_plan import (
+    ENTRY,
+    CertificateError,
+    CertificatePlan,
+    PartOfSet,
 )
 from agglom_mpi.inference.certified_part import SAMPLE_STREAM, CertifiedPart, certified_part
 from agglom_mpi.inference.feasible_set import feasible_set
@@ -117,7 +122,7 @@ class Certification(Experiment):
     purpose = CERTIFICATE
 
     def __init__(self, data: CampaignData, plan: CertificatePlan, found: CertifiedPart) -> None:
-        campaign = recorded_campaign(data)
+        campaign = runnable_campaign(data)
         stream = search_stream(plan.seed, CERTIFICATE_STREAM, SAMPLE_STREAM, campaign.seed)
         fresh = campaign.with_seed(int(stream.integers(1 << 62)))
         self.campaign = replace(fresh, output=Output(), final=None)
@@ -216,6 +221,7 @@ def certification(
     plan = CertificatePlan.of_arguments(data, options.robust, **given)
     if (state := data.status().state) != "finished":
         raise CertificateError(f"{data.path}: is {state}; must be finished to be certified")
+    _ = runnable_campaign(data)
     path = certificate_path(data.path)
     check_writable(path)
     if path.exists():
@@ -230,6 +236,34 @@ def certification(
         f"expects the claim to be shown with a probability of {chance}"
     )
     return data, Certification(data, plan, found)
+
+
+def runnable_campaign(data: CampaignData) -> Campaign:
+    """Return the campaign of a file, with the module of its objective that lies beside it.
+
+    Raises
+    ------
+    CodeNotAllowedError
+        If the objective is a function that may not run.
+    CertificateError
+        If its module is absent, or another one.
+    """
+    campaign = recorded_campaign(data)
+    call, function = campaign.objective.code, campaign.user_function
+    if call is None or function is None:
+        return campaign
+    if not data.allow_code:
+        raise CodeNotAllowedError(f"{data.path} has code of its own ({call}); --allow-code runs it")
+    try:
+        beside = read_function(data.path.parent, call)
+    except ValueError as error:
+        raise CertificateError(f"{data.path}: objective: {error}") from None
+    if beside.sha256 != function.sha256:
+        raise CertificateError(
+            f"{data.path}: objective: {beside.file} was edited since the campaign was run"
+        )
+    known = function._replace(source=beside.source, folder=beside.folder)
+    return replace(campaign, user_function=known)
 
 
 def begun_part(data: CampaignData, plan: CertificatePlan, path: Path) -> CertifiedPart | None:

@@ -1,18 +1,15 @@
 import h5py
 import numpy as np
 import pytest
+from campaign_runs import finish
+from set_runs import three_variable_text
 from storage_rows import put_status
 
 from agglom_mpi import open_campaign
 from agglom_mpi.analysis.file_check import check_file
 from agglom_mpi.inference import certified_part, feasible_set
-from agglom_mpi.inference.certificate import (
-    CertificateError,
-    CertificatePlan,
-    certificate_of,
-    certificate_path,
-    evidence,
-)
+from agglom_mpi.inference.certificate import certificate_of, certificate_path, evidence
+from agglom_mpi.inference.certificate_plan import CertificateError, CertificatePlan
 from agglom_mpi.report.sections.section import plain_text
 from agglom_mpi.report.set_summary import set_as_dict, set_text
 from agglom_mpi.runtime import certify as certify_module
@@ -166,7 +163,7 @@ def test_wobbling_strings_are_judged_where_they_wobble_to(copied, monkeypatch):
 
 def test_the_probability_of_wobbling_strings_is_a_mean(three):
     emulated = three.feasible_set("10%").emulated
-    plan = CertificatePlan(0.9, 0.95, 0.1, wobble={"hardness": 0.2})
+    plan = CertificatePlan(0.9, 0.95, 0.1, 100, 160, 1, {"hardness": 0.2})
     wobble = certified_part.Wobble(emulated, plan)
     strings = emulated.box.even_strings(64)
     factors = np.linspace(0.8, 1.2, 201)
@@ -241,3 +238,21 @@ def test_a_certificate_is_shown_with_its_set_and_of_no_other_tolerance(certified
     assert certificate.lines()[0] in plain_text(set_text(found), 200)
     assert set_as_dict(found)["set"]["certificate"]["right"] == certificate.right
     assert open_campaign(certified).feasible_set("5%").certificate is None
+
+
+@pytest.mark.slow
+def test_a_function_of_the_user_runs_if_it_may_and_is_the_one_that_was_run(tmp_path, capsys):
+    objective = "{law: function, call: 'worth:worth'}"
+    text = three_variable_text(generations=4, objective=objective, final="none")
+    (tmp_path / "three.yaml").write_text(text)
+    source = "def worth(sample):\n    return abs(sample.mean_radius_ratio / 2.0 - 1.0)\n"
+    (tmp_path / "worth.py").write_text(source)
+    finish(tmp_path, "three.yaml", "--allow-code")
+    path, given = tmp_path / "three.h5", {"tolerance": "0.2", "allow_code": True}
+    assert "--allow-code" in refused(capsys, path, tolerance="0.2")
+    assert certify(options(path, **given), None) == 0
+    found = certificate_of(read_campaign(path, allow_code=True))
+    assert found.finished
+    assert found.right > 20
+    (tmp_path / "worth.py").write_text(f"{source}\n\n")
+    assert "worth.py was edited" in refused(capsys, path, **given)
