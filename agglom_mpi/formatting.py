@@ -59,6 +59,11 @@ REPLACEMENTS: Final = {
 """ASCII replacements of the characters that this program prints."""
 
 
+def with_article(noun: str) -> str:
+    """Return a noun after `a` or `an`."""
+    return f"{'an' if noun[:1] in 'aeiou' else 'a'} {noun}"
+
+
 def _replace(error: UnicodeError) -> tuple[str, int]:
     """Replace what cannot be encoded, or escape it as Python does if there is no replacement."""
     if not isinstance(error, UnicodeEncodeError):

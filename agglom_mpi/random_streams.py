@@ -29,6 +29,7 @@ PLACEMENT_FORECAST: Final = 110
 OWN_SEARCH: Final = 111
 DATA_POSTERIOR: Final = 112
 NEXT_MEASUREMENT: Final = 113
+CERTIFICATE: Final = 114
 """Purposes of the search's streams; from 100 on, so that none meets one of the samples."""
 
 

@@ -44,7 +44,7 @@ CAMPAIGN = {*METHODS_OF_CAMPAIGN, *VERBS, "title", "seed", "text", "name"}
 METHODS_OF_SET = {
     *("bounds", "deviation", "directions", "expected_error", "failing", "inner", "maximum"),
     *("mean", "noise", "outer", "posterior", "probability", "sample", "variables", "volume"),
-    *("empty", "nearest", "volume_error"),
+    *("certificate", "empty", "nearest", "volume_error"),
 }
 SET = {*METHODS_OF_SET, "allowed", "calibration", "criterion", "samples", "strings", "tolerance"}
 OUTCOME = {

@@ -18,7 +18,7 @@ from agglom_mpi.config.identity import STUDY_SEPARATORS, digest
 from agglom_mpi.config.identity import objective as objective_identity
 from agglom_mpi.config.relations import NO_RELATIONS
 from agglom_mpi.config.scene import SceneSection
-from agglom_mpi.display.run_display import Display
+from agglom_mpi.display.run_display import StudyDisplay
 from agglom_mpi.errors import FINISHED
 from agglom_mpi.outcome import COMPLETED, SampleSummary
 from agglom_mpi.runtime.experiment import Experiment, Restore, SampleSetup, StageProgress
@@ -30,7 +30,7 @@ from agglom_mpi.search.ending import Generations
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.objectives.growth import MaximumGrowth
-from agglom_mpi.search.proposals import RANDOM, EvaluatedStrings, Proposals, as_proposals
+from agglom_mpi.search.proposals import FixedProposals
 from agglom_mpi.search.stopping import EnsembleState, StoppingRule
 from agglom_mpi.simulation.engines import Engine
 from agglom_mpi.statistics import MeanEstimate, mean_of
@@ -41,8 +41,6 @@ from agglom_mpi.variables import TEN
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
-
-    from agglom_mpi.search.decisions import GenerationSummary
 
 Rows = NDArray[np.void]
 """Samples with the columns of `OUTCOME` and of `/samples`, shape (n,)."""
@@ -186,29 +184,6 @@ class BudgetedEnsemble(Ensemble):
             self.finished = True
 
 
-class FixedProposals(EvaluatedStrings):
-    """A search method that proposes given strings at once and learns nothing.
-
-    Parameters
-    ----------
-    parameters
-        Shape (strings, 10), SI units.
-    """
-
-    parents = 1
-
-    def __init__(self, parameters: NDArray[np.float64]) -> None:
-        super().__init__(len(parameters))
-        self._given = parameters
-
-    def ask(self) -> Proposals:
-        """Propose all strings."""
-        return as_proposals(0, self._given, RANDOM)
-
-    def known_proposals(self, generation: int) -> None:
-        """Return None: there is one generation only."""
-
-
 class Study(Experiment):
     """Set-ups by name, each with a budget of particle-steps.
 
@@ -318,15 +293,6 @@ def paired_difference(rows: Rows, reference: Rows, name: str) -> MeanEstimate:
     ours, theirs = completed(rows), completed(reference)
     _, first, second = np.intersect1d(ours["sample"], theirs["sample"], return_indices=True)
     return mean_of(ours[name][first] - theirs[name][second])
-
-
-class StudyDisplay(Display):
-    """Progress in set-ups; nothing is shown at the end of the one generation."""
-
-    def generation(
-        self, summary: "GenerationSummary", total: int, samples: int, rate: float
-    ) -> None:
-        """Show nothing."""
 
 
 Stages = Generator[tuple[str, Study], CampaignData, Path]

@@ -9,11 +9,11 @@ from agglom_mpi.analysis.finite_size import describe_finite_size
 from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.analysis.replay import Replayed, replay
 from agglom_mpi.errors import FAILURE, FINISHED
-from agglom_mpi.formatting import pluralise
+from agglom_mpi.formatting import pluralise, with_article
 from agglom_mpi.storage.access import DamagedCampaign
 from agglom_mpi.storage.consistency import check_counts, check_digests, check_numbers
 from agglom_mpi.storage.recorded_campaign import code_note
-from agglom_mpi.storage.schema import STUDY
+from agglom_mpi.storage.schema import INVERSION
 from agglom_mpi.storage.verify import VerificationReport, row_list, verify_rows
 
 REMEDIES: Final = {
@@ -46,8 +46,9 @@ def check_file(path: str, allow_code: bool = False) -> tuple[str, int]:
     check_finished(report, report.counts.get("frames", 0))
     check_counts(report)
     digests = check_digests(report)
-    study = report.data.attributes.get("purpose") == STUDY
-    left_out = f"the strings of an {STUDY} are not searched" if study else code_note(report.data)
+    purpose = report.data.attributes.get("purpose", INVERSION)
+    given = f"the strings of {with_article(purpose)} are not searched"
+    left_out = code_note(report.data) if purpose == INVERSION else given
     replayed = left_out or replay(report)
     lines = [*_verified(report, digests, replayed)]
     damage = [*report.losses, *report.faults]

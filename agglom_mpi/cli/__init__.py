@@ -13,6 +13,7 @@ from agglom_mpi.version import __version__
 
 COMMANDS: Final = {
     "accuracy": "Measure error against run time, with figures and tables",
+    "certify": "Prove by fresh runs how much of a feasible set is right",
     "check": "Validate a campaign, or verify a campaign file",
     "compile": "Compile the kernels of campaigns ahead of their runs",
     "doctor": "Check this machine: MPI, libraries, storage, batch system",
@@ -63,7 +64,7 @@ def main() -> None:
 
 def agglom() -> None:
     """Run `agglom`."""
-    launch(main, simulates=sys.argv[1:2] in (["accuracy"], ["compile"]))
+    launch(main, simulates=sys.argv[1:2] in (["accuracy"], ["certify"], ["compile"]))
 
 
 def invert() -> None:

@@ -145,6 +145,15 @@ class Display:
             self._live = None
 
 
+class StudyDisplay(Display):
+    """Progress where all strings are given: nothing is shown at the end of the one generation."""
+
+    def generation(
+        self, summary: "GenerationSummary", total: int, samples: int, rate: float
+    ) -> None:
+        """Show nothing."""
+
+
 def generation_line(summary: "GenerationSummary", total: int, samples: int, rate: float) -> str:
     """Return the result of a generation in one line."""
     best = best_of(summary)

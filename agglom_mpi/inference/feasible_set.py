@@ -11,6 +11,7 @@ from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.errors import UserError, require_library
 from agglom_mpi.inference.calibration import Calibration, calibrate
+from agglom_mpi.inference.certificate import Certificate, certificate_of
 from agglom_mpi.inference.emulated_set import VOLUME_STREAM, EmulatedSet
 from agglom_mpi.inference.measured_mean import mean_posterior
 from agglom_mpi.inference.posterior import Posterior
@@ -95,6 +96,7 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
         self.points: SetPoints = spread_points(self.emulated)
         self.allowed = self.points.allowed
         self.calibration: Calibration = calibrate(self.emulated, self.points)
+        self._data = data
 
     def __repr__(self) -> str:
         if not self.calibration.passed:
@@ -156,6 +158,20 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
     def nearest(self) -> NearestString:
         """The string whose emulated mean comes nearest to what is asked for, and that mean."""
         return nearest_string(self.emulated)
+
+    @property
+    def certificate(self) -> Certificate | None:
+        """What fresh runs prove of the set, by `agglom certify`; None without such a file.
+
+        Nor is there one of another tolerance.
+
+        Raises
+        ------
+        CertificateError
+            If the file beside the campaign's is that of other samples.
+        """
+        found = certificate_of(self._data)
+        return found if found is not None and found.plan.tolerance == self.tolerance else None
 
     @property
     def failing(self) -> int:

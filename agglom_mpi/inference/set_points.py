@@ -1,8 +1,10 @@
 """Points of the box that measure a feasible set, its members, and the string nearest to them."""
 
+from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agglom_mpi.config.allowed_share import allowed_share
 from agglom_mpi.emulation.gaussian_process import Floats
@@ -78,8 +80,22 @@ class SetPoints(NamedTuple):
         """Return the share of the allowed part whose probability is at least this."""
         return float((self.probability >= least) @ self.weights)
 
-    def draw(self, emulated: EmulatedSet, count: int, random: np.random.Generator) -> Floats:
+    def draw(
+        self,
+        emulated: EmulatedSet,
+        count: int,
+        random: np.random.Generator,
+        part: Callable[[Floats], NDArray[np.bool_]] | None = None,
+    ) -> Floats:
         """Draw strings from the set, (count, k): each point is kept with its probability.
+
+        Parameters
+        ----------
+        emulated
+        count
+        random
+        part
+            Returns which strings, (n, k), are kept instead.
 
         Raises
         ------
@@ -97,7 +113,10 @@ class SetPoints(NamedTuple):
                 within_box = random.random((BOX_POINTS, len(self.lower)))
                 points = self.lower + within_box * (self.upper - self.lower)
             strings = space.from_unit(points)
-            kept = random.random(BOX_POINTS) < emulated.probability(strings)
+            if part is None:
+                kept = random.random(BOX_POINTS) < emulated.probability(strings)
+            else:
+                kept = part(strings)
             found = np.vstack((found, strings[kept]))
             drawn += BOX_POINTS
         if len(found) < count:

@@ -7,12 +7,16 @@ from rich.console import Group, RenderableType
 
 from agglom_mpi.config.allowed_share import allowed_share
 from agglom_mpi.display.table import Column, Facts, Table
+from agglom_mpi.errors import error_text
 from agglom_mpi.formatting import format_percent, value_with_error, without_nan
+from agglom_mpi.inference.certificate import Certificate
+from agglom_mpi.inference.certificate_plan import CertificateError
 from agglom_mpi.inference.emulated_set import BOX_POINTS
 from agglom_mpi.inference.feasible_set import FeasibleSet
 from agglom_mpi.inference.set_directions import SetVariable, name_ends, rounded
 from agglom_mpi.inference.set_points import INNER_PROBABILITY, OUTER_PROBABILITY
 from agglom_mpi.report.posterior_summary import measure_text, posterior_text, variable_rows
+from agglom_mpi.storage.access import NotACampaign
 from agglom_mpi.variables import Variable
 
 if TYPE_CHECKING:
@@ -91,10 +95,23 @@ def _shares(of: FeasibleSet) -> Facts:
         rows.append(("maximum", f"mean b/b0 {value_with_error(*of.criterion.maximum)}"))
     if of.failing:
         rows.append(("failed", f"{of.failing} strings, which are not members"))
+    certificate, refused = certificate_or_reason(of)
+    if certificate is not None:
+        rows.append(("certificate", "\n".join(certificate.lines())))
+    elif refused:
+        rows.append(("certificate", refused))
     rows.append(("check", of.calibration.text))
     if of.favours_low_objectives:
         rows.append(("samples", BIASED_CHOICE))
     return Facts(rows)
+
+
+def certificate_or_reason(of: FeasibleSet) -> tuple[Certificate | None, str]:
+    """Return the certificate of a set, or None and why a file beside the campaign's is none."""
+    try:
+        return of.certificate, ""
+    except (CertificateError, NotACampaign, OSError) as error:
+        return None, error_text(error)
 
 
 def empty_text(of: FeasibleSet) -> str:
@@ -227,6 +244,7 @@ def set_as_dict(of: FeasibleSet, posterior: "Posterior | None" = None) -> dict[s
     - `directions`: `product` of powers with `exponents` by name, their `share`, `eigenvalue`, and
       the dimensionless `group` that is near with its `cosine`.
     - `empty`, `nearest`: whether there are members, and what comes nearest if there are none.
+    - `certificate`: what fresh runs prove of the set (`Certificate.as_dict`), or None.
     - `failed_strings`, `favours_low_objectives`, `warnings`; of `maximum_growth` its `maximum` and
       `maximum_error`.
     """
@@ -239,6 +257,8 @@ def set_as_dict(of: FeasibleSet, posterior: "Posterior | None" = None) -> dict[s
     }
     if not of.calibration.passed:
         return found | {"set": None, "reason": of.calibration.text}
+    certificate, refused = certificate_or_reason(of)
+    warnings = [text.removeprefix("warning: ") for text in set_warnings(of)]
     found["set"] = {
         "measure": measure_text(of.emulated.box),
         "empty": of.empty,
@@ -249,12 +269,13 @@ def set_as_dict(of: FeasibleSet, posterior: "Posterior | None" = None) -> dict[s
         "outer": of.outer,
         "expected_error": None if of.empty else without_nan(of.expected_error),
         "samples_to_halve": samples_to_halve(of) if of.volume > 0.0 and not of.empty else None,
+        "certificate": certificate.as_dict() if certificate is not None else None,
         "failed_strings": of.failing,
         "favours_low_objectives": of.favours_low_objectives,
         "variables": [each._asdict() for each in of.variables],
         "directions": shown_directions(of),
         "nearest": of.nearest.as_dict() if of.empty else None,
-        "warnings": [text.removeprefix("warning: ") for text in set_warnings(of)],
+        "warnings": warnings + ([refused] if refused else []),
     }
     if of.criterion.maximum is not None:
         found["set"]["maximum"], found["set"]["maximum_error"] = of.criterion.maximum

@@ -147,6 +147,29 @@ class EvaluatedStrings:
         return np.argsort(self.objectives, kind="stable")
 
 
+class FixedProposals(EvaluatedStrings):
+    """A search method that proposes given strings at once and learns nothing.
+
+    Parameters
+    ----------
+    parameters
+        Shape (n, k), SI units.
+    """
+
+    parents = 1
+
+    def __init__(self, parameters: NDArray[np.float64]) -> None:
+        super().__init__(len(parameters))
+        self._given = parameters
+
+    def ask(self) -> Proposals:
+        """Propose all strings."""
+        return as_proposals(0, self._given, RANDOM)
+
+    def known_proposals(self, generation: int) -> None:
+        """Return None: there is one generation only."""
+
+
 def restored(
     proposals: Proposals, first: int, known: Mapping[int, NDArray[np.float64]]
 ) -> Proposals:

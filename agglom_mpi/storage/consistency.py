@@ -10,6 +10,7 @@ from agglom_mpi.formatting import pluralise
 from agglom_mpi.outcome import COMPLETED, FAILED, REASONS, FailureReason
 from agglom_mpi.search.proposals import ORIGINS
 from agglom_mpi.storage.schema import (
+    CERTIFICATE,
     INVERSION,
     LEG_CAPACITY,
     STUDY,
@@ -25,7 +26,7 @@ EXIT_CODES: Final = (-1, 0, 1, 75)
 
 def check_numbers(report: VerificationReport) -> None:
     """Add to a report: rows that are absent though others rest on them, and impossible numbers."""
-    if report.data.attributes.get("purpose") not in (INVERSION, STUDY):
+    if report.data.attributes.get("purpose") not in (INVERSION, STUDY, CERTIFICATE):
         report.faults.append("attributes: unknown purpose")
     report.faults += _faults_of_own(report)
     check_absent(report)

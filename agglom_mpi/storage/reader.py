@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, Self, TypeVar
 
 import numpy as np
 
-from agglom_mpi.formatting import shortened
+from agglom_mpi.formatting import shortened, with_article
 from agglom_mpi.scheduling.interface import number_in_volume
 from agglom_mpi.search.proposals import ORIGINS, Proposals, restored
 from agglom_mpi.storage.access import NotACampaign, open_file, read_attributes, report_damage
@@ -397,7 +397,7 @@ def read_inversion(path: str | os.PathLike[str], allow_code: Allowed = False) ->
     purpose = data.attributes.get("purpose", INVERSION)
     if purpose != INVERSION:
         raise NotACampaign(
-            f"{path}: holds the samples of an {shortened(purpose)}, not an inversion's"
+            f"{path}: holds the samples of {with_article(shortened(purpose))}, not an inversion's"
         )
     return data
 

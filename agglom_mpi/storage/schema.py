@@ -23,6 +23,8 @@ INVERSION: Final = "inversion"
 """Purpose of the strings of a campaign, which a search proposed."""
 STUDY: Final = "accuracy study"
 """Purpose of the strings of a study, which are set-ups to be compared."""
+CERTIFICATE: Final = "certificate of a feasible set"
+"""Purpose of strings that were drawn from a feasible set, to test it."""
 
 STATES: Final = ("", "completed", "failed")
 """Texts of the codes in the column `state` of `/samples`."""

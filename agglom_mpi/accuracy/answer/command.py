@@ -11,10 +11,10 @@ from agglom_mpi.accuracy.answer.errors import answers_of, estimation
 from agglom_mpi.accuracy.answer.runs import FOLDER, AnswerRun, ProcessorClock, runs_of
 from agglom_mpi.accuracy.answer.sets import box_points, sets_of
 from agglom_mpi.accuracy.report import require_report
-from agglom_mpi.accuracy.study import Stages, StudyDisplay, StudyOptions, run_stages
+from agglom_mpi.accuracy.study import Stages, StudyOptions, run_stages
 from agglom_mpi.analysis.damage import blame_damage
 from agglom_mpi.config.answer_study import AnswerStudy, load_answer_study
-from agglom_mpi.display.run_display import Display
+from agglom_mpi.display.run_display import Display, StudyDisplay
 from agglom_mpi.errors import BAD_INPUT, FINISHED, STOPPED, UserError, error_text
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import check_writable

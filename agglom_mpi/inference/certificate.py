@@ -1,0 +1,250 @@
+"""A certificate of a feasible set: what fresh runs prove of a part of it.
+
+`agglom certify FILE.h5` writes `FILE.certificate.h5`, a campaign file whose strings were drawn
+evenly from the part. Its identity states the claim, the part, and the digest of the samples that
+the part follows from. The verdict is computed from its rows here.
+"""
+
+import hashlib
+import math
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from agglom_mpi.formatting import format_percent, pluralise
+from agglom_mpi.inference.certificate_plan import (
+    ENTRY,
+    CertificateError,
+    CertificatePlan,
+    PartOfSet,
+)
+from agglom_mpi.outcome import COLUMNS, COMPLETED
+from agglom_mpi.search.membership import (
+    DECISION_ERROR,
+    MembershipTest,
+    Verdict,
+    largest_share,
+    least_share,
+    looks_until,
+    strings_needed,
+)
+from agglom_mpi.storage.reader import CampaignData, read_campaign
+from agglom_mpi.storage.recorded_campaign import recorded_campaign
+from agglom_mpi.storage.schema import CERTIFICATE, parameters_of
+
+
+class Certificate(NamedTuple):
+    """What fresh runs prove of a part of a feasible set.
+
+    Attributes
+    ----------
+    plan : CertificatePlan
+        The claim, and how it was tested.
+    part : PartOfSet
+        The part of the set.
+    criterion : str
+        What makes a string right.
+    right, wrong, undecided : int
+        Number of strings that were decided to be right, wrong, or neither.
+    samples : int
+        Number of fresh samples that decided.
+    error_of_right : float
+        Largest probability that a right string was decided to be wrong.
+    path : str
+        The file with the strings and their samples.
+    """
+
+    plan: CertificatePlan
+    part: PartOfSet
+    criterion: str
+    right: int
+    wrong: int
+    undecided: int
+    samples: int
+    error_of_right: float
+    path: str
+
+    @property
+    def finished(self) -> bool:
+        """Whether all strings were judged; before, nothing is proved."""
+        return self.right + self.wrong + self.undecided == self.plan.strings
+
+    @property
+    def least_share(self) -> float:
+        """Lower bound of the share of the part that is right, with the confidence of the plan."""
+        confidence = self.plan.confidence
+        return least_share(self.right, self.plan.strings, confidence, DECISION_ERROR)
+
+    @property
+    def largest_share(self) -> float:
+        """Upper bound of the same, with that confidence on its own."""
+        possible, strings = self.right + self.undecided, self.plan.strings
+        return largest_share(possible, strings, self.plan.confidence, self.error_of_right)
+
+    @property
+    def holds(self) -> bool:
+        """Whether the claim is shown."""
+        return self.finished and self.least_share >= self.plan.claim
+
+    @property
+    def refuted(self) -> bool:
+        """Whether the opposite of the claim is shown."""
+        return self.finished and self.largest_share < self.plan.claim
+
+    @property
+    def strings_for_claim(self) -> int | None:
+        """Number of strings that would show the claim if as large a share were right; else None."""
+        share = self.right / self.plan.strings
+        return strings_needed(share, self.plan.claim, self.plan.confidence, DECISION_ERROR)
+
+    @property
+    def least_share_of_four(self) -> float:
+        """Lower bound if four times as many strings were drawn and as large a share were right."""
+        plan = self.plan
+        return least_share(4 * self.right, 4 * plan.strings, plan.confidence, DECISION_ERROR)
+
+    def lines(self) -> list[str]:
+        """Return it as sentences, the verdict first."""
+        plan = self.plan
+        if not self.finished:
+            judged = self.right + self.wrong + self.undecided
+            return [
+                f"not finished: {judged} of {plan.strings} strings are judged; agglom certify with "
+                "the same options continues"
+            ]
+        box = "the box" if self.part.allowed == 1.0 else "the allowed part of the box"
+        part = f"{100.0 * self.part.share:.3g} % of {box}"
+        what = f"of these {part} are right"
+        if plan.wobble:
+            wobbles = " and ".join(
+                f"{n} is off by up to {100 * s:.3g} %" for n, s in plan.wobble.items()
+            )
+            what += f" where {wobbles}"
+        confidence = f"with {format_percent(plan.confidence)} confidence"
+        bound = _rounded_down(self.least_share)
+        fresh = f"{self.right} of {plan.strings} fresh strings"
+        claim = format_percent(plan.claim)
+        verdict = f"the claim of {claim} is shown"
+        if self.refuted:
+            most = 100.0 - 100.0 * _floor(1.0 - self.largest_share)
+            verdict = f"the claim of {claim} is refuted: at most {most:.1f} % are right"
+        elif not self.holds:
+            verdict = f"the claim of {claim} is not shown"
+        return [
+            f"at least {bound} {what}, {confidence}: {fresh}",
+            f"{verdict}; {self.wrong} wrong, {self.undecided} undecided, "
+            f"by {self.samples:,} samples, seed {plan.seed}",
+            f"the part: P ≥ {self.part.least_probability:.3g}; right: {self.criterion}",
+            self._more,
+        ]
+
+    @property
+    def _more(self) -> str:
+        """What more strings would give."""
+        if self.holds:
+            more, strings = _rounded_down(self.least_share_of_four), 4 * self.plan.strings
+            return f"{pluralise(strings, 'string')} of which as many are right would show {more}"
+        if self.strings_for_claim is None:
+            return "more strings of which as many are right would not show the claim"
+        more = pluralise(self.strings_for_claim, "string")
+        return f"{more} of which as many are right would show the claim"
+
+    @property
+    def text(self) -> str:
+        """The sentences, a line each."""
+        return "\n".join(self.lines())
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it as plain values for JSON; bounds of an unfinished one are None."""
+        found = self._asdict() | {"plan": self.plan._asdict() | {"wobble": dict(self.plan.wobble)}}
+        found["part"] = self.part._asdict()
+        found |= {name: getattr(self, name) for name in ("finished", "holds", "refuted")}
+        bounds = "least_share", "largest_share", "least_share_of_four", "strings_for_claim"
+        known = {name: getattr(self, name) if self.finished else None for name in bounds}
+        return found | known | {"text": self.lines()}
+
+
+def certificate_path(path: Path) -> Path:
+    """Return the file of the certificate of a campaign file."""
+    return path.with_suffix(".certificate.h5")
+
+
+def certificate_of(data: CampaignData) -> Certificate | None:
+    """Return the certificate that lies beside a campaign file; None if there is none.
+
+    Raises
+    ------
+    CertificateError
+        If it is that of other samples.
+    NotACampaign, OSError
+        If it cannot be read.
+    """
+    path = certificate_path(data.path)
+    return verdict_of(data, read_certificate(data)) if path.exists() else None
+
+
+def read_certificate(data: CampaignData) -> CampaignData:
+    """Return the file of the certificate of a campaign file; errors as of `certificate_of`."""
+    path = certificate_path(data.path)
+    file = read_campaign(path, data.allow_code)
+    if file.attributes.get("purpose") != CERTIFICATE:
+        raise CertificateError(f"{path}: is no certificate; move it away to certify {data.path}")
+    if file.identity.get(f"{ENTRY}of") != evidence(data):
+        raise CertificateError(
+            f"{path}: certifies a set that rests on other samples than those of {data.path}; move "
+            "it away to certify anew"
+        )
+    return file
+
+
+def verdict_of(data: CampaignData, file: CampaignData) -> Certificate:
+    """Return what the file of a certificate proves of the set of a campaign file."""
+    plan, part = CertificatePlan.of_entries(file.identity), PartOfSet.of_entries(file.identity)
+    test = membership_test(data, plan, part)
+    particles, verdicts = recorded_campaign(data).scene.particles, []
+    samples = 0
+    file.all_sample_rows()  # read once: without, each string opens the file
+    for string, used in file.samples_used.items():
+        rows = file.sample_rows(string)
+        rows = rows[(rows["sample"] < used) & (rows["state"] == COMPLETED)]
+        verdicts.append(test.verdict(test.criterion.numbers(rows, particles), used - len(rows)))
+        samples += used
+    return Certificate(
+        *(plan, part, test.criterion.text),
+        right=verdicts.count(Verdict.RIGHT),
+        wrong=verdicts.count(Verdict.WRONG),
+        undecided=verdicts.count(Verdict.UNDECIDED),
+        samples=samples,
+        error_of_right=test.error_of_right,
+        path=str(file.path),
+    )
+
+
+def membership_test(data: CampaignData, plan: CertificatePlan, part: PartOfSet) -> MembershipTest:
+    """Return the test of a string of the set of a file."""
+    criterion = part.criterion(data, plan.tolerance)
+    return MembershipTest(criterion, looks_until(plan.max_samples))
+
+
+def evidence(data: CampaignData) -> str:
+    """Return the digest of what the set of a file rests on, 32 hexadecimal digits.
+
+    These are the campaign, its strings, and the results of their used and fresh samples.
+    """
+    found = hashlib.blake2b(data.attributes["campaign_sha256"].encode(), digest_size=16)
+    rows = data.all_sample_rows()
+    rows = rows[data.are_used(rows) | (rows["sample"] >= data.fresh_from)]
+    found.update(parameters_of(data.string_rows()).astype("<f8").tobytes())
+    names = {"string", "sample", *(column.name for column in COLUMNS), *data.sizes.quantities}
+    for name in rows.dtype.names or ():
+        if name in names:
+            found.update(rows[name].astype(rows[name].dtype.newbyteorder("<")).tobytes())
+    return found.hexdigest()
+
+
+def _floor(share: float) -> float:
+    """Return a share rounded down to tenths of a percent."""
+    return math.floor(1000.0 * share + 1e-9) / 1000.0
+
+
+def _rounded_down(share: float) -> str:
+    return f"{100.0 * _floor(share):.1f} %"

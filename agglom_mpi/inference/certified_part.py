@@ -1,0 +1,176 @@
+"""The part of a feasible set that is claimed to be right, and strings drawn evenly from it.
+
+The part has all strings whose probability P to be members is at least a threshold. It is chosen
+before any fresh sample, by the emulator alone: the largest part for which the claim would be
+shown with a probability of `WANTED_CHANCE`. That probability is averaged over functions drawn
+jointly from the emulator, so that it counts that a whole part may be wrong. A right string counts
+only if its samples can decide it, so its mean must keep a distance from the bounds.
+"""
+
+from collections.abc import Callable
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from agglom_mpi.emulation.gaussian_process import Floats
+from agglom_mpi.inference.certificate_plan import CertificateError, CertificatePlan, PartOfSet
+from agglom_mpi.inference.emulated_set import EmulatedSet
+from agglom_mpi.inference.set_points import OUTER_PROBABILITY, SetPoints
+from agglom_mpi.random_streams import CERTIFICATE, search_stream
+from agglom_mpi.search.criteria import DRAWN_FUNCTIONS, Criterion
+from agglom_mpi.search.membership import MembershipTest, chance_to_show, looks_until
+
+WANTED_CHANCE: Final = 0.8
+"""Probability that the claim is shown, by which the part is chosen."""
+LEAST_POINTS: Final = 20
+"""Minimum number of points of a part."""
+WOBBLED_POINTS: Final = 16
+"""Number of wobbled values of a string that its probability is averaged over."""
+
+CHOICE_STREAM, DRAW_STREAM, WOBBLE_STREAM, SAMPLE_STREAM = range(4)
+"""Random streams of a certificate."""
+
+
+class CertifiedPart(NamedTuple):
+    """A part of a set, and strings of it, (n, k) in SI units, as they are judged: wobbled."""
+
+    part: PartOfSet
+    strings: Floats
+
+
+class Wobble:
+    """Values of the variables of strings that deviate evenly by up to a share of themselves.
+
+    Parameters
+    ----------
+    emulated
+        The set.
+    plan
+        What wobbles, and the seed.
+    """
+
+    def __init__(self, emulated: EmulatedSet, plan: CertificatePlan) -> None:
+        self._emulated = emulated
+        named = {variable.name: variable for variable in emulated.box.own}
+        self._wobbling = [(named[name], share) for name, share in plan.wobble.items()]
+        stream = search_stream(plan.seed, CERTIFICATE, WOBBLE_STREAM)
+        self._places = stream.uniform(-1.0, 1.0, (WOBBLED_POINTS, len(self._wobbling)))
+
+    def wobbled(self, strings: Floats, places: Floats) -> Floats:
+        """Return strings, (n, k), with values at places from -1 to 1, (n, w) or (w,)."""
+        found = strings.copy()
+        for i, (variable, share) in enumerate(self._wobbling):
+            factors = 1.0 + share * np.asarray(places)[..., i]
+            found[:, variable.column] *= factors ** (1.0 / variable.power)
+        return found
+
+    def drawn(self, strings: Floats, random: np.random.Generator) -> Floats:
+        """Return strings, (n, k), each with drawn values."""
+        shape = len(strings), len(self._wobbling)
+        return self.wobbled(strings, random.uniform(-1.0, 1.0, shape)) if shape[1] else strings
+
+    def probability(self, strings: Floats) -> Floats:
+        """Return the probability that strings, (n, k), are members, on average over the wobble.
+
+        Values outside the box have that of the nearest ones in it.
+        """
+        own = self._emulated.probability(strings)
+        if not self._wobbling:
+            return own
+        clip = self._emulated.box.space.clip
+        shifted = (clip(self.wobbled(strings, places)) for places in self._places)
+        mean = np.mean([self._emulated.probability(each) for each in shifted], axis=0)
+        return np.where(self._emulated.box.allowed(strings), mean, 0.0)
+
+
+def certified_part(
+    emulated: EmulatedSet, points: SetPoints, plan: CertificatePlan
+) -> CertifiedPart:
+    """Return the part of a set that a plan can claim, and the strings to test it.
+
+    Parameters
+    ----------
+    emulated
+        The set.
+    points
+        Points that measure it.
+    plan
+        The claim.
+
+    Raises
+    ------
+    CertificateError
+        If there are too few members.
+    """
+    wobble = Wobble(emulated, plan)
+    probability = wobble.probability(points.strings)
+    order = np.argsort(-probability, kind="stable")
+    order = order[probability[order] >= OUTER_PROBABILITY]
+    name = emulated.box.campaign.name
+    if len(order) < LEAST_POINTS:
+        raise CertificateError(
+            f"{name}: {len(order)} of the {len(probability):,} points that measure the set are "
+            f"members with P ≥ {OUTER_PROBABILITY:g}; at least {LEAST_POINTS} are needed"
+        )
+    random = search_stream(plan.seed, CERTIFICATE, CHOICE_STREAM)
+    strings = emulated.box.space.clip(wobble.drawn(points.strings[order], random))
+    chances = _chances(emulated, strings, plan, random)
+    ends = np.append(np.diff(probability[order]) < 0.0, True)  # equal points belong together
+    chances[~ends | (np.arange(len(order)) < LEAST_POINTS - 1)] = 0.0
+    wanted = np.flatnonzero(chances >= WANTED_CHANCE)
+    last = int(wanted[-1] if len(wanted) else chances.argmax())
+    least = float(probability[order[last]])
+    share = float(points.weights[probability >= least].sum())
+    criterion = emulated.criterion
+    least_mean = criterion.bounds()[0] if criterion.maximum is not None else np.nan
+    part = PartOfSet(least, share, points.allowed, float(chances[last]), least_mean)
+
+    def kept(strings: Floats) -> np.ndarray:
+        return np.asarray(wobble.probability(strings) >= least)
+
+    random = search_stream(plan.seed, CERTIFICATE, DRAW_STREAM)
+    try:
+        drawn = points.draw(emulated, plan.strings, random, kept)
+    except RuntimeError as error:
+        raise CertificateError(f"{name}: {error}") from None
+    return CertifiedPart(part, wobble.drawn(drawn, random))
+
+
+def _chances(
+    emulated: EmulatedSet, strings: Floats, plan: CertificatePlan, random: np.random.Generator
+) -> Floats:
+    """Return the probability to show the claim for the first 1, 2, … strings, (n,), as the part.
+
+    Parameters
+    ----------
+    emulated
+    strings
+        The most probable members first, shape (n, k).
+    plan
+    random
+        Stream of the drawn functions.
+    """
+    needed = plan.right_needed
+    assert needed is not None
+    at = emulated.coordinates.of_strings(strings)
+    criterion = emulated.criterion
+    drawn = emulated.emulator.draw(DRAWN_FUNCTIONS, random)(at)
+    margin = _margin(criterion, emulated.emulator.noise, at, plan)
+    right = criterion.holds(drawn - margin) & criterion.holds(drawn + margin)
+    alive = 1.0 - emulated.failing(at)
+    shares = np.cumsum(right * alive, axis=1) / np.arange(1, len(at) + 1)
+    return np.asarray(chance_to_show(needed, plan.strings, shares).mean(axis=0))
+
+
+def _margin(
+    criterion: Criterion, noise: Callable[[Floats], Floats], at: Floats, plan: CertificatePlan
+) -> Floats:
+    """Return how far means at points, (n, c), must be from bounds to be decided, (n, q).
+
+    It is 0 where functions of means are compared, whose errors the emulator does not tell.
+    """
+    own = noise(at)
+    if criterion.compared(own) is not own:
+        return np.zeros((len(at), len(criterion.bands())))
+    test = MembershipTest(criterion, looks_until(plan.max_samples))
+    return test.factor(plan.max_samples) * own / np.sqrt(plan.max_samples)

@@ -1,0 +1,300 @@
+"""The command `agglom certify`: strings drawn from a feasible set, judged by fresh samples.
+
+They are the strings of a campaign file of its own, run as any other: on ranks, and continued by the
+same command after a stop or a kill.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.identity import digest
+from agglom_mpi.config.plan import Output
+from agglom_mpi.config.user_function import read_function
+from agglom_mpi.display.run_display import StudyDisplay
+from agglom_mpi.emulation.blas_threads import single_threaded
+from agglom_mpi.errors import CodeNotAllowedError
+from agglom_mpi.formatting import format_percent
+from agglom_mpi.inference.certificate import (
+    certificate_path,
+    evidence,
+    membership_test,
+    read_certificate,
+    verdict_of,
+)
+from agglom_mpi.inference.certificate_plan import (
+    ENTRY,
+    CertificateError,
+    CertificatePlan,
+    PartOfSet,
+)
+from agglom_mpi.inference.certified_part import SAMPLE_STREAM, CertifiedPart, certified_part
+from agglom_mpi.inference.feasible_set import feasible_set
+from agglom_mpi.outcome import SampleSummary
+from agglom_mpi.random_streams import CERTIFICATE as CERTIFICATE_STREAM
+from agglom_mpi.random_streams import search_stream
+from agglom_mpi.runtime.experiment import Experiment, Restore, SampleSetup, StageProgress
+from agglom_mpi.runtime.file_setup import check_writable
+from agglom_mpi.runtime.leg import RunRequest
+from agglom_mpi.runtime.run import run_on_all_ranks
+from agglom_mpi.search.ending import Generations
+from agglom_mpi.search.ensemble import Ensemble
+from agglom_mpi.search.inversion import Inversion
+from agglom_mpi.search.membership import MembershipTest, Verdict
+from agglom_mpi.search.objectives.objective import Objective
+from agglom_mpi.search.proposals import FixedProposals
+from agglom_mpi.search.stopping import FixedNumber
+from agglom_mpi.storage.reader import CampaignData, read_inversion
+from agglom_mpi.storage.recorded_campaign import recorded_campaign
+from agglom_mpi.storage.room import TableSizes, table_sizes
+from agglom_mpi.storage.schema import CERTIFICATE
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Intracomm
+
+
+class CertifyOptions(NamedTuple):
+    """Options of `agglom certify`, as `cli/certify.py` declares them."""
+
+    file: str
+    claim: float | str
+    confidence: float | str
+    tolerance: float | str
+    strings: int
+    max_samples: int
+    seed: int
+    robust: Mapping[str, float | str]
+    max_walltime: float | None = None
+    quiet: bool = False
+    accept_code_change: bool = False
+    database: str | None = None
+    allow_code: bool = False
+
+
+class JudgedEnsemble(Ensemble):
+    """The samples of a string until they decide whether it is right.
+
+    It asks for no more samples than the next look needs.
+    """
+
+    def __init__(self, test: MembershipTest, objective: Objective, particles: int) -> None:
+        super().__init__(FixedNumber(samples=test.looks[-1]), objective, particles)
+        self.max_samples = test.looks[0]
+        self._test = test
+        self._numbers: list[tuple[float, ...]] = []
+
+    @property
+    def follows_means(self) -> bool:
+        """False: its numbers are kept."""
+        return False
+
+    def add(self, outcome: SampleSummary) -> None:
+        """Take the next sample."""
+        super().add(outcome)
+        if outcome.completed:
+            self._numbers.append(outcome.quantities)
+        looks, used = self._test.looks, self.samples_used
+        if used < self.max_samples or used == looks[-1]:
+            return
+        if self._test.verdict(np.array(self._numbers), self.failed) is Verdict.UNDECIDED:
+            self.max_samples, self.finished = looks[looks.index(used) + 1], False
+
+
+class Certification(Experiment):
+    """Strings that are judged by fresh samples.
+
+    Parameters
+    ----------
+    data
+        The finished campaign.
+    plan
+        What is claimed.
+    found
+        The part that is tested, and its strings.
+    """
+
+    top = 1
+    purpose = CERTIFICATE
+
+    def __init__(self, data: CampaignData, plan: CertificatePlan, found: CertifiedPart) -> None:
+        campaign = runnable_campaign(data)
+        stream = search_stream(plan.seed, CERTIFICATE_STREAM, SAMPLE_STREAM, campaign.seed)
+        fresh = campaign.with_seed(int(stream.integers(1 << 62)))
+        self.campaign = replace(fresh, output=Output(), final=None)
+        self.max_failures = campaign.stopping.max_failures
+        self.max_seconds = campaign.stopping.max_seconds
+        self._strings = found.strings
+        self._test = membership_test(data, plan, found.part)
+        self._entries = plan.entries() | found.part.entries() | {f"{ENTRY}of": evidence(data)}
+
+    @property
+    def table_sizes(self) -> TableSizes:
+        """Sizes of the tables: one generation of all strings."""
+        count, samples = len(self._strings), self._test.looks[-1]
+        sizes = table_sizes(self.campaign)
+        return sizes._replace(strings=count, max_samples=samples, generations=1, population=count)
+
+    @property
+    def largest(self) -> str:
+        """The extent of the certificate, as text."""
+        return f"certificate by {len(self._strings)} strings"
+
+    def identity(self) -> dict[str, object]:
+        """Return the campaign's own, with the claim and the part."""
+        return self.campaign.identity() | self._entries
+
+    def sha256(self) -> str:
+        """Return the digest of `identity`."""
+        return digest(self.identity())
+
+    def setup(self, string: int) -> SampleSetup:
+        """Return the campaign's scene."""
+        return SampleSetup(self.campaign)
+
+    def kernel_cases(self) -> Iterator[tuple[SampleSetup, NDArray[np.float64]]]:
+        """Yield the scene once."""
+        yield SampleSetup(self.campaign), self.campaign.parameters()
+
+    def inversion(self, restore: Restore | None, background: bool = False) -> Inversion:
+        """Return an inversion of one generation."""
+        particles = self.campaign.scene.particles
+        return Inversion(
+            FixedProposals(self._strings),
+            lambda string: JudgedEnsemble(
+                self._test, self.campaign.objective_at(string), particles
+            ),
+            Generations(generations=1),
+            restore=restore,
+            summarise=self._summaries,
+        )
+
+    def stage(self, inversion: Inversion) -> StageProgress:
+        """Return how many strings are judged; all are at the same time."""
+        return StageProgress(len(inversion.results), len(self._strings), "strings")
+
+    def end_reason(self, inversion: Inversion) -> str:
+        """Return why the certificate is complete."""
+        return "all strings are judged"
+
+    def _summaries(self, rows: NDArray[np.void]) -> list[SampleSummary]:
+        """Return summaries of samples with the numbers that are compared as their quantities."""
+        numbers = self._test.criterion.numbers(rows, self.campaign.scene.particles).tolist()
+        found = zip(self.campaign.objective.summaries(rows), numbers, strict=True)
+        return [summary._replace(quantities=tuple(own)) for summary, own in found]
+
+
+def certify(options: CertifyOptions, world: "Intracomm | None") -> int:
+    """Certify a set on all ranks; return the exit code."""
+    display, read = StudyDisplay(options.quiet), list[CampaignData]()
+
+    def request() -> RunRequest:
+        data, experiment = certification(options, display)
+        read.append(data)
+        path = certificate_path(data.path)
+        return RunRequest(experiment, path, options.accept_code_change, options.database)
+
+    def finish(request: RunRequest) -> None:
+        if not options.quiet:
+            [data] = read
+            display.table(verdict_of(data, read_certificate(data)).text)
+
+    return run_on_all_ranks(request, display, finish, world, max_walltime=options.max_walltime)
+
+
+def certification(
+    options: CertifyOptions, display: StudyDisplay
+) -> tuple[CampaignData, Certification]:
+    """Return the campaign that options name, and its certification, begun or not.
+
+    Raises
+    ------
+    UserError, OSError
+        If there is no set, or no such certificate of it is possible.
+    """
+    data = read_inversion(options.file, options.allow_code)
+    given = {name: getattr(options, name) for name in CertificatePlan._fields[:-1]}
+    plan = CertificatePlan.of_arguments(data, options.robust, **given)
+    if (state := data.status().state) != "finished":
+        raise CertificateError(f"{data.path}: is {state}; must be finished to be certified")
+    _ = runnable_campaign(data)
+    path = certificate_path(data.path)
+    check_writable(path)
+    if path.exists():
+        begun = begun_part(data, plan, path)
+        if begun is not None:
+            return data, Certification(data, plan, begun)
+    display.message(f"choosing the part of the set of {data.path} to certify")
+    found = part_of_set(data, plan)
+    share, chance = format_percent(found.part.share, 3), format_percent(found.part.expected)
+    display.message(
+        f"strings with P ≥ {found.part.least_probability:.3g}, {share} of the box; the emulator "
+        f"expects the claim to be shown with a probability of {chance}"
+    )
+    return data, Certification(data, plan, found)
+
+
+def runnable_campaign(data: CampaignData) -> Campaign:
+    """Return the campaign of a file, with the module of its objective that lies beside it.
+
+    Raises
+    ------
+    CodeNotAllowedError
+        If the objective is a function that may not run.
+    CertificateError
+        If its module is absent, or another one.
+    """
+    campaign = recorded_campaign(data)
+    call, function = campaign.objective.code, campaign.user_function
+    if call is None or function is None:
+        return campaign
+    if not data.allow_code:
+        raise CodeNotAllowedError(f"{data.path} has code of its own ({call}); --allow-code runs it")
+    try:
+        beside = read_function(data.path.parent, call)
+    except ValueError as error:
+        raise CertificateError(f"{data.path}: objective: {error}") from None
+    if beside.sha256 != function.sha256:
+        raise CertificateError(
+            f"{data.path}: objective: {beside.file} was edited since the campaign was run"
+        )
+    known = function._replace(source=beside.source, folder=beside.folder)
+    return replace(campaign, user_function=known)
+
+
+def begun_part(data: CampaignData, plan: CertificatePlan, path: Path) -> CertifiedPart | None:
+    """Return the part and strings of a certificate that was begun; None if it has no strings yet.
+
+    Raises
+    ------
+    CertificateError
+        If it is another one.
+    """
+    file = read_certificate(data)
+    begun = CertificatePlan.of_entries(file.identity)
+    if begun != plan:
+        raise CertificateError(
+            f"{path}: is a certificate with {begun.text}; not with {plan.text}. A set is tested "
+            "once: of several certificates, none has its confidence. Move the file away to test "
+            "anew"
+        )
+    known = file.parameters
+    if len(known) < plan.strings:
+        return None
+    strings = np.array([known[string] for string in range(plan.strings)])
+    return CertifiedPart(PartOfSet.of_entries(file.identity), strings)
+
+
+@single_threaded
+def part_of_set(data: CampaignData, plan: CertificatePlan) -> CertifiedPart:
+    """Return the part of the set of a file that is certified, and its strings; errors as above."""
+    found = feasible_set(data, plan.tolerance)
+    if found.empty:
+        raise CertificateError(
+            f"{data.path}: the set is empty, so nothing can be certified; nearest {found.nearest}"
+        )
+    return certified_part(found.emulated, found.points, plan)
