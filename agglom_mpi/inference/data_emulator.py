@@ -24,7 +24,7 @@ from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.inference.posterior_sampling import MAX_LOGARITHM_AWAY, Observed
 from agglom_mpi.inference.searched_box import EmulatedBox, EmulatedStrings, SearchedBox
 from agglom_mpi.inference.stored_samples import StoredSamples, StringValues
-from agglom_mpi.measurements.datum import Datum, exact_values
+from agglom_mpi.measurements.datum import Datum, exact_values, experiments_of
 from agglom_mpi.measurements.misfit import ResidualFrame, residual_frame
 from agglom_mpi.random_streams import DATA_POSTERIOR
 
@@ -152,11 +152,18 @@ class EmulatedData(EmulatedBox):
         found = np.full((len(strings), len(self.exact_columns)), math.nan)
         rows = exact_values(self.data)
         basis = self.frame.basis[np.ix_(rows, self.exact_columns)]
-        impacts = [datum.impacts for datum in self.data if datum.impacts is not None]
+        exact = [datum for datum in self.data if datum.impacts is not None]
+        impacts: dict[str, Any] = {
+            name: np.concatenate([d.impacts for d in exact if d.experiment == name])
+            for name in experiments_of(exact)
+        }
         for i in range(len(strings) if impacts else 0):
             with suppress(ValueError):
-                tests = self.box.campaign.impact_tests_at(strings[i])
-                found[i] = tests.coefficients(np.concatenate(impacts)) @ basis
+                own = [
+                    self.box.campaign.impact_tests_at(strings[i], name).coefficients(some)
+                    for name, some in impacts.items()
+                ]
+                found[i] = np.concatenate(own) @ basis
         return found
 
     def _exact_squares(self, strings: Floats) -> Floats:
