@@ -70,7 +70,8 @@ CAMPAIGN_INTERNALS: Final = (
     *("derived_values", "function_error", "check_scales"),
     *("search_error", "required_plan", "engine", "file_name", "from_text"),
     *("count", "with_generations", "with_seed"),
-    *("data", "data_entries", "census", "experiments", "of_experiment", "require_one_scene"),
+    "require_one_scene",
+    *("data", "data_entries", "census", "experiments", "has_layout", "of_experiment"),
 )
 """Names of a campaign for the package's own modules: sections, and what builds or checks a run."""
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, ClassVar, Final
 
 import numpy as np
 
@@ -182,6 +182,11 @@ class ExperimentEntry(Declared):
         Correlations of the errors of these.
     """
 
+    SUPPLIED: ClassVar[dict[str, str]] = dict.fromkeys(
+        ("variables", "scene", "data", "correlations"), "none"
+    )
+    """Texts on defaults."""
+
     variables: dict[str, Any] = {}  # noqa: RUF012
     scene: dict[str, Any] = {}  # noqa: RUF012
     data: list[Any] = []  # noqa: RUF012
@@ -221,6 +226,9 @@ class SceneDocument(Declared):
     final
         Re-estimate of the best strings on fresh samples; `none` omits it.
     """
+
+    SUPPLIED: ClassVar[dict[str, str]] = {"experiments": "none"}
+    """Texts on defaults."""
 
     title: Line = ""
     seed: Annotated[int, Whole(at_least=0, at_most=2**63 - 1)] = 0

@@ -79,17 +79,19 @@ class DataOfSome:
         every = np.arange(whole.frame.rank)
         own = zip(whole.data, whole.frame.columns, strict=True)
         self.columns = np.concatenate([every[c] for d, c in own if d.experiment in experiments])
+        self._has_exact = bool(np.isin(whole.exact_columns, self.columns).any())
 
     def log_density(self, strings: Floats) -> Floats:
         """Return the logarithm of the density of the data given strings, (n, k): (n,)."""
         found = [np.empty(0)]
         for i in range(0, len(strings), AT_ONCE):
-            away, covariances = self._whole.framed_residuals(strings[i : i + AT_ONCE])
-            known = self._whole.at(strings[i : i + AT_ONCE])
+            some = strings[i : i + AT_ONCE]
+            away, covariances = self._whole.framed_residuals(some, self._has_exact)
+            failing = self._whole.at(some).failing
             own = covariances[:, self.columns[:, None], self.columns]
             factors = np.asarray(np.linalg.cholesky(own), np.float64)
-            some = log_densities(away[None][:, :, self.columns], factors, known.failing)[0]
-            found.append(np.where(np.isnan(some), -np.inf, some))  # a law refuses the string
+            logs = log_densities(away[None][:, :, self.columns], factors, failing)[0]
+            found.append(np.where(np.isnan(logs), -np.inf, logs))  # a law refuses the string
         return np.concatenate(found)
 
     def near(self, strings: Floats) -> Floats:

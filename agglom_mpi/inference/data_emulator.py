@@ -219,10 +219,11 @@ class EmulatedData(EmulatedBox):
         """Return the measured less the emulated components of strings, (n, k)."""
         return np.asarray(self.measured - known.means @ self.emulator.mixing.T)
 
-    def framed_residuals(self, strings: Floats) -> tuple[Floats, Floats]:
+    def framed_residuals(self, strings: Floats, with_exact: bool = True) -> tuple[Floats, Floats]:
         """Return data less predictions of strings in the frame, and the covariances of these.
 
-        Shapes (n, p) and (n, p, p); components that are not emulated are included.
+        Shapes (n, p) and (n, p, p); components that are not emulated are included. Without exact
+        values, which take long, their columns have no meaning.
         """
         known = self.at(strings)
         own, away = self.covariances(known.deviations), self.away(known) @ self.components.T
@@ -231,7 +232,8 @@ class EmulatedData(EmulatedBox):
             "ak,nkl,bl->nab", self.components, own, self.components, optimize=True
         )
         away = away + self.left_out @ self.left_out_measured
-        away[:, self.exact_columns] -= self.exact_numbers(strings)
+        if with_exact:
+            away[:, self.exact_columns] -= self.exact_numbers(strings)
         return away, covariances + rest
 
     def near(self, strings: Floats) -> Floats:
