@@ -78,6 +78,24 @@ class RunnableCampaign(Campaign):
 
         return simulate(self, parameters, sample, engine, frames)
 
+    def experiment(self, name: str) -> "RunnableCampaign":
+        """Return an experiment of the section `experiments` as a campaign of its own.
+
+        Its samples are those of the whole campaign: sample k of the same values is bit for bit the
+        part of sample k that belongs to this experiment.
+
+        Parameters
+        ----------
+        name
+            Its name.
+
+        Raises
+        ------
+        CampaignError
+            If there is none of this name.
+        """
+        return _runnable(self.of_experiment(name).campaign)
+
     def estimate(
         self,
         parameters: Mapping[str, float | str] | npt.ArrayLike,
@@ -318,7 +336,11 @@ def load_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> Run
     >>> campaign.title
     'Quickstart - double the mean grain size'
     """
-    campaign = loading.load_campaign(path, allow_code)
+    return _runnable(loading.load_campaign(path, allow_code))
+
+
+def _runnable(campaign: Campaign) -> RunnableCampaign:
+    """Return a campaign that can be simulated and run."""
     return RunnableCampaign(
         **{each.name: getattr(campaign, each.name) for each in fields(campaign) if each.init}
     )

@@ -98,6 +98,30 @@ LEDGER: Final = (
 )
 """Columns that say how exact a sample is; near 0 if it is."""
 
+SUMMED: Final = (
+    *("steps", "particle_steps", "collisions", "merges", "breakups"),
+    *("capped_iterations", "floored_temperatures", "overlaps"),
+)
+"""Columns of a sample with several experiments that are sums over these."""
+MAXIMA: Final = "momentum_error", "energy_error", "largest_residual"
+"""Columns of such a sample that are the largest of its experiments."""
+
+
+def joined(records: npt.NDArray[np.void]) -> np.void:
+    """Return the result of a sample by those of its experiments, `OUTCOME`, shape (n,).
+
+    It fails where one of them does. What is neither a sum nor a maximum is that of the first.
+    """
+    whole = records[:1].copy()
+    for name in SUMMED:
+        whole[name] = records[name].sum()
+    for name in MAXIMA:
+        whole[name] = records[name].max()
+    failed = records[records["state"] != COMPLETED]
+    if len(failed):
+        whole["state"], whole["reason"] = failed["state"][0], failed["reason"][0]
+    return whole[0]
+
 
 def same_values(one: tuple[Any, ...], other: object) -> bool:
     """Return whether two tuples of a kind hold the same values; arrays by their elements.

@@ -73,6 +73,15 @@ def search_stream(seed: int, *key: int) -> np.random.Generator:
     return generator(seed, *key)
 
 
+def experiment_seed(seed: int, experiment: str) -> int:
+    """Return the seed of the samples of an experiment: that of its campaign, and its name, alone.
+
+    So its samples are the same whatever other experiments there are.
+    """
+    digest = hashlib.blake2b(f"{seed}:{experiment}".encode(), digest_size=8).digest()
+    return int.from_bytes(digest, "little") >> 1
+
+
 def sample_key(
     seed: int, parameters: NDArray[np.float64], common: bool = False, volume: int = 1
 ) -> tuple[int, ...]:

@@ -7,7 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from agglom_mpi.config.yaml_source import CampaignError, Problem
-from agglom_mpi.outcome import COLUMNS, COMPLETED
+from agglom_mpi.measurements.layout import prefix_of
+from agglom_mpi.outcome import COLUMNS, COMPLETED, OUTCOME
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
@@ -41,6 +42,14 @@ def recorded_sample(data: "CampaignData", string: int, sample: int) -> np.void:
     last = int(rows["sample"].max()) if len(rows) else -1
     message = f"is {sample}, which string {string} does not have; recorded: 0 to {last}"
     raise mistaken(data.path, "--sample", message)
+
+
+def row_of_experiment(row: np.void, experiment: str) -> np.void:
+    """Return what a row of `/samples` has of one experiment, as `OUTCOME`."""
+    found = np.zeros(1, OUTCOME)
+    for name in OUTCOME.names or ():
+        found[name] = row[f"{prefix_of(experiment)}{name}"]
+    return found[0]
 
 
 def simulated_again(

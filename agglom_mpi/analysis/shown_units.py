@@ -93,16 +93,21 @@ def written_units(text: str) -> dict[str, str]:
         content = parse(text, "").data
     except CampaignError:
         return {}
+    experiments = _mapping(content.get("experiments"))
+    parts: list[Any] = [content, *experiments.values()]
     scene, variables = (
-        section if isinstance(section := content.get(key), dict) else {}
+        {k: v for part in parts for k, v in _mapping(_mapping(part).get(key)).items()}
         for key in ("scene", "variables")
     )
+    for name, part in experiments.items():
+        given = _mapping(_mapping(part).get("variables"))
+        variables |= {f"{name}.{key}": value for key, value in given.items()}
     found = {}
     for name, value in {**scene, **variables}.items():
         units = set(_units_of(value))  # such as those of the two ends of a range
         found[name] = units.pop() if len(units) == 1 else ""
-    entries = content.get("data")
-    some = entries if isinstance(entries, list) else []
+    lists = [_mapping(part).get("data") for part in parts]
+    some = [each for entries in lists if isinstance(entries, list) for each in entries]
     measured = [each for each in some if isinstance(each, dict)]
     for name in QUANTITIES:
         own = (each for each in measured if each.get("quantity") == name)
@@ -114,6 +119,11 @@ def written_units(text: str) -> dict[str, str]:
     times = [*(each.get(TIME) for each in measured), scene.get("end_time")]
     found[TIME] = _first(unit_in(time) for time in times)
     return found
+
+
+def _mapping(value: Any) -> dict[str, Any]:
+    """Return a section; nothing of what is none."""
+    return value if isinstance(value, dict) else {}
 
 
 def _si_unit(quantity: Any) -> str:

@@ -11,7 +11,7 @@ from agglom_mpi.analysis.quantity_means import quantity_table
 from agglom_mpi.analysis.ranking import order_by_estimates, search_order
 from agglom_mpi.errors import require_library
 from agglom_mpi.formatting import csv_cell
-from agglom_mpi.measurements.layout import CENSUS_COLUMNS
+from agglom_mpi.measurements.layout import census_names
 from agglom_mpi.outcome import REASONS
 from agglom_mpi.search.proposals import ORIGINS
 from agglom_mpi.storage.schema import (
@@ -102,14 +102,16 @@ def samples(data: "CampaignData") -> "pd.DataFrame":
     Temperatures are nan where the scene has none.
     """
     rows = data.counted_samples
-    frame = _columns(_pandas(), rows, without={"state", "reason", *CENSUS_COLUMNS})
+    without = {"state", "reason", *census_names(rows.dtype.names)}
+    frame = _columns(_pandas(), rows, without=without)
     frame.insert(2, "state", _texts(rows["state"], STATES))
     frame.insert(3, "used", data.are_used(rows))
     frame.insert(4, "reason", _texts(rows["reason"], REASONS))
     frame.insert(5, "fresh", rows["sample"] >= data.fresh_from)
     if not data.has_temperature:
         frame["mean_temperature"] = frame["mean_temperature"].where(frame["mean_temperature"] > 0.0)
-    return _with_units(frame, samples_schema(data.sizes.quantities).fields)
+    schema = samples_schema(data.sizes.quantities, data.sizes.census)
+    return _with_units(frame, schema.fields)
 
 
 def estimates(data: "CampaignData") -> "pd.DataFrame":

@@ -34,6 +34,7 @@ from agglom_mpi.file_kinds import is_hdf5
     help="Engine; replaces that of the scene: event, fixed, fixed:STEPS or adaptive. The event "
     "engine always cools exactly.",
 )
+@click.option("--experiment", metavar="NAME", help="Experiment of a campaign that has several.")
 @click.option("--string", type=click.IntRange(0), help="String of FILE.h5 to replay.")
 @click.option("--sample", type=click.IntRange(0), help="Sample to replay.")
 @click.option(

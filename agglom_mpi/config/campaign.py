@@ -15,29 +15,47 @@ from agglom_mpi.config.arguments import count_argument
 from agglom_mpi.config.bounds import variables_of
 from agglom_mpi.config.census_layout import census_layout
 from agglom_mpi.config.data_section import DatumEntry, built_data
-from agglom_mpi.config.document import read_document
+from agglom_mpi.config.document import (
+    EXPERIMENTS,
+    parse_campaign,
+    read_document,
+    read_joint_document,
+)
+from agglom_mpi.config.experiments import (
+    CampaignExperiment,
+    experiment_of,
+    in_seed,
+    joint_table,
+    placed,
+    read_experiments,
+)
 from agglom_mpi.config.given_strings import Parameters, read_string, read_strings
 from agglom_mpi.config.plan import FinalAnswer, Output, Plan, Stopping
 from agglom_mpi.config.relations import NO_RELATIONS, Relations
 from agglom_mpi.config.scene import SceneSection, parse_engine
 from agglom_mpi.config.searchable import check_ends, check_start, refused_corners
-from agglom_mpi.config.string_scenes import StringScene, StringScenes
+from agglom_mpi.config.string_scenes import (
+    FirstExperimentScenes,
+    StringScene,
+    StringScenes,
+)
 from agglom_mpi.config.user_function import UserFunction, function_of_means
 from agglom_mpi.config.yaml_source import (
     ArgumentError,
     CampaignError,
     Problem,
+    Source,
     parse,
     with_seed,
 )
 from agglom_mpi.declaration.reading import PLAIN, Reading
 from agglom_mpi.measurements.datum import Datum, exact_values
-from agglom_mpi.measurements.layout import CensusLayout
+from agglom_mpi.measurements.layout import CensusLayout, ExperimentLayouts
 from agglom_mpi.physics import scales
 from agglom_mpi.physics.impact_tests import ImpactTests, impact_tests
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.search.methods.method import SearchMethod
-from agglom_mpi.search.objectives.misfit import MeasuredString
+from agglom_mpi.search.objectives.misfit import Measured, MeasuredExperiments, MeasuredString
 from agglom_mpi.search.objectives.objective import Objective
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.search.stopping import StoppingRule
@@ -52,7 +70,8 @@ CAMPAIGN_INTERNALS: Final = (
     *("derived_values", "function_error", "check_scales"),
     *("search_error", "required_plan", "engine", "file_name", "from_text"),
     *("count", "with_generations", "with_seed"),
-    *("data", "data_entries", "census"),
+    "require_one_scene",
+    *("data", "data_entries", "census", "experiments", "has_layout", "of_experiment"),
 )
 """Names of a campaign for the package's own modules: sections, and what builds or checks a run."""
 
@@ -88,6 +107,8 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
     volume: int = 1
     data: tuple[Datum, ...] = ()
     data_entries: tuple[DatumEntry, ...] = ()
+    experiments: tuple[CampaignExperiment, ...] = ()
+    has_layout: bool = False
     scenes: StringScenes = field(init=False)
 
     def __post_init__(self) -> None:
@@ -95,6 +116,8 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
         of_means = function_of_means(self.user_function, of_scene.code_of_means)
         object.__setattr__(self, "objective", of_scene.with_code(of_means))
         scenes = StringScenes(self.scene, self.variables, self.volume)
+        if self.experiments:
+            scenes = FirstExperimentScenes(self.variables, self.experiments[0])
         object.__setattr__(self, "scenes", scenes)
 
     def __repr__(self) -> str:
@@ -113,7 +136,10 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
         `reading` finds components of one's own and files of sizes, and reads a text that a run
         recorded as it was read then.
         """
-        document, entries = read_document(text, name, reading)
+        source = parse_campaign(text, name)
+        if source.data.get(EXPERIMENTS) is not None:
+            return cls._of_experiments(source, text, reading)
+        document, entries = read_document(source, reading)
         campaign = cls(
             title=document.title,
             seed=document.seed,
@@ -133,6 +159,45 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
         check_ends(campaign)
         if campaign.plan is not None:
             check_start(campaign, campaign.given_strings())
+        return campaign
+
+    @classmethod
+    def _of_experiments(cls, source: Source, text: str, reading: Reading) -> "Campaign":
+        """Return the campaign of a file with experiments."""
+        read = read_experiments(source, reading)
+        table, first = joint_table(read), next(iter(read.values()))
+        entries = tuple(entry for each in read.values() for entry in each.document.data)
+        document = read_joint_document(source, first.document.scene, table, entries, reading)
+        shared = cls(
+            title=document.title,
+            seed=document.seed,
+            scene=first.document.scene,
+            variables=table,
+            objective=document.objective,
+            plan=document.plan,
+            output=document.output,
+            final=document.final,
+            text=text,
+            name=source.name,
+        )
+        found = []
+        for name, (own, variables, given) in read.items():
+            alone = replace(
+                shared,
+                scene=own.scene,
+                variables=variables,
+                data=built_data(own.data, name),
+                data_entries=own.data,
+                has_layout=True,
+            )
+            found.append(in_seed(experiment_of(name, alone, given, table), shared.seed))
+            try:
+                check_ends(alone)
+            except CampaignError as error:
+                raise CampaignError(*placed(source, {name: error.problems})) from None
+        data = tuple(datum for each in found for datum in each.campaign.data)
+        campaign = replace(shared, experiments=tuple(found), data=data, data_entries=entries)
+        check_start(campaign, campaign.given_strings())
         return campaign
 
     def given_strings(self) -> npt.NDArray[np.float64]:
@@ -174,13 +239,28 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
         """
         from agglom_mpi.config.plausibility import implausible
 
+        if self.experiments:
+            return self._joint_warnings(parameters)
         corners = refused_corners(self) if parameters is None and self.variables.of_scene else []
         return implausible(self, parameters) + corners
+
+    def _joint_warnings(self, parameters: Mapping[str, float | str] | None) -> list[Problem]:
+        """Return the warnings of all experiments, each once."""
+        string = None if parameters is None else read_string(self, parameters)
+        found = {}
+        for each in self.experiments:
+            alone, given = replace(each.campaign, plan=None), None
+            if string is not None:
+                given = alone.variables.used_values(each.own(string))
+            found[each.name] = alone.warnings(given)
+        return placed(parse(self.text, self.name), found)
 
     def with_seed(self, seed: int) -> "Campaign":
         """Return the campaign with another seed, which its `text` has, too."""
         seed = self.count("seed", seed)
-        return replace(self, seed=seed, text=with_seed(self.text, self.name, seed))
+        own = tuple(in_seed(each, seed) for each in self.experiments)
+        text = with_seed(self.text, self.name, seed)
+        return replace(self, seed=seed, text=text, experiments=own)
 
     def with_generations(self, generations: int) -> "Campaign":
         """Return the campaign with another number of generations; its `text` is unchanged."""
@@ -195,6 +275,8 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
         that of the campaign's own number of grains. `simulate` of the result gives the samples of
         larger volumes that `final: {volumes: …}` asks for. `text` and `identity` are unchanged.
         """
+        if volume != 1:
+            self.require_one_scene("in_volume")
         return replace(self, volume=self.count("volume", volume, least=1))
 
     def parameters(
@@ -265,6 +347,8 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
     def at(self, string: npt.ArrayLike) -> StringScene:
         """Return the scene of a string, shape (k,), with the numbers that the string gives.
 
+        Of a campaign with experiments it is that of the first one.
+
         Raises
         ------
         ValueError
@@ -277,6 +361,8 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
 
         In a larger control volume it is that of the campaign's own number of grains.
         """
+        if self.experiments:
+            return self._joint_objective(string)
         needs_data = self.objective.needs_data
         if not (self.scenes.sizes_differ or needs_data):
             return self.objective
@@ -289,7 +375,14 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
             return objective
         return objective.of_string(self.measured_at(string))
 
-    def measured_at(self, string: npt.ArrayLike) -> MeasuredString:
+    def _joint_objective(self, string: npt.ArrayLike) -> Objective:
+        """Return the objective of samples of all experiments."""
+        try:
+            return self.objective.of_string(self.measured_at(string))
+        except ValueError:  # a law refuses the string
+            return self.objective
+
+    def measured_at(self, string: npt.ArrayLike) -> Measured:
         """Return the data for the samples of a string, and the scales of their censuses.
 
         Raises
@@ -297,7 +390,14 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
         ValueError
             If the campaign has no data, or a law refuses the string.
         """
-        if self.census is None:
+        if self.experiments:
+            own = ((each.name, each.campaign, each.own(string)) for each in self.experiments)
+            return MeasuredExperiments({n: c._measured_alone(s) for n, c, s in own})
+        return self._measured_alone(string)
+
+    def _measured_alone(self, string: npt.ArrayLike) -> MeasuredString:
+        """Return the same of a campaign without experiments."""
+        if not isinstance(self.census, CensusLayout):
             raise ValueError(f"{self.name} has no section data")
         section, values = self.at(string)
         diameter = 2.0 * scales.grain_radius(section, values)
@@ -305,13 +405,36 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
         density, grains = values["density"], section.particles
         return MeasuredString(self.data, self.census, diameter, density, grains, tests)
 
-    def impact_tests_at(self, string: npt.ArrayLike) -> ImpactTests:
+    def impact_tests_at(self, string: npt.ArrayLike, experiment: str = "") -> ImpactTests:
         """Return the laws of single impacts of a string; raise a ValueError if one refuses it."""
+        if experiment:
+            own = self.of_experiment(experiment)
+            return own.campaign.impact_tests_at(own.own(string))
         return impact_tests(*self.at(string))
 
+    def of_experiment(self, name: str) -> CampaignExperiment:
+        """Return an experiment by its name; raise an ArgumentError if there is none."""
+        for each in self.experiments:
+            if each.name == name:
+                return each
+        names = ", ".join(each.name for each in self.experiments)
+        allowed = f"allowed: {names}" if names else "the campaign has no section experiments"
+        raise ArgumentError.of(self.name, "experiment", f"is {name!r}; {allowed}")
+
+    def require_one_scene(self, field: str) -> None:
+        """Raise an ArgumentError of a campaign that has experiments, each with a scene."""
+        if self.experiments:
+            names = ", ".join(each.name for each in self.experiments)
+            how = "by --experiment NAME or campaign.experiment(NAME)"
+            message = f"needs one scene; the campaign has the experiments {names}: choose one {how}"
+            raise ArgumentError.of(self.name, field, message)
+
     @cached_property
-    def census(self) -> CensusLayout | None:
+    def census(self) -> CensusLayout | ExperimentLayouts | None:
         """When samples are counted by size, and in which classes; None without data."""
+        if self.experiments:
+            own = ((each.name, census_layout(each.campaign)) for each in self.experiments)
+            return ExperimentLayouts({name: layout for name, layout in own if layout is not None})
         return census_layout(self)
 
     @property

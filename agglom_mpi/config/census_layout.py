@@ -25,7 +25,7 @@ def census_layout(campaign: Any) -> CensusLayout | None:
     campaign
         The `Campaign`.
     """
-    if not campaign.data:
+    if not (campaign.data or campaign.has_layout):
         return None
     times = [math.inf if time is None else time for time in data_times(campaign.data)]
     volume = max(campaign.final.larger, default=1) if campaign.final else 1

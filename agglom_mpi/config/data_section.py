@@ -274,11 +274,14 @@ def with_curves(
     return tuple(found), problems
 
 
-def built_data(entries: Sequence[DatumEntry]) -> tuple[Datum, ...]:
-    """Return the data of a section in SI units."""
+def built_data(entries: Sequence[DatumEntry], experiment: str = "") -> tuple[Datum, ...]:
+    """Return the data of a section, or of an experiment, in SI units."""
     found: list[Datum] = []
     for entry in entries:
-        found.append(entry.build(found))
+        datum = entry.build(found)
+        if experiment:
+            datum = replace(datum, experiment=experiment, name=f"{experiment}: {datum.name}")
+        found.append(datum)
     return tuple(found)
 
 

@@ -12,6 +12,7 @@ from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.declaration.laws import Law
 from agglom_mpi.formatting import in_unit, pluralise, shortened, value_with_prefix
 from agglom_mpi.measurements.datum import Datum, exact_values
+from agglom_mpi.measurements.layout import CensusLayout
 from agglom_mpi.variables import volume_fraction
 
 if TYPE_CHECKING:
@@ -135,7 +136,9 @@ def _relations(campaign: "Campaign") -> list[Paragraph]:
 
 def _data(campaign: "Campaign") -> list[Paragraph]:
     """Return a line for each measured datum, and a drawing of impacts."""
-    if campaign.census is None:
+    if campaign.experiments:
+        return _experiments(campaign)
+    if not isinstance(campaign.census, CensusLayout):
         return []
     lines = []
     for entry, datum in zip(campaign.data_entries, campaign.data, strict=True):
@@ -146,6 +149,27 @@ def _data(campaign: "Campaign") -> list[Paragraph]:
     classes = f"{campaign.census.classes} classes of size, 2 % wide"
     counted = f"every sample is counted in {classes}, at {pluralise(times, 'time')}: {size} a row"
     return [("Data", [*lines, counted])]
+
+
+def _experiments(campaign: "Campaign") -> list[Paragraph]:
+    """Return what each experiment has of its own: variables, its scene, and data."""
+    found = []
+    shared, common = campaign.variables, _scene(campaign.experiments[0].campaign)
+    for each in campaign.experiments:
+        own = each.campaign
+        names = [
+            variable.name
+            for variable, place in zip(own.variables.variables, each.places.tolist(), strict=True)
+            if variable.is_used and (place < 0 or shared.names[place] != variable.name)
+        ]
+        lines = _variables(own, names) + [line for line in _scene(own) if line not in common]
+        if own.data:
+            [(_, data)] = _data(own)
+            lines += data
+        else:
+            lines.append("no data: a candidate for the next experiment")
+        found.append((f"Experiment {each.name}", lines))
+    return found
 
 
 def _drawn_impacts(campaign: "Campaign", datum: Datum) -> list[str]:
@@ -330,10 +354,13 @@ def _fractions(campaign: "Campaign") -> tuple[float, float]:
     return min(found), max(found)
 
 
-def _variables(campaign: "Campaign") -> list[str]:
+def _variables(campaign: "Campaign", names: Collection[str] | None = None) -> list[str]:
+    """Return a line for each variable, or for some of them by their names."""
     box, lines = campaign.variables, []
     width = max([18, *(len(name) + 1 for name in box.further_names)])
     for variable in box.variables:
+        if names is not None and variable.name not in names:
+            continue
         if variable.is_used:
             own = box.as_named(variable)
             value = (

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, ClassVar, Final
 
 import numpy as np
 
@@ -134,7 +134,9 @@ def _search_fits(search: SearchMethod, reading: Reading) -> Problems:
     """Yield given strings outside the box, and a set without a target."""
     earlier = reading.earlier
     if "variables" in earlier and "scene" in earlier and search.listed:
-        box = variables_of(earlier["variables"], earlier["scene"], reading.variables)
+        box = earlier["variables"]
+        if not isinstance(box, VariableTable):
+            box = variables_of(box, earlier["scene"], reading.variables)
         yield from check_given_strings(search.listed, box)
     objective = earlier.get("objective")
     if search.looks_for_a_set and objective is not None and not objective.is_magnitude:
@@ -161,6 +163,36 @@ def _criteria_fit(stopping: Stopping, reading: Reading) -> Problems:
             yield (key, *path), message
 
 
+EXPERIMENTS: Final = "experiments"
+"""Section of the experiments."""
+
+
+class ExperimentEntry(Declared):
+    """What an experiment has of its own.
+
+    Attributes
+    ----------
+    variables
+        Values and ranges that are not shared, or replace shared ones.
+    scene
+        Keys of the scene that are not shared, or replace shared ones.
+    data
+        Its measurements; without any it is a candidate for the next experiment.
+    correlations
+        Correlations of the errors of these.
+    """
+
+    SUPPLIED: ClassVar[dict[str, str]] = dict.fromkeys(
+        ("variables", "scene", "data", "correlations"), "none"
+    )
+    """Texts on defaults."""
+
+    variables: dict[str, Any] = {}  # noqa: RUF012
+    scene: dict[str, Any] = {}  # noqa: RUF012
+    data: list[Any] = []  # noqa: RUF012
+    correlations: list[Any] = []  # noqa: RUF012
+
+
 class SceneDocument(Declared):
     """A scene with fixed variables, which can be simulated but not searched.
 
@@ -184,6 +216,9 @@ class SceneDocument(Declared):
         List of measurements that samples are compared with, each a mapping with its `quantity`.
     correlations
         List of correlations of the errors of `data`, `[{between: [d50, d90], value: 0.6}]`.
+    experiments
+        Experiments by name, each with `variables` and keys of `scene` of its own, and with its
+        `data`, `{slow: {variables: {relative_speed: 0.5 m/s}, data: […]}}`.
     objective
         Number to minimise, such as the distance from a wanted growth.
     output
@@ -191,6 +226,9 @@ class SceneDocument(Declared):
     final
         Re-estimate of the best strings on fresh samples; `none` omits it.
     """
+
+    SUPPLIED: ClassVar[dict[str, str]] = {"experiments": "none"}
+    """Texts on defaults."""
 
     title: Line = ""
     seed: Annotated[int, Whole(at_least=0, at_most=2**63 - 1)] = 0
@@ -207,6 +245,7 @@ class SceneDocument(Declared):
         tuple[DatumEntry, ...], Reads(_data_with_curves, in_context=True), Fits(_data_fit_scene)
     ] = ()
     correlations: tuple[Correlation, ...] = ()
+    experiments: dict[str, ExperimentEntry] = {}  # noqa: RUF012  (a field, as of all documents)
     objective: Annotated[Objective, Choice(Objective), Fits(_objective_fits)] = MaximumGrowth()
     output: Output = Output()
     final: Annotated[FinalAnswer | None, NONE, Fits(_volumes_hold_few_enough_grains)] = (
@@ -262,25 +301,51 @@ class CampaignDocument(SceneDocument):
         return Plan(self.search, self.ensemble, self.stopping)
 
 
+def _stores_no_particles(output: Output, reading: Reading) -> Problems:
+    for key in ("final_particles", "frames"):
+        if getattr(output, key):
+            yield (key,), "must be left out beside experiments; simulate one of them for particles"
+
+
+def _has_one_volume(final: FinalAnswer | None, reading: Reading) -> Problems:
+    if final is not None and final.larger:
+        yield ("volumes",), "must be left out beside experiments, which have a scene each"
+
+
+class ExperimentsDocument(CampaignDocument):
+    """The sections that all experiments share; scene, variables and data are read already."""
+
+    variables: Any = None
+    data: tuple[DatumEntry, ...] = ()
+    output: Annotated[Output, Fits(_stores_no_particles)] = Output()
+    final: Annotated[FinalAnswer | None, NONE, Fits(_has_one_volume)] = FinalAnswer()
+
+
 def read_document(
-    text: str, name: str, reading: Reading = PLAIN
+    source: Source, reading: Reading = PLAIN, kind: type[SceneDocument] | None = None
 ) -> tuple[SceneDocument, PathEntries]:
-    """Parse and validate the text of the campaign file `name`; raise a CampaignError.
+    """Validate a parsed campaign file; raise a CampaignError.
+
+    Parameters
+    ----------
+    source
+        The file.
+    reading
+        How it is read.
+    kind
+        Its sections; None: those of a campaign or of a scene alone, by what is in the file.
 
     Returns
     -------
     tuple
         The sections, and the numbers of the scene that stand under `variables`.
     """
-    source = parse(text, name)
-    if not any(key in CampaignDocument.model_fields for key in source.data):
-        # Perhaps a file with somebody's secrets: no key of it is quoted.
-        message = "holds none of the sections of a campaign, such as `scene:` and `variables:`"
-        raise CampaignError(Problem(name, None, "", message))
-    reason = _reason_for_search(source)
-    entries = read_paths(_with_method(_with_sizes(source, reading), reading), reading)
+    reason = "" if kind else _reason_for_search(source)
+    if reason:
+        source = _with_method(source, reading)
+    entries = read_paths(_with_sizes(source, reading), reading)
     reading = reading._replace(variables=entries.table)
-    kind = CampaignDocument if reason else SceneDocument
+    kind = kind or (CampaignDocument if reason else SceneDocument)
     try:
         document = _correlated(kind.checked(entries.source.data, reading), reading)
     except FieldError as error:
@@ -289,6 +354,49 @@ def read_document(
     if entries.problems:
         raise CampaignError(*entries.problems)
     return document, entries
+
+
+def parse_campaign(text: str, name: str) -> Source:
+    """Parse the text of the campaign file `name`; raise a CampaignError if it is none."""
+    source = parse(text, name)
+    if not any(key in CampaignDocument.model_fields for key in source.data):
+        # Perhaps a file with somebody's secrets: no key of it is quoted.
+        message = "holds none of the sections of a campaign, such as `scene:` and `variables:`"
+        raise CampaignError(Problem(name, None, "", message))
+    return source
+
+
+def read_joint_document(
+    source: Source,
+    scene: SceneSection,
+    variables: VariableTable,
+    data: tuple[DatumEntry, ...],
+    reading: Reading,
+) -> "ExperimentsDocument":
+    """Validate the sections that all experiments of a campaign share; raise a CampaignError.
+
+    Parameters
+    ----------
+    source
+        The file.
+    scene
+        Section of the first experiment.
+    variables, data
+        Those of all experiments.
+    reading
+        How the file is read.
+    """
+    shared = _with_method(source, reading).data
+    given = {key: value for key, value in shared.items() if key != EXPERIMENTS}
+    given |= {"scene": scene, "variables": variables, "data": data}
+    try:
+        return ExperimentsDocument.checked(given, reading._replace(variables=variables))
+    except FieldError as error:
+        reason = (
+            f"the section {EXPERIMENTS}, line {source.line((EXPERIMENTS,))}, makes this a search"
+        )
+        needs: dict[FieldPath, str] = {(section,): reason for section in NEEDED_TO_SEARCH}
+        raise source.error(error, needs) from None
 
 
 def _correlated(document: SceneDocument, reading: Reading) -> SceneDocument:

@@ -22,25 +22,33 @@ def identity(campaign: "Campaign") -> dict[str, object]:
     Title, output, final answer, number of generations and failures allowed are left out: a campaign
     that differs in these continues the same file.
     """
+    sections: dict[str, object] = {"seed": campaign.seed, "objective": objective(campaign)}
+    if campaign.relations.constraints:
+        sections["constraints"] = sorted(campaign.relations.canonical())
+    if campaign.plan is not None:
+        plan = campaign.plan
+        sections |= {"search": plan.search.entries(), "ensemble": plan.ensemble.entries()}
+        sections["stopping"] = plan.stopping.recorded_criteria()
+    found = dict(_flat(sections)) | _of_scene(campaign, with_data=not campaign.experiments)
+    for experiment in campaign.experiments:
+        start = f"experiments.{experiment.name}"
+        found |= {f"{start}.{k}": v for k, v in _of_scene(experiment.campaign).items()}
+    return found | dict(_flat({"experiment_names": [each.name for each in campaign.experiments]}))
+
+
+def _of_scene(campaign: "Campaign", with_data: bool = True) -> dict[str, object]:
+    """Return the entries of a scene, of the variables and of the data."""
     variables = campaign.variables
-    sections = {
-        "seed": campaign.seed,
+    sections: dict[str, object] = {
         "scene": campaign.scene.entries(),
         "variables": {
             v.name: (v.lower, v.upper, v.scale) if v.scale else (v.lower, v.upper)
             for v in variables.variables
             if v.is_used
         },
-        "objective": objective(campaign),
     }
-    if campaign.relations.constraints:
-        sections["constraints"] = sorted(campaign.relations.canonical())
-    if campaign.data_entries:
+    if campaign.data_entries and with_data:
         sections["data"] = [entry.entries() for entry in campaign.data_entries]
-    if campaign.plan is not None:
-        plan = campaign.plan
-        sections |= {"search": plan.search.entries(), "ensemble": plan.ensemble.entries()}
-        sections["stopping"] = plan.stopping.recorded_criteria()
     given = {f"scene.{name}" for name in _given_as_variables(variables)}
     return {name: value for name, value in _flat(sections) if name not in given}
 

@@ -124,3 +124,33 @@ class StringScenes:
             return self.of_values(self.table.values_by_name(string))
         except ValueError:
             return None
+
+
+class FirstExperimentScenes(StringScenes):
+    """The scenes of the strings of a campaign with experiments: those of the first one.
+
+    Parameters
+    ----------
+    table
+        Variables of the campaign.
+    first
+        The `CampaignExperiment`.
+    """
+
+    def __init__(self, table: VariableTable, first: Any) -> None:
+        self._first = first
+        super().__init__(first.campaign.scene, first.campaign.variables)
+        self.table = table
+
+    def at(self, string: npt.ArrayLike) -> StringScene:
+        """Return the first experiment's scene of a string, shape (k,)."""
+        return self._scenes.at(self._first.own(string))
+
+    def of_values(self, values: Mapping[str, float]) -> StringScene:
+        """Return the same of a string whose variables are given by name."""
+        return self.at(np.array([values[name] for name in self.table.names]))
+
+    @property
+    def _scenes(self) -> StringScenes:
+        scenes: StringScenes = self._first.campaign.scenes
+        return scenes

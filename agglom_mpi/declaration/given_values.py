@@ -47,16 +47,17 @@ def read_value(variable: Variable, value: Any) -> float:
         if limit := variable.limits.broken_by(number):
             raise ValueError(f"is {quoted(value)}; must be {in_unit(limit, variable.unit)}")
         return number
-    if variable.name == "temperature" and number <= 0.0:
+    name = variable.name.rpartition(".")[2]  # without that of an experiment
+    if name == "temperature" and number <= 0.0:
         raise ValueError(f"is {quoted(value)}; must be above absolute zero, 0 K")
-    if number < 0.0 and variable.name in ZERO_ALLOWED:
+    if number < 0.0 and name in ZERO_ALLOWED:
         raise ValueError(f"is {quoted(value)}; must be {zero} or more")
-    if number <= 0.0 and variable.name not in ZERO_ALLOWED:
+    if number <= 0.0 and name not in ZERO_ALLOWED:
         raise ValueError(f"is {quoted(value)}; must be greater than {zero}")
     if variable is VOLUME_FRACTION and number > JAMMING_FRACTION:
         limit = f"random placement jams near {JAMMING_FRACTION}, so at most that"
         raise ValueError(f"is {quoted(value)}; {limit}")
-    if variable.name == "size_ratio" and number > MAX_SIZE_RATIO:
+    if name == "size_ratio" and number > MAX_SIZE_RATIO:
         raise ValueError(
             f"is {quoted(value)}, a volume fraction of {volume_fraction(number):.3g}; random "
             f"placement jams near {JAMMING_FRACTION}, so at most {MAX_SIZE_RATIO}"

@@ -143,6 +143,10 @@ class NamedFiles:
         """Return the impacts of a file; arguments and errors as of `curve`."""
         raise ValueError(f"is {quoted(name)}, {ONLY_BESIDE}")
 
+    def of_experiment(self, name: str) -> "NamedFiles":
+        """Return what reads the files that an experiment names."""
+        return self
+
 
 NO_FILES: Final = NamedFiles()
 """Reads none."""

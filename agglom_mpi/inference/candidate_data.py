@@ -1,8 +1,9 @@
 """Data that may be measured next: which quantities at which times, and with which error."""
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
@@ -12,6 +13,10 @@ from agglom_mpi.declaration.units import has_offset, to_si, unit_in
 from agglom_mpi.formatting import in_unit
 from agglom_mpi.measurements.datum import Datum, datum_name
 from agglom_mpi.measurements.quantities import QUANTITIES, AssumedError
+
+if TYPE_CHECKING:
+    from agglom_mpi.config.campaign import Campaign
+    from agglom_mpi.storage.columns import Layouts
 
 REPEATED_ERROR: Final = 0.5
 """Standard error of the repetition of a datum relative to that of the datum."""
@@ -39,6 +44,41 @@ def quantities_to_measure(
         for weight in kind.next_weights
         if (quantity, weight, time) not in known and (has_heat or not kind.needs_heat)
     ]
+
+
+class MeasurableScene(NamedTuple):
+    """A scene whose particles may be measured: that of a campaign, or of an experiment.
+
+    Attributes
+    ----------
+    experiment
+        Name of the experiment; empty where there is none.
+    times
+        Times of the censuses in s; None: the end.
+    has_heat
+        Whether its particles have a temperature that changes.
+    """
+
+    experiment: str
+    times: Sequence[float | None]
+    has_heat: bool
+
+    def new(self, measured: Sequence[Datum]) -> list[Datum]:
+        """Return the data of one number that are not measured yet, as `quantities_to_measure`."""
+        known = [datum for datum in measured if datum.experiment == self.experiment]
+        found = quantities_to_measure(self.times, known, self.has_heat)
+        if not self.experiment:
+            return found
+        name = self.experiment
+        return [replace(each, experiment=name, name=f"{name}: {each.name}") for each in found]
+
+
+def scenes_to_measure(campaign: "Campaign", layout: "Layouts") -> Iterator[MeasurableScene]:
+    """Yield the scenes of a campaign: of all experiments, also of those without data yet."""
+    scenes = {each.name: each.campaign.scene for each in campaign.experiments}
+    for name, scene in (scenes or {"": campaign.scene}).items():
+        times = [None if time == math.inf else time for time in layout.of(name).times]
+        yield MeasurableScene(name, times, not scene.heating.is_absent)
 
 
 def repeated(datum: Datum) -> Datum:

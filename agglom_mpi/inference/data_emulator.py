@@ -24,7 +24,7 @@ from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.inference.posterior_sampling import MAX_LOGARITHM_AWAY, Observed
 from agglom_mpi.inference.searched_box import EmulatedBox, EmulatedStrings, SearchedBox
 from agglom_mpi.inference.stored_samples import StoredSamples, StringValues
-from agglom_mpi.measurements.datum import Datum, exact_values
+from agglom_mpi.measurements.datum import Datum, exact_values, experiments_of
 from agglom_mpi.measurements.misfit import ResidualFrame, residual_frame
 from agglom_mpi.random_streams import DATA_POSTERIOR
 
@@ -156,16 +156,21 @@ class EmulatedData(EmulatedBox):
         found = np.full((len(strings), len(self.exact_columns)), math.nan)
         rows = exact_values(self.data)
         basis = self.frame.basis[np.ix_(rows, self.exact_columns)]
-        lists = [datum.impacts for datum in self.data if datum.impacts is not None]
-        if not lists:
-            return found
-        impacts = np.concatenate(lists)
-        self._impacts_solved += len(strings) * len(impacts)
+        exact = [datum for datum in self.data if datum.impacts is not None]
+        impacts: dict[str, Any] = {
+            name: np.concatenate([d.impacts for d in exact if d.experiment == name])
+            for name in experiments_of(exact)
+        }
+        self._impacts_solved += len(strings) * sum(map(len, impacts.values()))
         is_compiled = self._impacts_solved > MAX_PLAIN_IMPACTS
-        for i, string in enumerate(strings):
+        for i, string in enumerate(strings if impacts else ()):
             with suppress(ValueError, ArithmeticError):
-                tests = self.box.campaign.impact_tests_at(string)
-                found[i] = tests.coefficients(impacts, is_compiled) @ basis
+                tests = [self.box.campaign.impact_tests_at(string, name) for name in impacts]
+                own = [
+                    test.coefficients(some, is_compiled)
+                    for test, some in zip(tests, impacts.values(), strict=True)
+                ]
+                found[i] = np.concatenate(own) @ basis
         return found
 
     def _exact_squares(self, strings: Floats) -> Floats:
@@ -221,10 +226,11 @@ class EmulatedData(EmulatedBox):
         """Return the measured less the emulated components of strings, (n, k)."""
         return np.asarray(self.measured - known.means @ self.emulator.mixing.T)
 
-    def framed_residuals(self, strings: Floats) -> tuple[Floats, Floats]:
+    def framed_residuals(self, strings: Floats, with_exact: bool = True) -> tuple[Floats, Floats]:
         """Return data less predictions of strings in the frame, and the covariances of these.
 
-        Shapes (n, p) and (n, p, p); components that are not emulated are included.
+        Shapes (n, p) and (n, p, p); components that are not emulated are included. Without exact
+        values, which take long, their columns have no meaning.
         """
         known = self.at(strings)
         own, away = self.covariances(known.deviations), self.away(known) @ self.components.T
@@ -233,7 +239,8 @@ class EmulatedData(EmulatedBox):
             "ak,nkl,bl->nab", self.components, own, self.components, optimize=True
         )
         away = away + self.left_out @ self.left_out_measured
-        away[:, self.exact_columns] -= self.exact_numbers(strings)
+        if with_exact:
+            away[:, self.exact_columns] -= self.exact_numbers(strings)
         return away, covariances + rest
 
     def near(self, strings: Floats) -> Floats:

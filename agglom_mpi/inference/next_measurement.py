@@ -18,9 +18,9 @@ from agglom_mpi.formatting import ROUNDING, value_with_error
 from agglom_mpi.inference.candidate_data import (
     REPEATED_ERROR,
     assumed_error,
-    quantities_to_measure,
     read_errors,
     repeated,
+    scenes_to_measure,
 )
 from agglom_mpi.inference.data_emulator import EmulatedData
 from agglom_mpi.inference.expected_volume import (
@@ -145,6 +145,7 @@ class NextMeasurements(NamedTuple):
         return [
             {
                 "measurement": each.name,
+                **({"experiment": each.datum.experiment} if each.datum.experiment else {}),
                 "quantity": each.datum.quantity,
                 "weight": each.datum.own_weight or "",
                 "time": math.inf if each.datum.time is None else each.datum.time,
@@ -259,10 +260,9 @@ def _new_quantities(
     """
     if not of.emulator.processes:
         return
-    campaign, layout = of.box.campaign, file.sizes.census
+    layout = file.sizes.census
     assert layout is not None
-    times = [None if time == math.inf else time for time in layout.times]
-    new = quantities_to_measure(times, of.data, not campaign.scene.heating.is_absent)
+    new = [each for own in scenes_to_measure(of.box.campaign, layout) for each in own.new(of.data)]
     values = string_values(file, [*of.data, *new])
     size = len(of.frame.measured)
     samples, numbers = (

@@ -10,6 +10,7 @@ import numpy as np
 from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.errors import UserError
+from agglom_mpi.inference.contributions import Contribution, contributions
 from agglom_mpi.inference.data_calibration import DataCalibration
 from agglom_mpi.inference.data_emulator import EmulatedData
 from agglom_mpi.inference.draw_groups import (
@@ -28,6 +29,7 @@ from agglom_mpi.inference.posterior_sampling import (
     REPORTED_QUANTILES,
     Measurement,
     WeightedStrings,
+    contraction_of,
 )
 from agglom_mpi.inference.predictive import PredictedDatum, predict_data
 from agglom_mpi.inference.set_directions import MIN_FREE_SHARE, name_ends, touched_ends
@@ -41,8 +43,6 @@ if TYPE_CHECKING:
 
 IMPOSSIBLE: Final = 1e-3
 """Predictive p-value of all data below which no string of the box fits them."""
-PRIOR_WIDTH_POINTS: Final = 1 << 13
-"""Number of even points of the box that show how wide the prior of each variable is."""
 
 
 class PosteriorError(UserError, ValueError):
@@ -279,15 +279,15 @@ class Posterior(WeightedStrings):
 
         Both widths are measured in the coordinate in which the variable is searched.
         """
-        box = self.of.box
-        prior = box.space.to_unit(box.even_strings(PRIOR_WIDTH_POINTS))
-        mine, equal = box.space.to_unit(self.strings), np.full(len(prior), 1.0 / len(prior))
-        found = {}
-        for i, name in enumerate(box.names):
-            low, high = weighted_quantiles(mine[:, i], self.weights, CENTRAL)
-            least, most = weighted_quantiles(prior[:, i], equal, CENTRAL)
-            found[name] = (high - low) / (most - least)
-        return found
+        return contraction_of(self.of.box, self)
+
+    @cached_property
+    def contributions(self) -> list[Contribution]:
+        """What each experiment contributes, by the posteriors without it, and of it alone.
+
+        It is empty where the data are of one experiment, and takes some seconds for each.
+        """
+        return contributions(self.of, self) if isinstance(self.of, EmulatedData) else []
 
     @property
     def correlations(self) -> Floats:
@@ -317,7 +317,8 @@ class Posterior(WeightedStrings):
         `contraction` is the width of the central 90 % relative to the prior's, `touches` the ends
         of the box at which ranges end with it, and `volume` the share of the box in the smallest
         region with 90 % of the posterior. Beside these are the `measured` mean and its `error`, or
-        of data `p_value`, what is predicted for each in `data`, and the `calibration`.
+        of data `p_value`, what is predicted for each in `data`, the `calibration`, and the
+        `contributions` of several experiments.
         """
         names = self.of.box.names
         found = self.of.entries() | {
@@ -336,6 +337,8 @@ class Posterior(WeightedStrings):
         }
         if self.calibration is None:
             return found
+        if self.contributions:
+            found["contributions"] = [each.as_dict() for each in self.contributions]
         return found | {
             "p_value": self.p_value,
             "data": [each.as_dict() for each in self.predictions],

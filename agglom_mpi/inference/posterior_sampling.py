@@ -16,11 +16,14 @@ from agglom_mpi.config.coordinates import Coordinates
 from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.inference.expected_volume import REGION_WEIGHT, region_volumes
 from agglom_mpi.inference.searched_box import SearchedBox
+from agglom_mpi.statistics import weighted_quantiles
 
 REPORTED_QUANTILES: Final = (0.025, 0.25, 0.5, 0.75, 0.975)
 """Reported quantiles."""
 CENTRAL: Final = (0.05, 0.95)
 """Quantiles at the ends of the central 90 %."""
+PRIOR_WIDTH_POINTS: Final = 1 << 13
+"""Number of even points of the box that show how wide the prior of each variable is."""
 PRIOR_POINTS: Final = 1 << 14
 """Number of points of the prior to begin with."""
 MAX_PRIOR_POINTS: Final = 1 << 17
@@ -136,6 +139,21 @@ class WeightedStrings:
     method: str
     walkers: int
     volume: float
+
+
+def contraction_of(box: SearchedBox, drawn: WeightedStrings) -> dict[str, float]:
+    """Return the width of the central 90 % of each variable relative to the prior's, by name.
+
+    Both are measured in the coordinate in which the variable is searched.
+    """
+    prior = box.space.to_unit(box.even_strings(PRIOR_WIDTH_POINTS))
+    mine, equal = box.space.to_unit(drawn.strings), np.full(len(prior), 1.0 / len(prior))
+    found = {}
+    for i, name in enumerate(box.names):
+        low, high = weighted_quantiles(mine[:, i], drawn.weights, CENTRAL)
+        least, most = weighted_quantiles(prior[:, i], equal, CENTRAL)
+        found[name] = (high - low) / (most - least)
+    return found
 
 
 class BoxPart(NamedTuple):

@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.emulation.gaussian_process import Floats
-from agglom_mpi.measurements.datum import Datum, data_times, predictions
-from agglom_mpi.measurements.layout import CENSUS_COLUMNS, CensusLayout
+from agglom_mpi.measurements.census import Census, ExperimentCensuses
+from agglom_mpi.measurements.datum import Datum, data_times, experiments_of, predictions
+from agglom_mpi.measurements.layout import CensusLayout, census_names
 from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.search.proposals import MODEL, OFFSPRING
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
@@ -25,7 +26,6 @@ from agglom_mpi.storage.schema import parameters_of
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
-    from agglom_mpi.measurements.census import Census
     from agglom_mpi.storage.reader import CampaignData
 
 MIN_STRINGS: Final = 50
@@ -156,23 +156,26 @@ def string_values(
     campaign, layout = recorded_campaign(file), file.sizes.census
     if layout is None:
         raise ValueError(f"{file.path}: its samples have no censuses, as it has no section data")
-    places = _places(layout, data)
+    places = {
+        name: _places(layout.of(name), [each for each in data if each.experiment == name])
+        for name in experiments_of(data)
+    }
     samples = stored_samples(file) if stored is None else stored
     _, which = np.unique(np.nan_to_num(samples.strings), axis=0, return_inverse=True)
     order = np.argsort(which.ravel(), kind="stable")
     groups = np.split(order, np.cumsum(np.bincount(which.ravel()))[:-1])
-    found_strings, found_values, edges = [], [], []
+    found_strings, found_values, edges = [], [], list[Floats]()
     for group in groups if len(order) else ():
         measured = campaign.measured_at(samples.strings[group[0]])
-        columns = (samples.rows[group][name] for name in CENSUS_COLUMNS)
+        rows = samples.rows[group]
+        columns = (rows[name] for name in census_names(rows.dtype.names))
         census = measured.census(list(zip(*columns, strict=True)))
-        names = "counts", "masses", "temperatures", "largest"
-        chosen = {name: getattr(census, name)[:, places] for name in names}
-        values = pseudo_values(replace(census, **chosen), data)
+        chosen = {name: _chosen(census.of(name), some) for name, some in places.items()}
+        values = pseudo_values(ExperimentCensuses(chosen), data)
         if np.all(np.isfinite(values)):
             found_strings.append(samples.strings[group])
             found_values.append(values)
-            edges.append(census.edges[[0, -1]])
+            edges += (each.edges[[0, -1]] for each in chosen.values())
     if not found_values:
         size = sum(len(datum.values) for datum in data)
         return StringValues(samples.strings[:0], np.empty((0, size)))
@@ -180,14 +183,19 @@ def string_values(
     return StringValues(np.concatenate(found_strings), np.concatenate(found_values), lengths)
 
 
-def pseudo_values(census: "Census", data: Sequence[Datum]) -> Floats:
+def _chosen(census: Census, places: list[int]) -> Census:
+    """Return the census at some of its times."""
+    names = "counts", "masses", "temperatures", "largest"
+    return replace(census, **{name: getattr(census, name)[:, places] for name in names})
+
+
+def pseudo_values(census: Census | ExperimentCensuses, data: Sequence[Datum]) -> Floats:
     """Return the pseudo-values of the n samples of a string, shape (n, Q).
 
     Parameters
     ----------
     census
-        At least one sample, at the times of `data_times(data)`. One sample alone has its own
-        predictions.
+        At least one sample, as `predictions` takes it. One sample alone has its own predictions.
     data
         In any order.
     """

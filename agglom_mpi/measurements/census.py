@@ -13,7 +13,7 @@ quantile without a sample would jump between the particles' sizes where few are 
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -62,6 +62,10 @@ class Census:
         """Number of samples n."""
         return len(self.counts)
 
+    def of(self, experiment: str) -> "Census":
+        """Return the census of an experiment; where a campaign has none, this one."""
+        return self
+
     @cached_property
     def diameters(self) -> Floats:
         """Diameter of the mean mass of the particles of a bin in m, shape (n, T, B); 0 if empty.
@@ -73,6 +77,28 @@ class Census:
             self.masses, self.counts, out=np.zeros(self.masses.shape), where=self.counts > 0
         )
         return np.asarray(np.cbrt(6.0 / (math.pi * self.density) * mean_mass))
+
+
+@dataclass(frozen=True, eq=False)
+class ExperimentCensuses:
+    """Censuses of the n samples of a string, each of which has all experiments of a campaign.
+
+    Parameters
+    ----------
+    censuses
+        By the name of the experiment.
+    """
+
+    censuses: Mapping[str, Census]
+
+    @property
+    def samples(self) -> int:
+        """Number of samples n."""
+        return next(iter(self.censuses.values())).samples
+
+    def of(self, experiment: str) -> Census:
+        """Return the census of an experiment."""
+        return self.censuses[experiment]
 
 
 class SampleSums:

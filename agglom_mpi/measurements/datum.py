@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.formatting import value_with_prefix
-from agglom_mpi.measurements.census import Census, SampleSums
+from agglom_mpi.measurements.census import Census, ExperimentCensuses, SampleSums
 from agglom_mpi.measurements.quantities import PARTICLE_WEIGHTS, QUANTITIES, MeasuredQuantity
 
 Floats = NDArray[np.float64]
@@ -51,6 +51,8 @@ class Datum:
         For people; the numbers of a datum are in SI units whatever its `unit` is.
     correlations
         Other data of one number each, and the correlation of its error with theirs.
+    experiment
+        Name of the experiment that it was measured in; empty where a campaign has none.
 
     Raises
     ------
@@ -68,6 +70,7 @@ class Datum:
     unit: str = ""
     correlations: tuple[tuple["Datum", float], ...] = field(default=(), repr=False)
     impacts: Floats | None = None
+    experiment: str = ""
 
     @classmethod
     def of_value(
@@ -173,28 +176,42 @@ class Predictions(NamedTuple):
     left_out: Floats
 
 
-def predictions(census: Census, data: Sequence[Datum]) -> Predictions:
+def predictions(census: Census | ExperimentCensuses, data: Sequence[Datum]) -> Predictions:
     """Return what all samples of a string, and all but one, predict for each value of data.
 
     Parameters
     ----------
     census
-        At least one sample, at the times of `data_times(data)`.
+        At least one sample, at the times of `data_times` of the data of each experiment.
     data
         In any order.
     """
+    found: dict[int, Floats] = {}
+    for experiment in experiments_of(data):
+        own = [i for i, datum in enumerate(data) if datum.experiment == experiment]
+        some = _predicted(census.of(experiment), [data[i] for i in own])
+        found |= zip(own, some, strict=True)
+    rows = np.column_stack([found[i] for i in range(len(data))])
+    if census.samples == 1:
+        rows[1, ~exact_values(data)] = math.nan
+    return Predictions(rows[0], rows[1:])
+
+
+def experiments_of(data: Sequence[Datum]) -> tuple[str, ...]:
+    """Return the names of the experiments of data, in their order."""
+    return tuple(dict.fromkeys(datum.experiment for datum in data))
+
+
+def _predicted(census: Census, data: Sequence[Datum]) -> list[Floats]:
+    """Return the predictions for each datum of one experiment, (1 + n, q)."""
     times = data_times(data)
     if census.counts.shape[1] != len(times):
         raise ValueError(f"a census at {census.counts.shape[1]} times of data at {len(times)}")
     sums = [SampleSums(census, index) for index in range(len(times))]
     with np.errstate(divide="ignore", invalid="ignore"):
-        found = [
+        return [
             each.kind.predict(sums[0], each.weight, each.impacts)
             if each.kind.is_exact
             else each.kind.predict(sums[times.index(each.time)], each.weight, each.edges)
             for each in data
         ]
-    rows = np.column_stack(found)
-    if census.samples == 1:
-        rows[1, ~exact_values(data)] = math.nan
-    return Predictions(rows[0], rows[1:])

@@ -1,6 +1,7 @@
 """When the particles of a sample are counted, and in which classes of size; see `Census`."""
 
 import math
+from collections.abc import Iterator, Mapping
 from typing import Final, NamedTuple, Self
 
 import numpy as np
@@ -43,6 +44,14 @@ class CensusLayout(NamedTuple):
         above = max(0, math.ceil(math.log(largest) / CLASS_WIDTH - 0.5))
         return cls(times, -(below + 0.5) * CLASS_WIDTH, below + 1 + above)
 
+    def of(self, experiment: str) -> "CensusLayout":
+        """Return the layout of an experiment; where a campaign has none, this one."""
+        return self
+
+    def named(self) -> Iterator[tuple[str, "CensusLayout"]]:
+        """Yield the layouts with what the names of their columns begin with: nothing."""
+        yield "", self
+
     @property
     def bytes(self) -> int:
         """Size of the censuses of a sample: 4 and 8 bytes a class and time, 16 more a time."""
@@ -52,3 +61,38 @@ class CensusLayout(NamedTuple):
     def edges(self) -> NDArray[np.float64]:
         """Ends of the classes, diameters over twice the mean radius b⁰, shape (B + 1,)."""
         return np.exp(self.lower + CLASS_WIDTH * np.arange(self.classes + 1))
+
+
+class ExperimentLayouts(NamedTuple):
+    """Layouts of the censuses of a sample that has several experiments.
+
+    Attributes
+    ----------
+    layouts
+        By the name of the experiment, in the order of the file.
+    """
+
+    layouts: Mapping[str, CensusLayout]
+
+    def of(self, experiment: str) -> CensusLayout:
+        """Return the layout of an experiment."""
+        return self.layouts[experiment]
+
+    def named(self) -> Iterator[tuple[str, CensusLayout]]:
+        """Yield the layouts with what the names of their columns begin with, as `slow.`."""
+        yield from ((prefix_of(name), layout) for name, layout in self.layouts.items())
+
+    @property
+    def bytes(self) -> int:
+        """Size of the censuses of a sample."""
+        return sum(layout.bytes for layout in self.layouts.values())
+
+
+def prefix_of(experiment: str) -> str:
+    """Return what the names of an experiment's columns and variables begin with."""
+    return f"{experiment}."
+
+
+def census_names(names: tuple[str, ...] | None) -> list[str]:
+    """Return those of the columns of a sample that hold censuses, of all experiments."""
+    return [name for name in names or () if name.rpartition(".")[2] in CENSUS_COLUMNS]

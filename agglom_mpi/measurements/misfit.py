@@ -19,7 +19,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.measurements.census import Census
+from agglom_mpi.measurements.census import Census, ExperimentCensuses
 from agglom_mpi.measurements.datum import Datum, exact_values, predictions
 
 Floats = NDArray[np.float64]
@@ -87,13 +87,13 @@ class Misfit(NamedTuple):
     parts: tuple[DatumMisfit, ...]
 
 
-def misfit(census: Census, data: Sequence[Datum]) -> Misfit:
+def misfit(census: Census | ExperimentCensuses, data: Sequence[Datum]) -> Misfit:
     """Return how far a string is from data.
 
     Parameters
     ----------
     census
-        The samples of the string, at the times of `data_times(data)`.
+        The samples of the string, as `predictions` takes them.
     data
         At least one datum.
     """

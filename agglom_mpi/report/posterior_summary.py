@@ -73,7 +73,7 @@ def posterior_text(posterior: Posterior) -> RenderableType:
     if posterior.calibration is not None:
         facts.append(("check", posterior.calibration.text))
     rows = [_compared(each, of.box.campaign.text) for each in posterior.predictions]
-    data = [*_tables(posterior), Table(DATA_COLUMNS, rows)]
+    data = [*_tables(posterior), Table(DATA_COLUMNS, rows), *_contributions(posterior)]
     if len(rows) > 1:
         data.append(f"all data together: p = {posterior.p_value:.2g}")
     return Group(f"posterior, given {posterior.given}", Facts(facts), *warning, *data)
@@ -133,6 +133,24 @@ DATA_COLUMNS: Final = (
     Column("p", format=".2g"),
     Column("verdict", "", text=True),
 )
+
+
+def _contributions(posterior: Posterior) -> list[Any]:
+    """Return the table of what each experiment contributes to each variable; none of one alone."""
+    if not posterior.contributions:
+        return []
+    names = posterior.of.box.names
+    share = lambda part: f"{100.0 * part:.3g} %"  # noqa: E731
+    columns = (
+        Column("data", "width of prior's, given"),
+        *(Column(name, label_of(name), format=share) for name in names),
+        Column("volume", "share of the box", format=share),
+    )
+    rows = [
+        {"data": each.label, "volume": each.volume, **each.contraction}
+        for each in posterior.contributions
+    ]
+    return [Table(columns, rows)]
 
 
 def _compared(predicted: PredictedDatum, text: str) -> dict[str, Any]:

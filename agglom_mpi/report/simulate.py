@@ -15,6 +15,7 @@ from agglom_mpi.analysis.resimulation import (
     mistaken,
     recorded_parameters,
     recorded_sample,
+    row_of_experiment,
 )
 from agglom_mpi.analysis.run_warnings import EARLY, EARLY_SAMPLES, early_changes, few_left
 from agglom_mpi.config.campaign import Campaign
@@ -70,6 +71,8 @@ class SimulationRequest(NamedTuple):
     out: Path | None = None
     strict: bool = False
     """Whether what is unlikely in a YAML campaign is an error."""
+    experiment: str | None = None
+    """Experiment of a campaign that has several."""
 
 
 def simulate_string(
@@ -96,6 +99,10 @@ def simulate_string(
     campaign, parameters, first, recorded, version = (
         _recorded_string(request) if is_hdf5(request.source) else _set_string(request, show)
     )
+    if request.experiment is not None:
+        own = campaign.of_experiment(request.experiment)
+        campaign, parameters = own.campaign, own.own(parameters)
+        recorded = None if recorded is None else row_of_experiment(recorded, own.name)
     samples = range(request.samples) if request.sample is None else [request.sample]
     engine, frames = campaign.engine(request.engine), request.frames
     completed: dict[int, Outcome] = {}

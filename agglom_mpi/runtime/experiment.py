@@ -203,7 +203,11 @@ class InversionExperiment(Experiment):
         return SampleSetup(self._in_volume(volume), first_sample=first)
 
     def kernel_cases(self) -> Iterator[tuple[SampleSetup, NDArray[np.float64]]]:
-        """Yield the scene in each control volume."""
+        """Yield the scene in each control volume, or that of each experiment."""
+        for each in self.campaign.experiments:
+            yield SampleSetup(each.campaign), each.campaign.parameters()
+        if self.campaign.experiments:
+            return
         final = self.campaign.final
         for volume in final.volumes if final else (1,):
             yield SampleSetup(self._in_volume(volume)), self.campaign.parameters()

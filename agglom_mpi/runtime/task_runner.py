@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.config.own_components import permitted_modules
 from agglom_mpi.judge import Judge, decides, new_judge
-from agglom_mpi.measurements.layout import CENSUS_COLUMNS
+from agglom_mpi.measurements.layout import CensusLayout
 from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, FailureReason, final_particles
 from agglom_mpi.random_streams import key_words
 from agglom_mpi.runtime.abort_flag import AbortFlag
@@ -41,9 +41,14 @@ from agglom_mpi.simulation.scene import Scene
 from agglom_mpi.stopwatch import Stopwatch, TimeSpent
 from agglom_mpi.storage.checksums import checksums
 from agglom_mpi.storage.particle_tables import final_row, frame_rows
-from agglom_mpi.storage.schema import TOOK_TOO_LONG, samples_schema
+from agglom_mpi.storage.schema import SAMPLES, TOOK_TOO_LONG, samples_schema
 from agglom_mpi.storage.table import concatenated
 from agglom_mpi.verbs.simulate import objective_value, random_numbers, stream_key
+from agglom_mpi.verbs.simulate_experiments import (
+    ExperimentScene,
+    experiment_scenes,
+    simulate_experiments,
+)
 
 MAX_AT_ONCE: Final = MOST_SAMPLES
 """Maximum number of samples of one call of compiled code, those of a message; with 1 each is
@@ -77,7 +82,9 @@ class SampleRunner:
     quantities
         SI units of the quantities that the objective's function returns, by name.
     census
-        Layout of the censuses of samples; None: none are taken.
+        Layout of the censuses of samples of one scene; None: none are taken.
+    further_columns
+        Columns of a row beside those that every campaign has.
     notes
         Notes of samples that run code of the user's; None where there is none.
     result_dtype
@@ -91,8 +98,12 @@ class SampleRunner:
         self.stores_particles = experiment.table_sizes.final_particles
         self.grains = experiment.table_sizes.grains
         self.quantities = dict(experiment.table_sizes.quantities)
-        self.census = experiment.table_sizes.census
-        self.result_dtype = samples_schema(self.quantities, self.census).dtype
+        layouts = experiment.table_sizes.census
+        self.counts = layouts is not None
+        self.census = layouts if isinstance(layouts, CensusLayout) else None
+        schema = samples_schema(self.quantities, layouts)
+        self.result_dtype = schema.dtype
+        self.further_columns = [c.name for c in schema.fields if c not in SAMPLES.fields]
         self._strings: dict[tuple[int, bytes], StringScene] = {}
         self.notes: OwnCodeNotes | None = None
         if experiment.noted_beside is not None and permitted_modules(experiment.campaign):
@@ -106,11 +117,14 @@ class SampleRunner:
         for setup, parameters in self.experiment.kernel_cases():
             scene = scene_of(setup, parameters)
             frames = bool(self.experiment.table_sizes.frames)
-            compile_kernels(scene, frames, show, self.census is not None)
+            compile_kernels(scene, frames, show, self.counts)
 
     def begin(self, task: np.void) -> "Task":
         """Return the task of a record of `task_type`, with no sample simulated yet."""
-        return FrameTask(self, task) if task["frames"] else SampleTask(self, task)
+        if task["frames"]:
+            return FrameTask(self, task)
+        kind = ExperimentsTask if self.experiment.campaign.experiments else SampleTask
+        return kind(self, task)
 
     def string_scene(self, string: int, parameters: NDArray[np.float64]) -> "StringScene":
         """Return the scene of a string, shape (k,); those of the last strings are kept."""
@@ -120,7 +134,8 @@ class SampleRunner:
             setup = self.experiment.setup(string)
             words = key_words(stream_key(setup.campaign, parameters))
             objective = setup.campaign.objective_at(parameters)
-            kept = StringScene(setup, scene_of(setup, parameters), words, objective)
+            scenes = experiment_scenes(setup.campaign, parameters, setup.engine)
+            kept = StringScene(setup, scene_of(setup, parameters), words, objective, scenes)
             if len(self._strings) == MAX_SCENES:
                 del self._strings[next(iter(self._strings))]
         self._strings[key] = kept
@@ -140,12 +155,15 @@ class StringScene(NamedTuple):
         Key of their random streams, from `key_words`.
     objective
         Their objective.
+    experiments
+        Their scenes in each experiment; none where the campaign has none.
     """
 
     setup: SampleSetup
     scene: Scene
     words: NDArray[np.uint64]
     objective: Objective
+    experiments: tuple[ExperimentScene, ...] = ()
 
     def judge(self, task: np.void) -> Judge | None:
         """Return what ends a task that is judged, a record of `task_type`; None of others."""
@@ -338,7 +356,7 @@ class SampleTask(Task):
 
     def _simulate_range(self, sample: int, seconds: float) -> bool:
         """Simulate samples by one call of compiled code, as `_simulate`."""
-        setup, scene, words, _ = self._string_scene()
+        setup, scene, words, *_ = self._string_scene()
         count = min(self._count - self._done, MAX_AT_ONCE, samples_at_once(scene))
         if self._judge.state["asked"][0] and scene.sizes is not None:
             count = min(count, MOST_DRAWN)
@@ -378,8 +396,7 @@ class SampleTask(Task):
             self._records[at] = np.zeros((), OUTCOME)
             self._records[at]["state"], self._records[at]["reason"] = FAILED, reason
             self._judge.state["asked"] = False
-            counted = () if self._runner.census is None else CENSUS_COLUMNS
-            for name in ("objective", *self._runner.quantities, *counted):
+            for name in ("objective", *self._runner.further_columns):
                 self._rows[name][at] = 0
         else:
             row = self._records[at]
@@ -388,6 +405,16 @@ class SampleTask(Task):
             if self._final is not None:
                 self._finals.append(self._final)
         self._times[at] = *spent, time.time()
+
+
+class ExperimentsTask(SampleTask):
+    """Samples of all experiments of a campaign, each sample of one after the other."""
+
+    def _simulate(self, sample: int, seconds: float) -> bool:
+        string_scene, row = self._string_scene(), self._rows[self._done]
+        number = string_scene.setup.first_sample + sample
+        simulate_experiments(string_scene.experiments, number, row, self._abort_flag.abort)
+        return True
 
 
 class FrameTask(Task):

@@ -1,6 +1,7 @@
 """Arrays that the samples of a thread use one after another, and the kernels that work on them."""
 
 import threading
+from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -172,10 +173,24 @@ def prepared_scene(scene: Scene) -> PreparedScene:
     return prepared
 
 
+MAX_KEPT: Final = 100_000
+"""Maximum number of particles that there is room for in all rooms of a thread together: samples of
+several experiments alternate. One room may be larger, and is then alone."""
+
+
+@dataclass
+class KeptRoom:
+    """A room of a thread, with its number of particles, and those of its samples if it has some."""
+
+    room: Room
+    capacity: int
+    particles: Particles | None = None
+
+
 def kept_room(
     prepared: PreparedScene, particles: Particles | None = None, counts: bool = False
 ) -> Room:
-    """Return the room of this thread's last samples for those of a scene, or a new one.
+    """Return the room of this thread's earlier samples for those of a scene, or a new one.
 
     Parameters
     ----------
@@ -187,23 +202,32 @@ def kept_room(
         Whether censuses are taken.
     """
     scene, _, template = prepared
-    kind = prepared.kind, counts
-    if getattr(_kept, "kind", None) != kind:
-        _kept.kind, _kept.particles = None, None
-        state, none = kept_engine_state(scene, capacity_of(scene)), new_particles(scene, 0)
-        observer = new_observer(scene, capacity_of(scene)) if counts else None
-        room = new_room(scene, state, none, observer)
-        callees = np.zeros(len(CALLED), CALLEE)
-        for name, (called, arguments) in called_kernels(scene, room).items():
-            callees[CALLED.index(name)] = callee_of(called, arguments)
-        _kept.room, _kept.kind = room._replace(callees=callees), kind
+    kind, capacity = (prepared.kind, counts), capacity_of(scene)
+    rooms: dict[Any, KeptRoom] = _kept.__dict__.setdefault("rooms", {})
+    kept = rooms.pop(kind, None)
+    if kept is None:
+        while rooms and sum(each.capacity for each in rooms.values()) + capacity > MAX_KEPT:
+            del rooms[next(iter(rooms))]
+        kept = KeptRoom(_room_of(scene, counts), capacity)
+    rooms[kind] = kept  # the last one
     if particles is None:
-        if _kept.particles is None:
-            _kept.particles = new_particles(scene, capacity_of(scene))
-        particles = _kept.particles
-    room = _kept.room._replace(particles=particles)
+        if kept.particles is None:
+            kept.particles = new_particles(scene, capacity)
+        particles = kept.particles
+    room = kept.room._replace(particles=particles)
     room.template[:] = template
     return room
+
+
+def _room_of(scene: Scene, counts: bool) -> Room:
+    """Return a new room for a scene, without particles; to make one takes as long as samples."""
+    state, none = kept_engine_state(scene, capacity_of(scene)), new_particles(scene, 0)
+    observer = new_observer(scene, capacity_of(scene)) if counts else None
+    room = new_room(scene, state, none, observer)
+    callees = np.zeros(len(CALLED), CALLEE)
+    for name, (called, arguments) in called_kernels(scene, room).items():
+        callees[CALLED.index(name)] = callee_of(called, arguments)
+    return room._replace(callees=callees)
 
 
 def _types_of(numbers: Any) -> Any:

@@ -1,10 +1,21 @@
 """Tables of the campaign file: their columns, also of censuses; the meaning of a row's number."""
 
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from agglom_mpi.measurements.layout import COUNTS, LARGEST, MASSES, TEMPERATURES, CensusLayout
+from agglom_mpi.measurements.layout import (
+    COUNTS,
+    LARGEST,
+    MASSES,
+    TEMPERATURES,
+    CensusLayout,
+    ExperimentLayouts,
+)
+from agglom_mpi.outcome import COLUMNS
+
+Layouts: TypeAlias = CensusLayout | ExperimentLayouts
+"""Layout of the censuses of a sample, or that of each experiment."""
 
 
 class Column(NamedTuple):
@@ -64,10 +75,25 @@ def _scalar(code: str) -> np.dtype:
 CRC: Final = Column("crc", "u4", "", "zlib.crc32 of the bytes of this row with this field zero")
 
 
-def census_columns(layout: CensusLayout | None) -> tuple[Column, ...]:
-    """Return the columns of the censuses of a sample; none without a layout."""
+def census_columns(layout: Layouts | None) -> tuple[Column, ...]:
+    """Return the columns of the censuses of a sample; none without a layout.
+
+    Those of an experiment follow the results of its simulation, and all begin with its name.
+    """
     if layout is None:
         return ()
+    found: list[Column] = []
+    for prefix, own in layout.named():
+        columns = _columns_of(own)
+        if prefix:
+            results = (Column(c.name, c.dtype, c.unit, c.meaning) for c in COLUMNS)
+            columns = (*results, *columns)
+        found += (each._replace(name=f"{prefix}{each.name}") for each in columns)
+    return tuple(found)
+
+
+def _columns_of(layout: CensusLayout) -> tuple[Column, ...]:
+    """Return the columns of the censuses of one experiment."""
     times, shape = (len(layout.times),), (len(layout.times), layout.classes)
     where = "by time and class; see the attribute census; 0 if it failed"
     return (

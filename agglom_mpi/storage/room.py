@@ -11,8 +11,8 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self
 
 from agglom_mpi.formatting import value_with_prefix
-from agglom_mpi.measurements.layout import CensusLayout
-from agglom_mpi.storage.columns import TableSchema
+from agglom_mpi.measurements.layout import CensusLayout, ExperimentLayouts
+from agglom_mpi.storage.columns import Layouts, TableSchema
 from agglom_mpi.storage.schema import (
     FAILURE_CAPACITY,
     FAILURES,
@@ -72,8 +72,8 @@ class TableSizes(NamedTuple):
     """SI units of the quantities of a sample, by name, in the order of their columns."""
     volumes: tuple[int, ...] = ()
     """Larger control volumes in which there are fresh samples, too, ascending."""
-    census: CensusLayout | None = None
-    """Layout of the censuses of a sample; None: none are taken."""
+    census: Layouts | None = None
+    """Layout of the censuses of a sample, or that of each experiment; None: none are taken."""
     version: int = FORMAT_VERSION
     """Format version of the file."""
 
@@ -214,18 +214,38 @@ def _volumes(text: Any) -> tuple[int, ...]:
     return volumes
 
 
-def _census_text(layout: CensusLayout) -> str:
+EXPERIMENTS: Final = "experiments"
+"""Entry of the attribute `CENSUS` with the layout of each experiment, in their order."""
+
+
+def _census_text(layout: Layouts) -> str:
     """Return a layout as JSON: times in s, null for the end; edges are diameters over 2 b0."""
+    if isinstance(layout, ExperimentLayouts):
+        own = {name: _census_entries(each) for name, each in layout.layouts.items()}
+        return json.dumps({EXPERIMENTS: own})
+    return json.dumps(_census_entries(layout))
+
+
+def _census_entries(layout: CensusLayout) -> dict[str, Any]:
     times = [time if math.isfinite(time) else None for time in layout.times]
     entries = {"times": times, "lower": layout.lower, "classes": layout.classes}
-    return json.dumps(entries | {"edges": layout.edges.tolist()})
+    return entries | {"edges": layout.edges.tolist()}
 
 
-def _census(text: str) -> CensusLayout | None:
+def _census(text: str) -> Layouts | None:
     if not text:
         return None
     try:
         entries = json.loads(text)
+    except ValueError:
+        entries = None
+    if isinstance(entries, dict) and isinstance(own := entries.get(EXPERIMENTS), dict) and own:
+        return ExperimentLayouts({name: _layout(each) for name, each in own.items()})
+    return _layout(entries)
+
+
+def _layout(entries: Any) -> CensusLayout:
+    try:
         times = tuple(math.inf if time is None else float(time) for time in entries["times"])
         layout = CensusLayout(times, float(entries["lower"]), int(entries["classes"]))
     except (KeyError, TypeError, ValueError):

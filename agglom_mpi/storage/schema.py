@@ -8,9 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from agglom_mpi.measurements.layout import CensusLayout
 from agglom_mpi.outcome import COLUMNS
-from agglom_mpi.storage.columns import CRC, Column, TableSchema, census_columns
+from agglom_mpi.storage.columns import CRC, Column, Layouts, TableSchema, census_columns
 from agglom_mpi.variables import MAX_VARIABLE_NAME, TEN, VariableTable
 
 FORMAT: Final = "agglom_mpi campaign"
@@ -155,9 +154,7 @@ sample_dtype: Final = SAMPLES.dtype
 """One row of `/samples`; what a run hands to the writer, `crc` not filled in."""
 
 
-def samples_schema(
-    quantities: Mapping[str, str], census: CensusLayout | None = None
-) -> TableSchema:
+def samples_schema(quantities: Mapping[str, str], census: Layouts | None = None) -> TableSchema:
     """Return the schema of `/samples` with columns of quantities, by the order of their names.
 
     Parameters
@@ -165,7 +162,9 @@ def samples_schema(
     quantities
         Their SI units by name.
     census
-        Layout of the censuses of a sample, whose columns follow those.
+        Layout of the censuses of a sample, whose columns follow those; of several experiments, that
+        of each. Columns without the name of an experiment are then of all: `state`, `reason`, the
+        numbers of what happened and the largest errors; or of the first one.
     """
     if not quantities and census is None:
         return SAMPLES
@@ -183,7 +182,7 @@ def volume_table(volume: int) -> str:
 
 
 def volume_schema(
-    volume: int, quantities: Mapping[str, str], census: CensusLayout | None = None
+    volume: int, quantities: Mapping[str, str], census: Layouts | None = None
 ) -> TableSchema:
     """Return the schema of the samples of a larger control volume, with the columns of `/samples`.
 

@@ -20,6 +20,7 @@ from agglom_mpi.config.user_function import (
 )
 from agglom_mpi.config.yaml_source import CampaignError, Problem
 from agglom_mpi.errors import named_error
+from agglom_mpi.measurements.layout import CensusLayout
 from agglom_mpi.outcome import FinalParticles, final_particles
 from agglom_mpi.physics import scales
 from agglom_mpi.random_streams import sample_key, sample_stream
@@ -50,6 +51,7 @@ def simulate(
     frames: int | Sequence[float] | npt.NDArray[np.float64] | None = None,
 ) -> Outcome:
     """Simulate one sample exactly as a rank does; see `RunnableCampaign.simulate`."""
+    campaign.require_one_scene("simulate")
     vector = read_string(campaign, parameters)
     sample = campaign.count("sample", sample)
     campaign.check_scales(vector)
@@ -58,7 +60,7 @@ def simulate(
     room = None if times is None else new_frames(times, scene.particles, scene.has_spins)
     random = random_numbers(campaign, vector, sample)
     layout = campaign.census if room is None else None
-    census = None if layout is None else new_census_room(layout, 1)
+    census = new_census_room(layout, 1) if isinstance(layout, CensusLayout) else None
     ensure_compiled(scene, room is not None, census is not None)
     stopwatch, ledger = Stopwatch(), new_ledger()
     if census is None:

@@ -124,6 +124,7 @@ def simulate_many(
     first_sample: int = 0,
 ) -> SimulatedSamples:
     """Simulate samples of many strings by threads; see `RunnableCampaign.simulate_many`."""
+    campaign.require_one_scene("simulate_many")
     first = campaign.count("first_sample", first_sample)
     count = campaign.count("samples", samples, least=1)
     if workers is not None:

@@ -170,12 +170,13 @@ def test_functions_of_one_module_share_it_and_a_missing_one_is_named(written):
 def test_a_scene_alone_takes_quantities_too(written):
     lines = written.read_text().splitlines()
     objective = next(line for line in lines if line.startswith("objective"))
-    from agglom_mpi.config.document import read_document
+    from agglom_mpi.config.document import parse_campaign, read_document
 
     scene = "\n".join(lines[: lines.index(next(x for x in lines if x.startswith("variables")))])
     fixed = "variables: {relative_speed: 2, size_ratio: 0.5, density: 6000, hardness: 1e8,"
     fixed += " heat_capacity: 1000, friction: 0.3, temperature: 300, activation_energy: 700,"
     fixed += " reaction_heat: 5e6}"
-    document, *_ = read_document(f"{scene}\n{fixed}\n{objective}\n", "scene.yaml")
+    source = parse_campaign(f"{scene}\n{fixed}\n{objective}\n", "scene.yaml")
+    document, *_ = read_document(source)
     assert document.objective.quantity_units == {"loss": "kg"}
     assert document.plan is None

@@ -162,7 +162,7 @@ class LinearBox(SearchedBox):
             def __getattr__(self, name):
                 return getattr(own.whole, name)
 
-            def impact_tests_at(self, string):
+            def impact_tests_at(self, string, experiment):
                 return Tests(string)
 
         self.whole, self.campaign = self.campaign, Campaign()
@@ -213,5 +213,7 @@ def test_strings_that_a_law_refuses_have_no_density(box, posterior, monkeypatch)
         raise ValueError("no such law")
 
     strings = box.even_strings(4)
-    monkeypatch.setattr(type(box.campaign), "impact_tests_at", lambda self, string: refuse(string))
+    monkeypatch.setattr(
+        type(box.campaign), "impact_tests_at", lambda self, string, _: refuse(string)
+    )
     assert np.all(np.isneginf(posterior.of.log_density(strings)))

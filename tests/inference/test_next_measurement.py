@@ -8,8 +8,8 @@ from toy_posteriors import correlated, linear_emulator, measurements
 
 from agglom_mpi.config.yaml_source import ArgumentError
 from agglom_mpi.emulation.blas_threads import single_threaded
+from agglom_mpi.inference import candidate_data, next_measurement
 from agglom_mpi.inference import data_posterior as data_posteriors
-from agglom_mpi.inference import next_measurement
 from agglom_mpi.inference import posterior as posterior_module
 from agglom_mpi.inference.data_posterior import data_posterior, posterior_of
 from agglom_mpi.inference.next_measurement import dense_points, next_measurements
@@ -118,7 +118,7 @@ def test_the_order_of_candidates_does_not_matter(measured, monkeypatch):
     ]
     found = []
     for order in (two, two[::-1]):
-        monkeypatch.setattr(next_measurement, "quantities_to_measure", lambda *_, o=order: o)
+        monkeypatch.setattr(candidate_data, "quantities_to_measure", lambda *_, o=order: o)
         found.append({each.name: each.after for each in measured.next_measurements().ranked})
     for name in ("d43", "spread"):
         assert found[0][name].mean == pytest.approx(found[1][name].mean, rel=1e-6)

@@ -77,6 +77,12 @@ class RecordedFiles(NamedFiles):
         _require(len({*map(len, numbers)}) == 1 and found.is_possible, name)
         return found
 
+    def of_experiment(self, name: str) -> "RecordedFiles":
+        """Return what gives the numbers of an experiment."""
+        start = f"experiments.{name}."
+        own = {k.removeprefix(start): v for k, v in self.identity.items() if k.startswith(start)}
+        return RecordedFiles(own)
+
     def _numbers(self, entry: str) -> tuple[float, ...]:
         """Return the numbers of a recorded text; none if it is damaged."""
         with suppress(ValueError):

@@ -11,10 +11,12 @@ from agglom_mpi.analysis.data_fit import has_data, string_predictions
 from agglom_mpi.analysis.shown_units import TIME, shown_unit
 from agglom_mpi.formatting import axis_label
 from agglom_mpi.measurements.datum import Datum
+from agglom_mpi.measurements.layout import CensusLayout
 from agglom_mpi.measurements.quantities import QUANTITIES, MeanLength, Quantile
 from agglom_mpi.report.drawing import COLOURS, draw_band, figure_legend, panels, style_axes
 from agglom_mpi.report.figures.data_fit import TWO_SIDED, compared_strings
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
+from agglom_mpi.search.objectives.misfit import MeasuredString
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
@@ -153,7 +155,8 @@ def _once(names: Iterable[str]) -> list[str]:
 
 def _growth(data: CampaignData, options: FigureOptions) -> Growth | None:
     """Return the growth of the best strings, or of one; None without data at several times."""
-    if not has_data(data) or data.sizes.census is None or len(data.sizes.census.times) < 2:
+    layout = data.sizes.census
+    if not has_data(data) or not isinstance(layout, CensusLayout) or len(layout.times) < 2:
         return None
     campaign = recorded_campaign(data)
     names = compared_strings(data, options.string)
@@ -164,7 +167,7 @@ def _growth(data: CampaignData, options: FigureOptions) -> Growth | None:
     if not known:
         return None
     end = float(campaign.scene.end_time)  # data at several times need a fixed one
-    times = np.array([0.0, *(min(time, end) for time in data.sizes.census.times)])
+    times = np.array([0.0, *(min(time, end) for time in layout.times)])
     shown_panels = []
     for kind in kinds:
         label, quantities, weight = kind
@@ -184,8 +187,9 @@ def _curves(
 
     Empty where no sample completed.
     """
-    assert data.sizes.census is not None
-    times = [None if time == math.inf else time for time in data.sizes.census.times]
+    layout = data.sizes.census
+    assert isinstance(layout, CensusLayout)
+    times = [None if time == math.inf else time for time in layout.times]
     asked = [
         Datum.of_value(quantity, 1.0, 1.0, weight, time)
         for quantity, weight in wanted
@@ -208,6 +212,7 @@ def _start(data: CampaignData, string: int, quantity: str) -> float:
     if kind.needs_heat:
         temperature = float(data.values([string], "temperature")[0])
     measured = recorded_campaign(data).measured_at(data.parameters[string])
+    assert isinstance(measured, MeasuredString)
     diameter = math.nan if "scene.sizes.law" in data.identity else measured.diameter
     return kind.at_start(measured.grains, diameter, temperature)
 

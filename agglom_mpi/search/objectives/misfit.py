@@ -1,16 +1,16 @@
 """The objective of measured data: how far all samples of a string together are from them."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar, Final, Literal, NamedTuple, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.measurements.census import Census
+from agglom_mpi.measurements.census import Census, ExperimentCensuses
 from agglom_mpi.measurements.datum import Datum, Predictions, predictions
-from agglom_mpi.measurements.layout import CENSUS_COLUMNS, CensusLayout
+from agglom_mpi.measurements.layout import CENSUS_COLUMNS, CensusLayout, census_names
 from agglom_mpi.outcome import SampleSummary, summaries
 from agglom_mpi.physics.impact_tests import ImpactTests
 from agglom_mpi.search.criteria import Criterion, NoCriterionError
@@ -26,7 +26,7 @@ RULES: Final = ("fixed", "standard_error")
 
 
 SampleCensus: TypeAlias = tuple[NDArray[np.generic], ...]
-"""Values of the columns `CENSUS_COLUMNS` of a sample."""
+"""Values of the columns `CENSUS_COLUMNS` of a sample, of one experiment after the other."""
 
 
 class MeasuredString(NamedTuple):
@@ -65,6 +65,33 @@ class MeasuredString(NamedTuple):
         return Census(edges, *content, self.grains, self.density, tests)
 
 
+class MeasuredExperiments(NamedTuple):
+    """The data of all experiments for the samples of a string.
+
+    Attributes
+    ----------
+    strings
+        What is known of each experiment, by its name, in the order of the file.
+    """
+
+    strings: Mapping[str, MeasuredString]
+
+    @property
+    def data(self) -> tuple[Datum, ...]:
+        """The measured data of all experiments."""
+        return tuple(datum for each in self.strings.values() for datum in each.data)
+
+    def census(self, samples: Sequence[SampleCensus]) -> ExperimentCensuses:
+        """Return the censuses of n > 0 samples together."""
+        size, found = len(CENSUS_COLUMNS), dict[str, Census]()
+        for i, (name, string) in enumerate(self.strings.items()):
+            found[name] = string.census([each[i * size : (i + 1) * size] for each in samples])
+        return ExperimentCensuses(found)
+
+
+Measured: TypeAlias = MeasuredString | MeasuredExperiments
+
+
 class MisfitOfData(Objective):
     """Misfit of the data of the section `data`: χ² over its rank, sampling noise removed.
 
@@ -81,14 +108,14 @@ class MisfitOfData(Objective):
     rules: ClassVar[tuple[str, ...] | None] = RULES
     symbol: ClassVar[str] = "χ²/rank"
     law: Literal["misfit"] = "misfit"
-    _string: MeasuredString | None = None
+    _string: Measured | None = None
 
     @property
     def summary(self) -> str:
         """One line on the objective."""
         return "misfit of the measured data, χ² over its rank; about 1 where only errors differ"
 
-    def of_string(self, string: MeasuredString) -> Self:
+    def of_string(self, string: Measured) -> Self:
         """Return the objective of the samples of a string."""
         bound = self.model_copy()
         bound.__dict__["_string"] = string
@@ -131,7 +158,7 @@ class MisfitOfData(Objective):
 
     def summaries(self, rows: NDArray[np.void]) -> list[SampleSummary]:
         """Return the summaries of samples with their censuses."""
-        censuses = zip(*(rows[name] for name in CENSUS_COLUMNS), strict=True)
+        censuses = zip(*(rows[name] for name in census_names(rows.dtype.names)), strict=True)
         return [
             summary._replace(census=census)
             for summary, census in zip(summaries(rows), censuses, strict=True)
@@ -161,7 +188,7 @@ class MisfitOfData(Objective):
         return self._known.data
 
     @property
-    def _known(self) -> MeasuredString:
+    def _known(self) -> Measured:
         if self._string is None:
             raise ValueError("the misfit of samples is known of a string of the campaign alone")
         return self._string
@@ -176,7 +203,7 @@ class MisfitAccumulator:
         What the samples are compared with.
     """
 
-    def __init__(self, string: MeasuredString) -> None:
+    def __init__(self, string: Measured) -> None:
         self._string = string
         self._censuses: list[SampleCensus] = []
 

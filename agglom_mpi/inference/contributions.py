@@ -1,0 +1,156 @@
+"""What each experiment of a campaign contributes: posteriors without it, and of it alone.
+
+They rest on the emulator of all data. What it says of some of them is the marginal of its normal
+distribution, so that nothing is fitted anew.
+"""
+
+from collections.abc import Iterator
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from agglom_mpi.emulation.blas_threads import single_threaded
+from agglom_mpi.emulation.gaussian_process import Floats
+from agglom_mpi.inference.data_emulator import EmulatedData, log_densities
+from agglom_mpi.inference.posterior_sampling import (
+    PRIOR_POINTS,
+    Observed,
+    WeightedStrings,
+    contraction_of,
+    sample_posterior,
+)
+from agglom_mpi.measurements.datum import experiments_of
+
+AT_ONCE: Final = 2048
+"""Maximum number of strings whose covariances of all data are kept together."""
+
+
+class Contribution(NamedTuple):
+    """What the data of some experiments leave of the box.
+
+    Attributes
+    ----------
+    label
+        For people: `all`, `without slow`, `slow alone`.
+    experiments
+        Names of the experiments whose data are used.
+    contraction
+        Width of the central 90 % of each variable relative to the prior's, by name.
+    volume
+        Share of the box in the smallest region with 90 % of the posterior.
+    effective_size
+        Number of independent strings that would be as informative.
+    """
+
+    label: str
+    experiments: tuple[str, ...]
+    contraction: dict[str, float]
+    volume: float
+    effective_size: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the contribution as plain values."""
+        return {**self._asdict(), "experiments": list(self.experiments)}
+
+
+class DataOfSome:
+    """The data of some experiments, by the emulator of the data of all.
+
+    Parameters
+    ----------
+    whole
+        Emulator of all data.
+    experiments
+        Names of the experiments whose data count.
+
+    Attributes
+    ----------
+    box, coordinates, given, criterion_text
+        As of a `Measurement`.
+    columns
+        Columns of the frame that belong to these data.
+    """
+
+    def __init__(self, whole: EmulatedData, experiments: tuple[str, ...]) -> None:
+        self.box, self.coordinates = whole.box, whole.coordinates
+        self.given = f"the data of {', '.join(experiments)}"
+        self.criterion_text = self.given
+        self._whole = whole
+        every = np.arange(whole.frame.rank)
+        own = zip(whole.data, whole.frame.columns, strict=True)
+        self.columns = np.concatenate([every[c] for d, c in own if d.experiment in experiments])
+        self._has_exact = bool(np.isin(whole.exact_columns, self.columns).any())
+
+    def log_density(self, strings: Floats) -> Floats:
+        """Return the logarithm of the density of the data given strings, (n, k): (n,)."""
+        found = [np.empty(0)]
+        for i in range(0, len(strings), AT_ONCE):
+            some = strings[i : i + AT_ONCE]
+            away, covariances = self._whole.framed_residuals(some, self._has_exact)
+            failing = self._whole.at(some).failing
+            own = covariances[:, self.columns[:, None], self.columns]
+            factors = np.asarray(np.linalg.cholesky(own), np.float64)
+            logs = log_densities(away[None][:, :, self.columns], factors, failing)[0]
+            found.append(np.where(np.isnan(logs), -np.inf, logs))  # a law refuses the string
+        return np.concatenate(found)
+
+    def near(self, strings: Floats) -> Floats:
+        """Return all strings."""
+        return strings
+
+    def entries(self) -> dict[str, Any]:
+        """Return nothing: the data stand with the predictions of all."""
+        return {}
+
+    def observed(self) -> Iterator[Observed]:
+        """Yield nothing."""
+        yield from ()
+
+    def measurements(
+        self, strings: Floats, random: np.random.Generator, given: bool
+    ) -> list[Floats]:
+        """Return nothing."""
+        return []
+
+
+@single_threaded
+def contributions(whole: EmulatedData, drawn: WeightedStrings) -> list[Contribution]:
+    """Return what all data leave of the box, then those without each experiment, and its alone.
+
+    Parameters
+    ----------
+    whole
+        Emulator of all data.
+    drawn
+        The posterior of all data.
+
+    Returns
+    -------
+    list
+        Empty where the data are of one experiment.
+    """
+    names = experiments_of(whole.data)
+    if len(names) < 2:
+        return []
+    found = [_contribution(whole, "all", names, drawn)]
+    for name in names:
+        others = tuple(each for each in names if each != name)
+        found.append(_of_some(whole, f"without {name}", others))
+    if len(names) > 2:  # of two, each is without the other
+        found += [_of_some(whole, f"{name} alone", (name,)) for name in names]
+    return found
+
+
+def _of_some(whole: EmulatedData, label: str, names: tuple[str, ...]) -> Contribution:
+    """Return what the data of some experiments leave of the box."""
+    of = DataOfSome(whole, names)
+    prior = whole.box.even_strings(PRIOR_POINTS)
+    drawn = sample_posterior(of, prior, of.log_density(prior), len(prior))
+    return _contribution(whole, label, names, drawn)
+
+
+def _contribution(
+    whole: EmulatedData, label: str, names: tuple[str, ...], drawn: WeightedStrings
+) -> Contribution:
+    widths = contraction_of(whole.box, drawn)
+    return Contribution(label, names, widths, drawn.volume, drawn.effective_size)
