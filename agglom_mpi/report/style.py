@@ -56,8 +56,8 @@ LABEL_ROOM: Final = {"x": 0.42, "y": 0.24}
 PLAIN: Final = (1e-4, 1e5)
 """Numbers from the first and below the second are written without a power of ten."""
 SUBSCRIPTS: Final = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
-LETTERS: Final = {"rho": "ρ", "mu": "µ", "theta": "θ", "kappa": "κ", "gamma": "γ", "l": "ℓ"}
-"""Letters of symbols, by their names."""
+GREEK: Final = {"rho": "ρ", "mu": "μ", "theta": "θ", "kappa": "κ", "gamma": "γ", "phi": "φ"}
+"""Greek letters of symbols, by their names."""
 
 
 @contextmanager
@@ -106,7 +106,7 @@ def variable_label(variable: Variable, unit: str) -> str:
     letters = symbol.rstrip("0123456789")
     index = symbol[len(letters) :].translate(SUBSCRIPTS)
     is_named = symbol in (variable.name, "")
-    return axis_label(name if is_named else f"{name} {LETTERS.get(letters, letters)}{index}", unit)
+    return axis_label(name if is_named else f"{name} {GREEK.get(letters, letters)}{index}", unit)
 
 
 def integer_ticks(axis: Any) -> None:

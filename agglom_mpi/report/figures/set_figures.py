@@ -137,7 +137,7 @@ def _draw_pair(
 
     edges, fraction = field
     image = draw_field(ax, edges, fraction, most)
-    draw_contour(ax, edges, fraction, 0.5 * float(fraction.max()), "solid")
+    draw_contour(ax, edges, fraction, 0.5 * most, "solid")
     some = points.weights >= OUTER_PROBABILITY
     x, y = (points.column(each)[some] for each in pair)
     there = np.histogram2d(x, y, edges)[0] > 0
@@ -347,7 +347,7 @@ def _pairs_caption(shown: PlottedSet) -> str:
     return (
         "The set in pairs of variables. The colour of a pair of values is the fraction of strings "
         "with it, over all values of the other variables, that is in the set. Lines enclose where "
-        "it is more than half of its largest value in the panel (solid), and all pairs for which "
+        "it is more than half of its largest value (solid), and all pairs for which "
         f"some strings are possible (P ≥ {OUTER_PROBABILITY:g}, dashed). On the diagonal, "
         f"marginals as in the next figure.{more}"
     )
