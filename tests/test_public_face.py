@@ -28,11 +28,15 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = {"Box", "__version__", "load_campaign", "open_campaign"}
 PLOTS = ("best", "busy", "cloud", "convergence", "cost", "ensembles", "finalists", "radii")
 DATA_PLOTS = ("data_fit", "growth", "posterior", "predictive", "next_measurement")
+MORE_PLOTS = ("finite_size", "samples", "search_paths", "set")
 FILE = {
     *("path", "title", "seed", "campaign_text", "status", "damaged"),
     *("strings", "samples", "estimates", "generations", "variables", "volumes", "limits"),
     *("best", "feasible_set", "final_particles", "framed", "frames", "posterior"),
-    *(f"plot_{name}" for name in (*PLOTS, *DATA_PLOTS, "finite_size", "samples", "search_paths")),
+    *(
+        f"plot_{name}"
+        for name in (*PLOTS, *DATA_PLOTS, "finite_size", "samples", "search_paths", "set")
+    ),
 }
 BOX = {"advance", "particles", "reset", "set", "state", "time", "volume"}  # see test_box_inputs
 METHODS_OF_CAMPAIGN = {

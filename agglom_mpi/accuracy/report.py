@@ -27,7 +27,8 @@ from agglom_mpi.formatting import (
     format_percent,
     format_seconds,
 )
-from agglom_mpi.report.drawing import COLOURS, Drawing, log_ticks, write_drawing
+from agglom_mpi.report.drawing import Drawing, write_drawing
+from agglom_mpi.report.style import COLOURS
 from agglom_mpi.runtime.provenance import processor
 from agglom_mpi.statistics import MeanEstimate
 from agglom_mpi.stopwatch import BUSY_RATIO
@@ -284,13 +285,10 @@ def draw_curves(
             axes.fill_between(x, low, high, color=colour, alpha=0.15, linewidth=0)
         if x_low is not None:
             axes.hlines(y, x_low, x_high, color=colour, linewidth=0.8)
-    if scales[0] == "log":
-        log_ticks(axes.xaxis)
     axes.set_xlabel(cost)
     axes.set_ylabel(error)
-    axes.grid(True, which="major", color="0.9", linewidth=0.6)
     if len(curves) > 1:
-        axes.legend(frameon=False, fontsize="small")
+        axes.legend()
     return axes
 
 

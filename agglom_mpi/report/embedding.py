@@ -16,7 +16,7 @@ SCROLLED_PIXELS_PER_INCH: Final = 90
 """Minimum resolution of a large figure in a narrow window, where it scrolls: 8 pt are 10 pixels."""
 SCROLLED: Final = 6.5
 """Minimum width of a figure that scrolls in a narrow window, inches; smaller ones stay legible."""
-WIDE: Final = 8.0
+WIDE: Final = 7.0
 """Minimum width of a figure that takes the whole width of the page, inches."""
 DARKEST: Final = 0x17
 """Level of white in dark mode, of 255: the background of the page there."""

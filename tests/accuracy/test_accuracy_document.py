@@ -16,7 +16,8 @@ from agglom_mpi.accuracy.report import (
     frame_table,
     write_document,
 )
-from agglom_mpi.report.drawing import DOTS_PER_INCH, SIZE, Drawing
+from agglom_mpi.report.drawing import DOTS_PER_INCH, Drawing
+from agglom_mpi.report.style import SIZE
 
 FRAME = pd.DataFrame({"step (s)": [0.1, 0.01], "error": [1.0 / 3.0, 0.0]})
 
@@ -83,7 +84,7 @@ def test_every_number_is_in_a_csv_unrounded(written):
 
 
 def test_figures_are_there_as_pictures_and_vectors(written):
-    assert imread(written.parent / "steps.png").shape[:2] == (418, 660)
+    assert imread(written.parent / "steps.png").shape[:2] == (700, 1100)
     assert "<svg" in (written.parent / "steps.svg").read_text()
     assert (written.parent / "steps.png").stat().st_size < 100_000
 

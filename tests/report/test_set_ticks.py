@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agglom_mpi.report.drawing import few_ticks
+from agglom_mpi.report.style import few_ticks
 
 
 @given(st.floats(1e-9, 1e9), st.floats(1.01, 1e12), st.booleans())

@@ -25,14 +25,15 @@ from agglom_mpi.analysis.tables import wall_over_cpu
 from agglom_mpi.config.answer_study import DEFAULT, AnswerStudy, file_stem
 from agglom_mpi.display.table import Column
 from agglom_mpi.formatting import format_digits, format_duration, format_percent, format_seconds
-from agglom_mpi.report.drawing import COLOURS, Drawing, log_ticks, style_axes
+from agglom_mpi.report.drawing import Drawing
+from agglom_mpi.report.style import COLOURS, PAGE
 from agglom_mpi.storage.reader import CampaignData
 
 if TYPE_CHECKING:
     import matplotlib.figure
     import pandas as pd
 
-FACTOR_SIZE: Final = (9.0, 7.4)
+FACTOR_SIZE: Final = (PAGE, 6.0)
 """Width and height of the figure of a factor, inches."""
 COSTS: Final = (COST_SAMPLES, COST_SECONDS)
 """The costs, as columns name them."""
@@ -246,10 +247,10 @@ def draw_factor(
     times: Mapping[str, Times],
     targets: Sequence[float],
     quantity: str,
-) -> None:
+) -> Any:
     """Draw shares (above) and expected costs (below) against samples and processor time.
 
-    The `times` are by the names of the settings.
+    Returns the axes, (4,). The `times` are by the names of the settings.
     """
     axes = figure.subplots(2, 2, sharex="col", sharey="row")
     for column, cost in enumerate(COSTS):
@@ -262,11 +263,9 @@ def draw_factor(
                 axes[1, column], each[cost], places, style["color"], MARKERS[index % len(MARKERS)]
             )
         for axis in axes[:, column]:
-            style_axes(axis)
             axis.set_xscale("log")
-        log_ticks(axes[1, column].xaxis)
         axes[1, column].set_xlabel(cost)
-    axes[0, 0].set_ylabel("share of runs × targets reached")
+    axes[0, 0].set_ylabel("fraction of runs × targets reached")
     axes[0, 0].set_ylim(-0.02, 1.02)
     axes[1, 0].set_yscale("log")
     axes[1, 0].set_yticks(targets, [f"{target:g}" for target in targets])
@@ -274,9 +273,8 @@ def draw_factor(
     axes[1, 0].minorticks_off()
     axes[1, 0].set_ylabel(f"target: {quantity}")
     handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(
-        handles, labels, loc="outside upper center", ncols=3, frameon=False, fontsize="small"
-    )
+    figure.legend(handles, labels, loc="outside upper center", ncols=3)
+    return axes.ravel()
 
 
 def _draw_share(axis: Any, times: TimesToTargets, style: dict[str, Any]) -> None:

@@ -23,6 +23,7 @@ from agglom_mpi.analysis.extrapolation import Extrapolation, extrapolated
 from agglom_mpi.analysis.finite_size import enough_grains
 from agglom_mpi.display.table import Column
 from agglom_mpi.report.drawing import Drawing
+from agglom_mpi.report.style import PAGE
 from agglom_mpi.statistics import MeanEstimate
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ FEWEST_PARTICLES: Final = 8
 """Smaller numbers of particles are left out."""
 LIMIT_SIZES: Final = 3
 """Number of the largest numbers of particles whose means are extrapolated in 1/N."""
-WIDE: Final = (11.0, 3.6)
+WIDE: Final = (PAGE, 2.6)
 """Width and height of the figure with three panels, inches."""
 
 
@@ -193,7 +194,6 @@ def _draw_finite_size(
         axes.set_xscale("log")
         axes.set_xlabel("number of particles N")
         axes.set_ylabel(label)
-        axes.grid(True, which="major", color="0.9", linewidth=0.6)
 
 
 BOX_COLUMNS: Final = (

@@ -172,20 +172,20 @@ def _figures(
     frame: "pd.DataFrame", truth: Truth, most: int, sentences: Sentences
 ) -> tuple[Drawing, ...]:
     rules = of_rules(frame)
-    spent, wrong = "samples spent (mean)", "rms relative error of mean b/b$^0$"
+    spent, wrong = "samples spent (mean)", "rms relative error of mean b/b⁰"
 
     def error(figure: "matplotlib.figure.Figure") -> None:
         axes = draw_curves(figure, _curves(rules, "samples, mean"), spent, wrong)
         count = np.geomspace(2.0, most)
         best = truth.spread / truth.mean / np.sqrt(count)
         axes.plot(count, best, "k--", linewidth=1.0, label="number fixed beforehand")
-        axes.legend(frameon=False, fontsize="small")
+        axes.legend()
 
     def belief(figure: "matplotlib.figure.Figure") -> None:
         believed = "relative error that the tolerance stands for"
         axes = draw_curves(figure, _curves(rules, "error believed"), believed, wrong)
         axes.axline((1e-2, 1e-2), (1e-3, 1e-3), color="0.5", linewidth=0.8)
-        axes.legend(frameon=False, fontsize="small", loc="upper left")
+        axes.legend(loc="upper left")
         axes.set_ylim(top=5.0 * rules["rms error"].max())
 
     def coverage(figure: "matplotlib.figure.Figure") -> None:

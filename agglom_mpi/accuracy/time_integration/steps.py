@@ -295,7 +295,7 @@ def _draw_signed(figure: "matplotlib.figure.Figure", frame: "pd.DataFrame", cost
     axes = draw_curves(figure, curves, AXIS, "bias of mean b/b⁰ (%)", scales=("log", "linear"))
     axes.axhline(0.0, color="0.5", linewidth=0.8)
     axes.plot([cost], [0.0], "k*", markersize=9, label="event")
-    axes.legend(frameon=False, fontsize="small")
+    axes.legend()
 
 
 def _draw_error(figure: "matplotlib.figure.Figure", frame: "pd.DataFrame", cost: float) -> None:
@@ -306,7 +306,7 @@ def _draw_error(figure: "matplotlib.figure.Figure", frame: "pd.DataFrame", cost:
     bottom = axes.get_xaxis_transform()
     event = "event, no error in time"
     axes.plot([cost], [0.0], "k*", markersize=9, label=event, transform=bottom, clip_on=False)
-    axes.legend(edgecolor="none", fontsize="small")  # opaque over the spreads of times
+    axes.legend(edgecolor="none")  # opaque over the spreads of times
 
 
 def _curves(frame: "pd.DataFrame") -> Iterator[tuple[Curve, "pd.DataFrame"]]:

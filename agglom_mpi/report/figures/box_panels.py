@@ -10,8 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.analysis.shown_units import unit_of_variable
-from agglom_mpi.formatting import axis_label
-from agglom_mpi.report.drawing import few_ticks
+from agglom_mpi.report.style import (
+    COLOURS,
+    PAGE,
+    few_ticks,
+    field_map,
+    tick_text,
+    variable_label,
+)
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -21,20 +27,17 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-PANEL_CELLS: Final = 22
-"""Number of cells of a panel along each side."""
-FINE: Final = 6
-"""Number of cells of a contour's grid in a cell of a panel, along each side."""
-SMOOTHING: Final = 0.6
-"""Standard deviation by which contours are smoothed, in cells of a panel."""
-LINE_COLOUR: Final = "#E6007E"
+LINE_COLOUR: Final = COLOURS[1]
 """Colour of contours, which stands out from both ends of the panels' scale."""
+LineStyle = Literal["dashed", "solid"]
+REGIONS: Final[tuple[tuple[float, LineStyle], ...]] = ((0.9, "dashed"), (0.5, "solid"))
+"""Shares of a distribution in the regions of a pair of variables, and how they are drawn."""
 MARGINAL_BARS: Final = 24
 """Number of bars of a marginal."""
 MAX_PLOTTED_VARIABLES: Final = 6
 """Maximum number of variables of a corner plot."""
 PAIR_PANEL_SIZE: Final = 1.9
-"""Width and height of a panel of a corner plot, inches."""
+"""Width and height of a panel of a corner plot where a page has room for it, inches."""
 
 
 class BoxPoints(NamedTuple):
@@ -83,8 +86,8 @@ class BoxPoints(NamedTuple):
 
 def corner_size(count: int) -> tuple[float, float]:
     """Return width and height of a corner plot of some variables, inches."""
-    side = max(PAIR_PANEL_SIZE * min(count, MAX_PLOTTED_VARIABLES) + 1.0, 4.0)
-    return side + 0.6, side
+    side = PAIR_PANEL_SIZE * min(count, MAX_PLOTTED_VARIABLES) + 0.6
+    return min(max(side + 0.6, 4.4), PAGE), min(max(side, 3.8), PAGE - 0.4)
 
 
 def draw_corner(
@@ -131,39 +134,56 @@ def corner_legend(figure: "matplotlib.figure.Figure", handles: Sequence[Any]) ->
         handles=list(handles),
         loc="upper right",
         bbox_to_anchor=(0.93, 0.83),
-        fontsize=7,
-        frameon=False,
     )
     legend.set_in_layout(False)
 
 
-def contour_handle(style: Literal["dashed", "solid"], label: str) -> Any:
+def contour_handle(style: LineStyle, label: str) -> Any:
     """Return the entry of a legend for contours."""
     from matplotlib.lines import Line2D
 
     return Line2D([], [], color=LINE_COLOUR, linestyle=style, label=label, linewidth=1.2)
 
 
-def pair_edges(points: BoxPoints, column: str, row: str, cells: int = PANEL_CELLS) -> list[Floats]:
+def region_handles(of: str) -> list[Any]:
+    """Return the entries of a legend for the regions of something: `90 % of the posterior`."""
+    return [contour_handle(style, f"{100 * share:.0f} % of the {of}") for share, style in REGIONS]
+
+
+def pair_edges(points: BoxPoints, column: str, row: str, cells: int) -> list[Floats]:
     """Return the edges of the cells of a pair's panel, (cells + 1,) along each side."""
     return [np.linspace(*points.ends(each), cells + 1) for each in (column, row)]
 
 
+def draw_field(ax: Any, edges: Sequence[Floats], field: Floats, most: float) -> Any:
+    """Draw a field, (m, m), in the cells of a pair's panel, from 0 to `most`; return the image."""
+    style = {"cmap": field_map(), "vmin": 0.0, "vmax": most, "rasterized": True}
+    return ax.pcolormesh(*edges, field.T, **style)
+
+
 def draw_contour(
-    ax: Any, edges: Sequence[Floats], field: Floats, level: float, style: Literal["dashed", "solid"]
+    ax: Any, edges: Sequence[Floats], field: Floats, level: float, style: LineStyle
 ) -> None:
-    """Draw where a field, (m, m), that fills a panel from edge to edge has a level."""
+    """Draw where a field, (m, m), in the cells of a panel has a level."""
     if field.min() < level < field.max():
-        sides = [np.linspace(edge[0], edge[-1], len(field)) for edge in edges]
-        ax.contour(*sides, field.T, [level], colors=LINE_COLOUR, linestyles=style, linewidths=1.0)
+        # Cells at the edge go on beyond it, so that lines end there.
+        sides = [np.concatenate([e[:1], 0.5 * (e[:-1] + e[1:]), e[-1:]]) for e in edges]
+        wide = np.pad(field, 1, mode="edge").T
+        ax.contour(*sides, wide, [level], colors=LINE_COLOUR, linestyles=style, linewidths=1.0)
 
 
-def smoothed(there: NDArray[np.bool_]) -> Floats:
-    """Return a mask on a grid `FINE` times as fine, smoothed; 0.5 is where its edges were."""
-    from scipy.ndimage import gaussian_filter
+def draw_regions(ax: Any, edges: Sequence[Floats], density: Floats) -> None:
+    """Draw the smallest regions of a pair's panel that hold the shares of `REGIONS`."""
+    for share, style in REGIONS:
+        draw_contour(ax, edges, density, region_level(density, share), style)
 
-    fine = np.kron(there.astype(np.float64), np.ones((FINE, FINE)))
-    return np.asarray(gaussian_filter(fine, SMOOTHING * FINE, mode="nearest"))
+
+def region_level(density: Floats, share: float) -> float:
+    """Return the density above which the smallest region with a share of it lies; equal cells."""
+    descending = np.sort(density, axis=None)[::-1]
+    reached = np.cumsum(descending)
+    place = int(np.searchsorted(reached, share * reached[-1]))
+    return float(descending[min(place, len(descending) - 1)])
 
 
 def draw_marginal(ax: Any, points: BoxPoints, name: str, colour: str) -> None:
@@ -173,6 +193,7 @@ def draw_marginal(ax: Any, points: BoxPoints, name: str, colour: str) -> None:
     density = mass / mass.sum() / np.diff(edges)
     ax.stairs(density, edges, fill=True, color=colour)
     ax.axhline(1.0, color="0.3", linewidth=0.8, linestyle="--")
+    ax.set_ylim(bottom=0.0)
     ax.set_xlim(edges[0], edges[-1])
     ax.spines[["top", "right"]].set_visible(False)
 
@@ -186,8 +207,7 @@ def _scale_density(ax: Any) -> None:
     ax.spines["right"].set_visible(True)
     ax.spines["left"].set_visible(False)
     ax.yaxis.set_major_locator(MaxNLocator(3))
-    ax.tick_params(labelsize=7)
-    ax.set_ylabel("density over prior", fontsize=7)
+    ax.set_ylabel("density over prior")
 
 
 def scale_axis(axis: Any, points: BoxPoints, name: str, label: bool) -> None:
@@ -199,7 +219,6 @@ def scale_axis(axis: Any, points: BoxPoints, name: str, label: bool) -> None:
     factor, unit = unit_of_variable(points.box.campaign.text, variable)
     ticks = few_ticks(first / factor, last / factor, variable.logarithmic)
     at = points.coordinates(name, ticks * factor)
-    axis.set_ticks(at, [f"{tick:.3g}" for tick in ticks] if label else [""] * len(ticks))
-    axis.set_tick_params(labelsize=7)
+    axis.set_ticks(at, [tick_text(tick) for tick in ticks] if label else [""] * len(ticks))
     if label:
-        axis.set_label_text(axis_label(name, unit), fontsize=8)
+        axis.set_label_text(variable_label(variable, unit))

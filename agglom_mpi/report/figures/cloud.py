@@ -20,6 +20,7 @@ from agglom_mpi.report.sample_particles import (
     frames_of,
     informative_frames,
 )
+from agglom_mpi.report.style import POINT_MAP
 from agglom_mpi.simulation.frames import Frames
 from agglom_mpi.storage.reader import CampaignData
 
@@ -30,9 +31,8 @@ Floats = NDArray[np.float64]
 
 COLUMNS: Final = 3
 """Panels in a row."""
-PANEL: Final = 2.8
+PANEL: Final = 2.15
 """Width and height of a panel, inches."""
-COLOUR_MAP: Final = "viridis"
 MAX_CIRCLES: Final = 5000
 """Particles beyond which an SVG holds pixels instead of circles."""
 DIRECTION: Final = (-62.0, 22.0)
@@ -86,9 +86,9 @@ def draw_frames(
         _draw_box(ax, half_width, extent)
         _draw_spheres(ax, positions[place], radii[place], values[place], norm)
         time = value_with_prefix(float(frames.times[f]), "s")
-        ax.set_title(f"t = {time}, {pluralise(len(radii[place]), 'particle')}", fontsize=9)
+        ax.set_title(f"t = {time}, {pluralise(len(radii[place]), 'particle')}")
     _label_side(axes[0], half_width)
-    scale = ScalarMappable(norm, COLOUR_MAP)
+    scale = ScalarMappable(norm, POINT_MAP)
     figure.colorbar(scale, ax=list(axes), label=label, shrink=0.85 / rows, pad=0.02)
     return axes
 
@@ -170,7 +170,6 @@ def _label_side(ax: Any, half_width: float) -> None:
         va="top",
         rotation=slope,
         rotation_mode="anchor",
-        fontsize=8,
         color="0.3",
         zorder=4,
     )
@@ -193,7 +192,7 @@ def _draw_spheres(ax: Any, position: Floats, radius: Floats, value: Floats, norm
         offset_transform=ax.transData,
         array=value[order],
         norm=norm,
-        cmap=COLOUR_MAP,
+        cmap=POINT_MAP,
         edgecolors="0.15",
         linewidths=0.25,
         zorder=2,

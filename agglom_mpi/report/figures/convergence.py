@@ -7,17 +7,10 @@ from numpy.typing import NDArray
 
 from agglom_mpi.analysis.estimates import Estimate, half_width, objective_of
 from agglom_mpi.analysis.ranking import rank_strings, ranks_itself
-from agglom_mpi.report.drawing import (
-    COLOURS,
-    draw_band,
-    draw_estimate,
-    integer_ticks,
-    legend_below,
-    log_scale_from_zero,
-    style_axes,
-)
+from agglom_mpi.report.drawing import draw_band, draw_estimate, legend_below
 from agglom_mpi.report.figures.data_fit import TWO_SIDED
 from agglom_mpi.report.figures.figure import Figure, FigureOptions, objective_label
+from agglom_mpi.report.style import COLOURS, integer_ticks, log_scale_from_zero
 from agglom_mpi.storage.reader import CampaignData
 
 Floats = NDArray[np.float64]
@@ -114,7 +107,6 @@ def _curves(history: ConvergenceHistory) -> list[tuple[str, Floats, Floats]]:
 
 def draw_convergence(ax: Any, history: ConvergenceHistory) -> Any:
     """Draw the objectives of the best and of the top strings with 95 % bands; return the axes."""
-    style_axes(ax)
     ax.set_xlabel("generation")
     ax.set_ylabel(history.objective_label)
     generation = history.generation
@@ -157,7 +149,6 @@ def _scale_objective_axis(ax: Any, history: ConvergenceHistory) -> None:
 
 def draw_cost(ax: Any, history: ConvergenceHistory) -> Any:
     """Draw half-widths of the best and of the top strings against time, and return the axes."""
-    style_axes(ax)
     ax.set_xlabel("wall-clock time, all legs (s)")
     ax.set_ylabel("95 % half-width of the objective")
     marked = len(history.seconds) < MAX_MARKED_ERRORS

@@ -12,8 +12,9 @@ from agglom_mpi.analysis.ranking import judged_string, rank_strings
 from agglom_mpi.analysis.shown_units import unit_of_datum
 from agglom_mpi.formatting import in_unit, value_with_error
 from agglom_mpi.measurements.datum import Datum
-from agglom_mpi.report.drawing import COLOURS, draw_band, few_ticks, figure_legend, style_axes
+from agglom_mpi.report.drawing import draw_band, figure_legend
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
+from agglom_mpi.report.style import COLOURS, few_ticks, tick_text
 from agglom_mpi.storage.reader import CampaignData
 
 Floats = NDArray[np.float64]
@@ -22,7 +23,7 @@ MAX_DRAWN: Final = 3
 """Maximum number of strings that are drawn."""
 TWO_SIDED: Final = 1.96
 """Standard errors in half a 95 % interval of a normal distribution."""
-WIDTH, CURVE_HEIGHT, NUMBER_HEIGHT = 7.6, 3.1, 0.5
+WIDTH, CURVE_HEIGHT, NUMBER_HEIGHT = 6.5, 2.4, 0.42
 """Width of the figure, and height of a curve and of a number, inches."""
 OPEN_CLASS_RATIO: Final = 2.0
 """Ratio of the ends of an open class as it is drawn where no class beside it is closed."""
@@ -140,7 +141,7 @@ def _draw_cumulative(ax: Any, compared: ComparedDatum) -> None:
     style = {"fmt": "o", "color": "0.15", "capsize": 3, "label": "measured"}
     ax.errorbar(sizes, share[0], yerr=_bars(share), **style)
     # The lower right of a cumulative curve is empty.
-    where = {"transform": ax.transAxes, "ha": "right", "va": "bottom", "fontsize": "small"}
+    where = {"transform": ax.transAxes, "ha": "right", "va": "bottom"}
     ax.text(0.97, 0.04, compared.note, **where)
 
 
@@ -177,7 +178,6 @@ def _draw_impacts(ax: Any, compared: ComparedDatum) -> None:
     datum, (factor, unit) = compared.datum, compared.shown_unit
     assert datum.impacts is not None
     speeds, each_one = datum.impacts[:, 0] / factor, np.eye(len(datum.values))
-    style_axes(ax)
     title = ", ".join(filter(None, (compared.title, compared.note)))
     ax.set(title=title, xlabel=f"approach speed ({unit})", ylabel="coefficient of restitution")
     ax.set(xscale="log", ylim=(0.0, max(1.0, float(datum.values.max()) + 0.05)))
@@ -214,16 +214,14 @@ def _scale_sizes(ax: Any, compared: ComparedDatum) -> None:
     datum, (factor, unit) = compared.datum, compared.shown_unit
     assert datum.edges is not None
     low, high = closed_edges(datum.edges)[[0, -1]] / factor
-    style_axes(ax)
     ax.set(title=compared.title, xlabel=f"diameter ({unit})", xscale="log", xlim=(low, high))
     ticks = few_ticks(low, high, logarithmic=True)
-    ax.set_xticks(ticks, [f"{tick:.4g}" for tick in ticks])
+    ax.set_xticks(ticks, [tick_text(tick) for tick in ticks])
     ax.minorticks_off()
 
 
 def _draw_residuals(ax: Any, compared: Sequence[ComparedDatum]) -> None:
     """Draw prediction less measurement over the error of the measurement, a row for each number."""
-    style_axes(ax)
     ax.axvspan(-TWO_SIDED, TWO_SIDED, color="0.9", zorder=0)
     for row, each in enumerate(compared):
         scale = math.sqrt(each.datum.covariance[0, 0])

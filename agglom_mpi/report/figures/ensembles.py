@@ -10,15 +10,9 @@ from agglom_mpi.analysis.estimates import Estimate, half_width, objective_at, ob
 from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.outcome import COMPLETED, SampleSummary
-from agglom_mpi.report.drawing import (
-    COLOURS,
-    draw_band,
-    draw_estimate,
-    integer_ticks,
-    legend_below,
-    style_axes,
-)
+from agglom_mpi.report.drawing import draw_band, draw_estimate, legend_below
 from agglom_mpi.report.figures.figure import Figure, FigureOptions, objective_label
+from agglom_mpi.report.style import COLOURS, PAGE, integer_ticks
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.objectives.objective import Objective
 from agglom_mpi.search.stopping import StoppingRule
@@ -128,7 +122,6 @@ def samples_until(
 def draw_ensembles(ax: Any, histories: EnsembleHistories) -> Any:
     """Draw running objectives with 95 % intervals and the stopping points; return the axes."""
     estimates, points, quantity, least = histories
-    style_axes(ax)
     ax.set_xlabel("completed samples of the string")
     ax.set_ylabel(f"running {quantity}")
     for place, (estimate, colour) in enumerate(zip(estimates, COLOURS, strict=False)):
@@ -211,7 +204,6 @@ not the rule, (n,), and the number of samples that ran ahead of decisions and we
 def draw_sample_counts(ax: Any, counts: SampleCounts) -> Any:
     """Draw a histogram of the samples per string, and return the axes."""
     used, at_maximum, _ = counts
-    style_axes(ax)
     ax.set_xlabel("samples of a string")
     ax.set_ylabel("strings")
     low, high = int(used.min()), int(used.max())
@@ -228,8 +220,6 @@ def draw_sample_counts(ax: Any, counts: SampleCounts) -> Any:
     ax.hist(values, edges, color=colours, label=names, **style)
     mean = float(used.mean())
     ax.axvline(mean, color=COLOURS[6], linestyle="--", linewidth=1.2, label=f"mean {mean:.4g}")
-    if low == high:
-        ax.set_xlim(low - 2.0, high + 2.0)
     integer_ticks(ax.xaxis)
     integer_ticks(ax.yaxis)
     legend_below(ax, 3)
@@ -248,7 +238,7 @@ def _ensembles_data(data: CampaignData, _: FigureOptions) -> EnsembleHistories |
 
 def _counts_data(data: CampaignData, _: FigureOptions) -> SampleCounts | None:
     used = data.result_rows()["samples_used"]
-    if not len(used):
+    if not len(used) or used.min() == used.max():  # one bar says nothing
         return None
     searched = int((data.all_sample_rows()["sample"] < data.fresh_from).sum())
     return used, data.result_rows()["hit_maximum"] == 1, max(0, searched - int(used.sum()))
@@ -268,7 +258,7 @@ Figure(
     _ensembles_data,
     draw_ensembles,
     _ensembles_caption,
-    (7.2, 5.4),
+    (PAGE, 4.6),
     empty="no string has samples yet, or its objective needs code that is not run",
     method="plot_ensembles",
     meaning="Draw running objectives of the best strings and where stopping rules end them.",
@@ -281,7 +271,7 @@ Figure(
     _counts_data,
     draw_sample_counts,
     _counts_caption,
-    empty="no string is judged yet",
+    empty="no string is judged yet, or all by the same number of samples",
     method="plot_samples",
     meaning="Draw how many samples strings took.",
 )

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.report.drawing import COLOURS, panels, style_axes
+from agglom_mpi.report.drawing import panels
+from agglom_mpi.report.style import COLOURS, MIDDLE
 from agglom_mpi.simulation.frames import Frames
 
 if TYPE_CHECKING:
@@ -17,7 +18,7 @@ MAX_MARKED: Final = 40
 """Maximum number of frames that are marked one by one: between them nothing is known."""
 LOGARITHMIC_RATIO: Final = 15.0
 """Ratio of the largest to the smallest granular temperature above which its axis is logarithmic."""
-PANEL_HEIGHT: Final = 1.5
+PANEL_HEIGHT: Final = 1.3
 """Height of a panel, inches."""
 
 
@@ -87,7 +88,7 @@ def shown_quantities(run: Evolution) -> list[str]:
 
 def evolution_size(run: Evolution) -> tuple[float, float]:
     """Return width and height in inches of the figure of a run."""
-    return 6.0, PANEL_HEIGHT * len(shown_quantities(run)) + 0.5
+    return MIDDLE, PANEL_HEIGHT * len(shown_quantities(run)) + 0.5
 
 
 def draw_evolution(figure: "matplotlib.figure.Figure", run: Evolution) -> Any:
@@ -112,7 +113,6 @@ def draw_evolution(figure: "matplotlib.figure.Figure", run: Evolution) -> Any:
         values = getattr(run, name)
         ax.plot(run.times / factor, values, color=colour, marker=mark, markersize=4, clip_on=False)
         ax.set_ylabel(AXIS_LABELS[name])
-        style_axes(ax)
         _scale(ax, name, values)
     figure.align_ylabels(axes)
     return axes

@@ -16,8 +16,9 @@ from agglom_mpi.analysis.estimates import objective_of
 from agglom_mpi.config.arguments import count_argument
 from agglom_mpi.declaration.components import import_modules
 from agglom_mpi.errors import require_library
-from agglom_mpi.report.drawing import SIZE, Drawing, note, style_axes
+from agglom_mpi.report.drawing import Drawing, note
 from agglom_mpi.report.sample_particles import RESIMULATION_SECONDS
+from agglom_mpi.report.style import SIZE, finish, styled
 from agglom_mpi.storage.reader import CampaignData
 
 if TYPE_CHECKING:
@@ -48,6 +49,8 @@ class FigureOptions(NamedTuple):
         next; None where they are not asked for.
     truth
         Values of searched variables that are marked in the posterior, by name.
+    x, y
+        Names of the variables of a single panel.
     plotted
         Whether it is plotted by itself, and not for the page.
     """
@@ -60,6 +63,8 @@ class FigureOptions(NamedTuple):
     posterior: "Posterior | None" = None
     further: "NextMeasurements | None" = None
     truth: Any = None
+    x: str | None = None
+    y: str | None = None
     plotted: bool = False
 
 
@@ -130,6 +135,10 @@ class Figure:
                 from agglom_mpi.inference.data_posterior import data_posterior  # loads SciPy
 
                 given["posterior"] = data_posterior(data)
+            if "feasible_set" in self.takes and given.get("feasible_set") is None:
+                from agglom_mpi.inference.feasible_set import feasible_set
+
+                given["feasible_set"] = feasible_set(data)
             return self.plot(data, target, FigureOptions(plotted=True, **given))
 
         plot.__name__, plot.__doc__ = self.method, fill(self.meaning, 92)
@@ -170,18 +179,20 @@ class Figure:
             An array, shape (number of panels,), if `panels`.
         """
         data = self.data(data, options)
-        if target is None:
-            from matplotlib import pyplot
+        with styled():
+            if target is None:
+                from matplotlib import pyplot
 
-            size = SIZE if data is None and callable(self.size) else self._size(data)
-            figure = pyplot.figure(figsize=size, layout="constrained")
-            target = figure if self.panels else figure.subplots()
-        if data is not None:
-            return self.draw(target, data)
-        ax = target.subplots() if self.panels else target
-        style_axes(ax)
-        note(ax, self.empty)
-        return np.array([ax]) if self.panels else ax
+                size = SIZE if data is None and callable(self.size) else self._size(data)
+                figure = pyplot.figure(figsize=size, layout="constrained")
+                target = figure if self.panels else figure.subplots()
+            if data is not None:
+                axes = self.draw(target, data)
+                finish(axes)
+                return axes
+            ax = target.subplots() if self.panels else target
+            note(ax, self.empty)
+            return np.array([ax]) if self.panels else ax
 
     def _size(self, data: Any) -> tuple[float, float]:
         return self.size(data) if callable(self.size) else self.size

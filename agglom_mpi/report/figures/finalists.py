@@ -7,8 +7,9 @@ import numpy as np
 
 from agglom_mpi.analysis.estimates import Estimate, half_width, objective_of
 from agglom_mpi.analysis.ranking import rank_strings
-from agglom_mpi.report.drawing import COLOURS, legend_below, style_axes
+from agglom_mpi.report.drawing import legend_below
 from agglom_mpi.report.figures.figure import Figure, FigureOptions, objective_label
+from agglom_mpi.report.style import COLOURS, MIDDLE
 from agglom_mpi.storage.reader import CampaignData
 
 Finalists = tuple[Sequence[Estimate], np.ndarray, str, float]
@@ -19,7 +20,6 @@ objectives as searched, (n,), the name of the objective, and its lower bound, wh
 def draw_finalists(ax: Any, finalists: Finalists) -> Any:
     """Draw estimates beside the search's own objectives, with 95 % intervals; return the axes."""
     estimates, half, label, least = finalists
-    style_axes(ax)
     ax.set_xlabel(label)
     place = np.arange(len(estimates))
     value = np.array([e.objective for e in estimates])
@@ -55,7 +55,7 @@ Figure(
     draw_finalists,
     "The best strings with 95 % intervals: as searched, by the samples that they were chosen by, "
     "and their re-estimates on fresh samples that no decision has seen.",
-    lambda finalists: (6.0, 1.6 + 0.4 * len(finalists[0])),
+    lambda finalists: (MIDDLE, 1.4 + 0.34 * len(finalists[0])),
     empty="no string has been estimated again",
     method="plot_finalists",
     meaning="Draw the best strings as searched and on fresh samples.",

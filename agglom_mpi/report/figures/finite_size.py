@@ -7,8 +7,9 @@ import numpy as np
 
 from agglom_mpi.analysis.finite_size import FiniteSize, finite_sizes
 from agglom_mpi.analysis.ranking import rank_strings
-from agglom_mpi.report.drawing import COLOURS, legend_below, style_axes
+from agglom_mpi.report.drawing import legend_below
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
+from agglom_mpi.report.style import COLOURS
 from agglom_mpi.storage.reader import CampaignData
 
 MAX_DRAWN: Final = 6
@@ -24,7 +25,6 @@ Ranked = Sequence[tuple[str, FiniteSize]]
 
 def draw_finite_size(ax: Any, ranked: Ranked) -> Any:
     """Draw means with 95 % intervals against 1/N and the fitted curves; return the axes."""
-    style_axes(ax)
     ax.set_xlabel("1/N, N grains")
     ax.set_ylabel("mean b/b⁰")
     largest = max(1.0 / size.volumes[0].grains for _, size in ranked)

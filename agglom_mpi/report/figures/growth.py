@@ -13,16 +13,17 @@ from agglom_mpi.formatting import axis_label
 from agglom_mpi.measurements.datum import Datum
 from agglom_mpi.measurements.layout import CensusLayout
 from agglom_mpi.measurements.quantities import QUANTITIES, MeanLength, Quantile
-from agglom_mpi.report.drawing import COLOURS, draw_band, figure_legend, panels, style_axes
+from agglom_mpi.report.drawing import draw_band, figure_legend, panels
 from agglom_mpi.report.figures.data_fit import TWO_SIDED, compared_strings
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
+from agglom_mpi.report.style import COLOURS
 from agglom_mpi.search.objectives.misfit import MeasuredString
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
 Floats = NDArray[np.float64]
 
-PANEL_SIZE: Final = (4.2, 3.2)
+PANEL_SIZE: Final = (3.5, 2.6)
 """Width and height of a panel, inches."""
 COLUMNS: Final = 2
 """Maximum number of panels side by side."""
@@ -72,7 +73,6 @@ def draw_growth(figure: Any, growth: Growth) -> NDArray[Any]:
 
 def _draw_panel(ax: Any, times: Floats, factor: float, panel: GrowthPanel) -> None:
     """Draw the curves of a panel with their 95 % bands, and what was measured."""
-    style_axes(ax)
     ax.set_ylabel(panel.label)
     colours: dict[str, str] = {}
     for string, quantity, *curve in panel.curves:
@@ -85,7 +85,7 @@ def _draw_panel(ax: Any, times: Floats, factor: float, panel: GrowthPanel) -> No
         draw_band(ax, times, values, (values - half, values + half), colour, **line)
         if kind.share is not None and len(colours) == 1:
             end = {"xytext": (12, 0), "textcoords": "offset points", "va": "center"}
-            ax.annotate(quantity, (times[-1], values[-1]), fontsize="small", **end)
+            ax.annotate(quantity, (times[-1], values[-1]), **end)
     for quantity, time, *interval in panel.points:
         ends = np.array(interval) / panel.factor
         _draw_point(ax, quantity, time / factor, ends, 0.012 * float(times[-1]))

@@ -4,9 +4,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from agglom_mpi.report.drawing import COLOURS, legend_below, style_axes
+from agglom_mpi.report.drawing import legend_below
 from agglom_mpi.report.figures.data_fit import TWO_SIDED
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
+from agglom_mpi.report.style import COLOURS, PAGE
 from agglom_mpi.storage.reader import CampaignData
 
 if TYPE_CHECKING:
@@ -20,7 +21,6 @@ BAR_HEIGHT: Final = 0.24
 
 def draw_next(ax: Any, found: "NextMeasurements") -> Any:
     """Draw the expected volume after each measurement beside that of today; return the axes."""
-    style_axes(ax)
     shown = found.ranked[:MAX_BARS]
     place = np.arange(len(shown))
     volumes = 100.0 * np.array([each.after.mean for each in shown])
@@ -35,7 +35,7 @@ def draw_next(ax: Any, found: "NextMeasurements") -> Any:
     ax.errorbar(volumes, place, xerr=errors, fmt="none", ecolor="0.15", capsize=2)
     ax.axvline(100.0 * found.volume, color="0.3", linestyle="--", label="posterior as it is")
     names = [each.name if each.repeats else f"{each.name}, {each.error_text}" for each in shown]
-    ax.set_yticks(place, names, fontsize=8)
+    ax.set_yticks(place, names)
     ax.set_ylim(len(shown) - 0.4, -0.6)
     ax.set_xlabel("expected share of the box (%)")
     legend_below(ax)
@@ -65,7 +65,7 @@ Figure(
     _found,
     draw_next,
     _caption,
-    lambda found: (7.0, 1.5 + BAR_HEIGHT * min(len(found.ranked), MAX_BARS)),
+    lambda found: (PAGE, 1.5 + BAR_HEIGHT * min(len(found.ranked), MAX_BARS)),
     method="plot_next_measurement",
     meaning="Draw what each further measurement would leave of the box; takes a minute.",
     takes=("ax", "posterior"),

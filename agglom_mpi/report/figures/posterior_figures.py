@@ -2,7 +2,7 @@
 
 import textwrap
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,17 +11,17 @@ from agglom_mpi.analysis.shown_units import unit_of_datum, unit_of_variable
 from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.declaration.units import to_si
 from agglom_mpi.formatting import in_unit
-from agglom_mpi.report.drawing import COLOURS
 from agglom_mpi.report.figures.box_panels import (
     MAX_PLOTTED_VARIABLES,
     BoxPoints,
-    contour_handle,
     corner_legend,
     corner_size,
-    draw_contour,
     draw_corner,
+    draw_field,
     draw_marginal,
+    draw_regions,
     pair_edges,
+    region_handles,
 )
 from agglom_mpi.report.figures.data_fit import (
     ComparedDatum,
@@ -30,6 +30,7 @@ from agglom_mpi.report.figures.data_fit import (
     draw_data_fit,
 )
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
+from agglom_mpi.report.style import COLOURS
 from agglom_mpi.statistics import weighted_quantiles
 from agglom_mpi.storage.reader import CampaignData
 
@@ -41,11 +42,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-REGIONS: Final[tuple[tuple[float, Literal["dashed", "solid"]], ...]] = (
-    (0.9, "dashed"),
-    (0.5, "solid"),
-)
-"""Shares of the posterior in the regions of a pair of variables, and how they are drawn."""
 DENSITY_CELLS: Final = 100
 """Number of cells of the density of a pair along each side of its panel."""
 TAIL: Final = 1e-3
@@ -55,7 +51,7 @@ RANGE_MARGIN: Final = 0.1
 CENTRAL: Final = (0.05, 0.5, 0.95)
 """Quantiles of a variable above its marginal."""
 WARNING_COLOUR: Final = COLOURS[1]
-TRUTH_COLOUR: Final = COLOURS[4]
+TRUTH_COLOUR: Final = COLOURS[6]
 
 
 def posterior_points(posterior: "Posterior") -> BoxPoints:
@@ -122,7 +118,7 @@ def draw_posterior(figure: "matplotlib.figure.Figure", shown: ShownPosterior) ->
 
     def draw_one(ax: Any, name: str) -> None:
         draw_marginal(ax, points, name, COLOURS[0])
-        ax.set_title(_range_text(points, posterior, name), fontsize=8, pad=3)
+        ax.set_title(_range_text(points, posterior, name), pad=3)
         if name in known:
             [at] = points.coordinates(name, [known[name]])
             ax.axvline(at, color=TRUTH_COLOUR, linewidth=1.2)
@@ -137,10 +133,7 @@ def draw_posterior(figure: "matplotlib.figure.Figure", shown: ShownPosterior) ->
 
     axes = draw_corner(figure, points, draw_one, draw_two)
     if len(points.names) > 1:
-        handles = [
-            contour_handle(style, f"{100 * share:.0f} % of the posterior")
-            for share, style in REGIONS
-        ]
+        handles = region_handles("posterior")
         if known:
             handles.append(_truth_handle())
         corner_legend(figure, handles)
@@ -149,19 +142,18 @@ def draw_posterior(figure: "matplotlib.figure.Figure", shown: ShownPosterior) ->
 
 
 def _range_text(points: BoxPoints, posterior: "Posterior", name: str) -> str:
-    """Return the median of a variable and the ends of its central 90 %, in its unit."""
+    """Return the median of a variable and, below it, its central 90 %, in its unit."""
     factor, unit = unit_of_variable(points.box.campaign.text, points.variable(name))
     low, median, high = (value / factor for value in posterior.quantiles(name, CENTRAL))
-    return in_unit(f"{median:.3g} ({low:.3g} to {high:.3g})", unit)
+    return f"{in_unit(f'{median:.3g}', unit)}\n90 %: {in_unit(f'{low:.3g} to {high:.3g}', unit)}"
 
 
 def _draw_pair(ax: Any, points: BoxPoints, column: str, row: str) -> None:
     """Draw the density of a pair of variables, and the smallest regions with given shares of it."""
     edges = pair_edges(points, column, row, DENSITY_CELLS)
     density = pair_density(points.column(column), points.column(row), points.weights, edges)
-    ax.pcolormesh(*edges, density.T, cmap="cividis", rasterized=True)
-    for share, style in REGIONS:
-        draw_contour(ax, edges, density, region_level(density, share), style)
+    draw_field(ax, edges, density, float(density.max()))
+    draw_regions(ax, edges, density)
 
 
 def pair_density(x: Floats, y: Floats, weights: Floats, edges: Sequence[Floats]) -> Floats:
@@ -184,14 +176,6 @@ def pair_density(x: Floats, y: Floats, weights: Floats, edges: Sequence[Floats])
     inside = fftconvolve(np.ones(mass.shape), kernel, mode="same")
     density = np.maximum(fftconvolve(mass, kernel, mode="same"), 0.0) / inside
     return np.asarray(density / density.sum())
-
-
-def region_level(density: Floats, share: float) -> float:
-    """Return the density above which the smallest region with a share of it lies; equal cells."""
-    descending = np.sort(density, axis=None)[::-1]
-    reached = np.cumsum(descending)
-    place = int(np.searchsorted(reached, share * reached[-1]))
-    return float(descending[min(place, len(descending) - 1)])
 
 
 def _truth_handle() -> Any:
@@ -230,7 +214,7 @@ def _warn(figure: "matplotlib.figure.Figure", warning: str) -> None:
     """Write above a figure why a posterior is unreliable, if it is."""
     if warning:
         text = textwrap.fill(f"unreliable: {warning}", max(40, int(11 * figure.get_figwidth())))
-        figure.suptitle(text, color=WARNING_COLOUR, fontsize=8)
+        figure.suptitle(text, color=WARNING_COLOUR)
 
 
 Figure(

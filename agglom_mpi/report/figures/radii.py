@@ -6,9 +6,10 @@ import numpy as np
 
 from agglom_mpi.analysis.ranking import judged_string
 from agglom_mpi.formatting import pluralise
-from agglom_mpi.report.drawing import COLOURS, histogram_range, style_axes
+from agglom_mpi.report.drawing import histogram_range
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
 from agglom_mpi.report.sample_particles import RadiusDistribution, final_radii
+from agglom_mpi.report.style import COLOURS
 from agglom_mpi.storage.reader import CampaignData
 
 BINS: Final = 36
@@ -16,7 +17,6 @@ BINS: Final = 36
 
 def draw_radii(ax: Any, radii: RadiusDistribution) -> Any:
     """Draw histograms of final radii by number and by mass, and return the axes."""
-    style_axes(ax)
     ax.set_ylabel("samples (%)" if radii.of_means else "share of the particles (%)")
     mean = "mean of a sample, " if radii.of_means else ""
     ax.set_xlabel(f"final radius b/b⁰, {mean}string {radii.string}")
@@ -33,8 +33,8 @@ def draw_radii(ax: Any, radii: RadiusDistribution) -> Any:
     ax.axvline(radii.mean, color=COLOURS[6], linestyle="--", linewidth=1.3, label="mean")
     if radii.target is not None:
         ax.axvline(radii.target, color=COLOURS[1], linewidth=1.3, label="asked for")
-    ax.set_title(radii.moments_text, fontsize="medium")
-    ax.legend(frameon=False, fontsize="small")
+    ax.set_title(radii.moments_text)
+    ax.legend()
     return ax
 
 

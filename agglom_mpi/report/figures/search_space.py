@@ -9,18 +9,18 @@ from numpy.typing import NDArray
 from agglom_mpi.analysis.derived import derived_columns, searched_variables, values_of
 from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.analysis.shown_units import unit_of_variable
-from agglom_mpi.formatting import axis_label, label_of
-from agglom_mpi.report.drawing import (
-    COLOURS,
-    STRING_LINK,
-    few_ticks,
-    figure_legend,
-    integer_ticks,
-    legend_below,
-    panels,
-    style_axes,
-)
+from agglom_mpi.formatting import label_of
+from agglom_mpi.report.drawing import STRING_LINK, figure_legend, legend_below, panels
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
+from agglom_mpi.report.style import (
+    COLOURS,
+    MIDDLE,
+    PAGE,
+    few_ticks,
+    integer_ticks,
+    tick_text,
+    variable_label,
+)
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.variables import Variable
 
@@ -33,7 +33,7 @@ Floats = NDArray[np.float64]
 
 DERIVED: Final = "a derived quantity"
 """Meaning of what is shown beside the variables."""
-PANEL_SIZE: Final = (2.7, 2.0)
+PANEL_SIZE: Final = (2.4, 1.8)
 """Width and height of a panel of the search paths, inches."""
 MAX_MARKED: Final = 30
 """Minimum number of generations for a line without marks at single ones."""
@@ -128,11 +128,10 @@ def _panel_columns(count: int) -> int:
 def _draw_path(ax: Any, path: VariablePath) -> None:
     variable, (factor, unit) = path.variable, path.shown_unit
     generation = np.arange(1, len(path.best) + 1)
-    style_axes(ax)
     ax.scatter(
         path.generation,
         path.evaluated / factor,
-        s=4.0,
+        s=6.0,
         color="0.55",
         linewidths=0,
         label="all strings judged",
@@ -151,10 +150,9 @@ def _draw_path(ax: Any, path: VariablePath) -> None:
         lower, upper = variable.lower / factor, variable.upper / factor
         ax.set_ylim(lower, upper)
         ticks = few_ticks(lower, upper, variable.logarithmic)
-        ax.set_yticks(ticks, [f"{tick:.6g}" for tick in ticks])
+        ax.set_yticks(ticks, [tick_text(tick) for tick in ticks])
         ax.yaxis.minorticks_off()
-    ax.set_ylabel(axis_label(variable.name, unit), fontsize=8.5)
-    ax.tick_params(labelsize=8)
+    ax.set_ylabel(variable_label(variable, unit))
     integer_ticks(ax.xaxis)
 
 
@@ -214,8 +212,6 @@ def draw_best_strings(ax: Any, best: BestStrings) -> Any:
         loc="lower center",
         bbox_to_anchor=(0.5, 1.1),
         ncols=2,
-        frameon=False,
-        fontsize="small",
     )
     return ax
 
@@ -233,15 +229,15 @@ def _label_variables(ax: Any, best: BestStrings) -> None:
     ticks = []
     for at, (variable, shown) in enumerate(zip(best.searched, best.shown_units, strict=True)):
         factor, unit = shown
-        style = {"ha": "center", "fontsize": 8}
+        style = {"ha": "center"}
         ax.text(at, 1.03, f"{variable.upper / factor:.6g}", va="bottom", **style)
         ax.text(at, -0.03, f"{variable.lower / factor:.6g}", va="top", **style)
         notes = [part for part in (unit, "log" if variable.logarithmic else "1") if part != "1"]
         note = f"\n({', '.join(notes)})" if notes else ""
-        ticks.append(f"{label_of(variable.name)}{note}")
+        ticks.append(f"{variable_label(variable, '1')}{note}")
     slant = {"rotation": 40, "ha": "right", "rotation_mode": "anchor"}
     ax.set_xticks(range(len(ticks)), ticks, **(slant if len(ticks) > MAX_HORIZONTAL else {}))
-    ax.tick_params(axis="x", length=0, pad=18, labelsize=9)
+    ax.tick_params(axis="x", length=0, pad=18)
     ax.set_yticks([])
     ax.set_ylim(0.0, 1.0)
     ax.set_xlim(-0.4, len(ticks) - 0.6)
@@ -254,7 +250,6 @@ NamedSensitivity = tuple[Sequence[str], "Sensitivity"]
 
 def draw_sensitivity(ax: Any, found: NamedSensitivity) -> Any:
     """Draw first-order and total indices of d variables as bars, and return the axes."""
-    style_axes(ax)
     names, indices = found
     order = np.argsort(-indices.total, kind="stable")
     place = np.arange(len(order))
@@ -263,7 +258,7 @@ def draw_sensitivity(ax: Any, found: NamedSensitivity) -> Any:
         (0.2, indices.total, "with others", COLOURS[4]),
     ):
         ax.barh(place + shift, 100.0 * values[order], 0.38, color=colour, label=name)
-    ax.set_yticks(place, [label_of(names[i]) for i in order])
+    ax.set_yticks(place, [label_of(names[i].replace(".", ": ")) for i in order])
     ax.invert_yaxis()
     ax.set_xlabel("share of the variance of the objective (%)")
     legend_below(ax)
@@ -277,7 +272,7 @@ def _paths_data(data: CampaignData, _: FigureOptions) -> list[VariablePath] | No
 
 def _paths_size(paths: Sequence[VariablePath]) -> tuple[float, float]:
     columns = _panel_columns(len(paths))
-    return PANEL_SIZE[0] * columns, PANEL_SIZE[1] * -(-len(paths) // columns) + 0.7
+    return min(PANEL_SIZE[0] * columns, PAGE), PANEL_SIZE[1] * -(-len(paths) // columns) + 0.7
 
 
 def _best_data(data: CampaignData, _: FigureOptions) -> BestStrings | None:
@@ -354,7 +349,7 @@ Figure(
     _best_data,
     draw_best_strings,
     _best_caption,
-    (8.6, 5.0),
+    (PAGE, 4.6),
     empty="no string is judged yet",
     method="plot_best",
     meaning="Draw the best strings as lines over the search box.",
@@ -367,6 +362,6 @@ Figure(
     _sensitivity_data,
     draw_sensitivity,
     _sensitivity_caption,
-    lambda found: (6.0, 1.8 + 0.3 * len(found[0])),
+    lambda found: (MIDDLE, 1.5 + 0.28 * len(found[0])),
     empty="too few strings, all worth the same, or a regression that predicts nothing",
 )

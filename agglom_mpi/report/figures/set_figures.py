@@ -2,21 +2,17 @@
 
 import re
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
+from itertools import combinations
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.formatting import label_of
 from agglom_mpi.inference.emulated_set import BOX_POINTS
-from agglom_mpi.inference.set_points import INNER_PROBABILITY, OUTER_PROBABILITY
-from agglom_mpi.report.drawing import (
-    COLOURS,
-    histogram_range,
-    legend_below,
-    note,
-    style_axes,
-)
+from agglom_mpi.inference.set_points import OUTER_PROBABILITY
+from agglom_mpi.report.drawing import histogram_range, legend_below, note
 from agglom_mpi.report.figures.box_panels import (
     MAX_PLOTTED_VARIABLES,
     BoxPoints,
@@ -25,13 +21,14 @@ from agglom_mpi.report.figures.box_panels import (
     corner_size,
     draw_contour,
     draw_corner,
+    draw_field,
     draw_marginal,
     pair_edges,
     scale_axis,
-    smoothed,
 )
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
 from agglom_mpi.report.set_summary import shown_directions
+from agglom_mpi.report.style import COLOURS, PAGE, POINT_MAP
 from agglom_mpi.storage.reader import CampaignData
 
 if TYPE_CHECKING:
@@ -44,6 +41,12 @@ Floats = NDArray[np.float64]
 
 PLOTTED_POINTS: Final = 1 << 15
 """Number of points that panels are made of."""
+PAIR_CELLS: Final = 32
+"""Number of cells of a pair's panel along each side."""
+SMOOTHING: Final = 0.8
+"""Standard deviation by which a pair's panel is smoothed, in its cells."""
+FRACTION: Final = "fraction of strings in the set"
+DENSITY: Final = "density over prior"
 MARGINAL_COLUMNS: Final = 3
 """Maximum number of marginals side by side."""
 REACH_BARS: Final = 40
@@ -89,50 +92,108 @@ def _plotted(of: "FeasibleSet") -> PlottedSet:
 
 def draw_pairs(figure: "matplotlib.figure.Figure", shown: PlottedSet) -> Any:
     """Draw a panel for each pair of variables, and return the axes, shape (m, m)."""
+    points = shown.points
+    names = points.names[:MAX_PLOTTED_VARIABLES]
+    fields = {pair: _pair_field(points, *pair) for pair in combinations(names, 2)}
+    most = max((float(field.max()) for _, field in fields.values()), default=1.0)
     images = []
     axes = draw_corner(
         figure,
-        shown.points,
+        points,
         lambda ax, name: _draw_marginal(ax, shown, name),
-        lambda ax, column, row: images.append(_draw_pair(ax, shown.points, column, row)),
+        lambda ax, x, y: images.append(_draw_pair(ax, points, (x, y), fields[x, y], most)),
     )
     if images:
         # The upper right half is empty.
-        place = figure.add_axes((0.62, 0.9, 0.3, 0.025))
+        place = figure.add_axes((0.62, 0.92, 0.3, 0.025))
         place.set_in_layout(False)
-        bar = figure.colorbar(images[-1], cax=place, orientation="horizontal")
-        bar.set_label("share of all other values in the set", fontsize=8)
-        bar.ax.tick_params(labelsize=7)
-        handles = [
-            contour_handle("dashed", f"possible (P ≥ {OUTER_PROBABILITY:g})"),
-            contour_handle("solid", f"sure (P ≥ {INNER_PROBABILITY:g})"),
-        ]
-        corner_legend(figure, handles)
+        figure.colorbar(images[0], cax=place, orientation="horizontal", label=FRACTION)
+        corner_legend(figure, _pair_handles())
     return axes
 
 
-def _draw_pair(ax: Any, points: BoxPoints, column: str, row: str) -> Any:
-    """Draw the share of the other variables' values that is in the set, for pairs of values."""
-    x, y, probability = points.column(column), points.column(row), points.weights
-    edges = pair_edges(points, column, row)
-    count = np.histogram2d(x, y, bins=edges)[0]
-    mass = np.histogram2d(x, y, bins=edges, weights=probability)[0]
-    with np.errstate(invalid="ignore"):
-        share = mass / count
-    image = ax.pcolormesh(*edges, share.T, cmap="cividis", rasterized=True)
-    styles: tuple[tuple[float, Literal["dashed", "solid"]], ...]
-    styles = (OUTER_PROBABILITY, "dashed"), (INNER_PROBABILITY, "solid")
-    for bound, style in styles:
-        some = probability >= bound
-        there = np.histogram2d(x[some], y[some], bins=edges)[0] > 0
-        draw_contour(ax, edges, smoothed(there), 0.5, style)
+def _pair_field(points: BoxPoints, column: str, row: str) -> tuple[list[Floats], Floats]:
+    """Return the edges of a pair's cells, and the fraction of strings in the set, smoothed."""
+    from scipy.ndimage import gaussian_filter
+
+    edges = pair_edges(points, column, row, PAIR_CELLS)
+    x, y = points.column(column), points.column(row)
+    mass, count = (
+        gaussian_filter(np.histogram2d(x, y, edges, weights=each)[0], SMOOTHING, mode="nearest")
+        for each in (points.weights, None)
+    )
+    return edges, mass / np.maximum(count, 1e-9)
+
+
+def _draw_pair(
+    ax: Any,
+    points: BoxPoints,
+    pair: tuple[str, str],
+    field: tuple[list[Floats], Floats],
+    most: float,
+) -> Any:
+    """Draw the fraction of strings with a pair of values that is in the set."""
+    from scipy.ndimage import gaussian_filter
+
+    edges, fraction = field
+    image = draw_field(ax, edges, fraction, most)
+    draw_contour(ax, edges, fraction, 0.5 * most, "solid")
+    some = points.weights >= OUTER_PROBABILITY
+    x, y = (points.column(each)[some] for each in pair)
+    there = np.histogram2d(x, y, edges)[0] > 0
+    outline = gaussian_filter(there.astype(np.float64), SMOOTHING, mode="nearest")
+    draw_contour(ax, edges, outline, 0.5, "dashed")
     return image
+
+
+def _pair_handles() -> list[Any]:
+    possible = f"possible (P ≥ {OUTER_PROBABILITY:g})"
+    half = "half of the largest fraction"
+    return [contour_handle("dashed", possible), contour_handle("solid", half)]
+
+
+SetPanel = tuple[PlottedSet, str, str | None]
+"""A set, and one or two of its variables."""
+
+
+def draw_panel(ax: Any, panel: SetPanel) -> Any:
+    """Draw the marginal of a variable, or a pair of them, into axes, and return these."""
+    shown, x, y = panel
+    scale_axis(ax.xaxis, shown.points, x, label=True)
+    if y is None:
+        _draw_marginal(ax, shown, x)
+        ax.set_ylabel(DENSITY)
+        return ax
+    field = _pair_field(shown.points, x, y)
+    image = _draw_pair(ax, shown.points, (x, y), field, float(field[1].max()))
+    ax.set(xlim=shown.points.ends(x), ylim=shown.points.ends(y))
+    scale_axis(ax.yaxis, shown.points, y, label=True)
+    ax.figure.colorbar(image, ax=ax, label=FRACTION)
+    ax.legend(handles=_pair_handles(), loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+    return ax
+
+
+def _panel(data: CampaignData, options: FigureOptions) -> SetPanel | None:
+    """Return the set with the variables of a panel, the first of which decides most.
+
+    Raises
+    ------
+    CampaignError
+        If one is no searched variable.
+    """
+    if not options.plotted or (shown := plotted(data, options)) is None:
+        return None
+    names, box = shown.points.names, shown.points.box
+    for name in filter(None, (options.x, options.y)):
+        if name not in names:
+            raise box.mistaken(name, f"is no searched variable; {suggestion(name, names)}")
+    return shown, options.x or names[0], options.y
 
 
 def _marginals_size(count: int) -> tuple[float, float]:
     """Return width and height of the marginals of some variables, inches."""
     columns = min(count, MARGINAL_COLUMNS)
-    return max(4.0, 3.0 * columns), 2.4 * -(-count // columns) + 0.4
+    return max(3.5, PAGE * columns / 3.0), 2.0 * -(-count // columns) + 0.3
 
 
 def draw_marginals(figure: "matplotlib.figure.Figure", shown: PlottedSet) -> Any:
@@ -147,20 +208,19 @@ def draw_marginals(figure: "matplotlib.figure.Figure", shown: PlottedSet) -> Any
         _draw_marginal(ax, shown, name)
         scale_axis(ax.xaxis, shown.points, name, label=True)
         if place % columns == 0:
-            ax.set_ylabel("density over prior")
+            ax.set_ylabel(DENSITY)
     return axes[:count]
 
 
 def _draw_marginal(ax: Any, shown: PlottedSet, name: str) -> None:
     free = shown.variables[name].free
     draw_marginal(ax, shown.points, name, "0.75" if free else COLOURS[0])
-    ax.set_title("free" if free else "decided", fontsize=8, color="0.4", pad=2)
+    ax.set_title("free" if free else "decided", color="0.4", pad=2)
 
 
 def draw_group(ax: Any, shown: PlottedSet) -> Any:
     """Draw the mean against the combination that decides most, and return the axes."""
     of = shown.of
-    style_axes(ax)
     [row, *_] = shown_directions(of)
     emulated = of.emulated
     strings = emulated.box.space.from_unit(shown.points.units[:BOX_POINTS])
@@ -174,13 +234,14 @@ def draw_group(ax: Any, shown: PlottedSet) -> Any:
         linewidth=0.6,
         zorder=1,
         rasterized=True,
+        label="90 % interval",
     )
     image = ax.scatter(
         x,
         mean,
         s=5,
         c=shown.points.weights[: len(x)],
-        cmap="cividis",
+        cmap=POINT_MAP,
         vmin=0,
         vmax=1,
         rasterized=True,
@@ -198,7 +259,7 @@ def draw_group(ax: Any, shown: PlottedSet) -> Any:
             zorder=0,
             label="target",
         )
-        legend_below(ax)
+    legend_below(ax)
     ax.set_xscale("log")
     name = f"{row['group']}" if row["group"] else _product_label(row["product"])
     constant = " (without constants)" if row["group"] else " (SI units)"
@@ -224,7 +285,6 @@ def draw_reach(figure: "matplotlib.figure.Figure", of: "FeasibleSet") -> Any:
     for ax, name, column, (lower, upper) in zip(
         axes, of.criterion.quantities, values.T, bands, strict=True
     ):
-        style_axes(ax)
         finite = column[np.isfinite(column)]
         weights = np.full(len(finite), 100.0 / max(len(column), 1))
         shown = histogram_range(finite)
@@ -255,7 +315,6 @@ def draw_reliability(ax: Any, of: "FeasibleSet") -> Any:
     """Draw observed shares against predicted probabilities, and return the axes."""
     from scipy.stats import beta
 
-    style_axes(ax)
     bins = of.calibration.reliability
     ax.plot([0, 1], [0, 1], color="0.5", linewidth=0.8)
     if not bins:
@@ -286,11 +345,11 @@ def _pairs_caption(shown: PlottedSet) -> str:
     left = len(shown.variables) - MAX_PLOTTED_VARIABLES
     more = f" The {left} freest variables are left out." if left > 0 else ""
     return (
-        "The set in pairs of variables. The colour of a pair of values is the share of the other "
-        "variables' values that is in the set; lines enclose pairs for which some values of the "
-        f"others are possible (P ≥ {OUTER_PROBABILITY:g}, dashed) or sure "
-        f"(P ≥ {INNER_PROBABILITY:g}, solid). On the diagonal, marginals as in the next "
-        f"figure.{more}"
+        "The set in pairs of variables. The colour of a pair of values is the fraction of strings "
+        "with it, over all values of the other variables, that is in the set. Lines enclose where "
+        "it is more than half of its largest value (solid), and all pairs for which "
+        f"some strings are possible (P ≥ {OUTER_PROBABILITY:g}, dashed). On the diagonal, "
+        f"marginals as in the next figure.{more}"
     )
 
 
@@ -313,7 +372,7 @@ Figure(
     draw_reach,
     "The set is empty. How the emulated mean is spread over the box, by points that "
     "fill it evenly; the band is what is asked for, the line what comes nearest to it.",
-    lambda of: (max(6.4, 3.2 * len(of.criterion.quantities)), 4.2),
+    lambda of: (min(PAGE, 3.5 * len(of.criterion.quantities)), 3.0),
     panels=True,
 )
 Figure(
@@ -325,6 +384,20 @@ Figure(
     _pairs_caption,
     lambda shown: corner_size(len(shown.variables)),
     panels=True,
+)
+Figure(
+    "set_panel",
+    "set",
+    1,
+    _panel,
+    draw_panel,
+    "",
+    empty="the set is empty, or its emulator is not calibrated",
+    method="plot_set",
+    meaning="Draw the feasible set as one panel: over the variables `x` and `y`, or the marginal "
+    "of `x` alone. `feasible_set` is what `feasible_set(tolerance)` returned; takes seconds "
+    "otherwise, with its default tolerance.",
+    takes=("x", "y", "ax", "feasible_set"),
 )
 Figure(
     "set_marginals",
@@ -357,5 +430,5 @@ Figure(
         f"above {of.calibration.threshold:.4g}, against how probable that was. Bars are 95 % "
         "intervals of the share; on the diagonal, the emulator is right."
     ),
-    (4.6, 4.2),
+    (3.9, 3.5),
 )

@@ -5,8 +5,9 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.report.drawing import COLOURS, legend_below, style_axes
+from agglom_mpi.report.drawing import legend_below
 from agglom_mpi.report.figures.figure import Figure
+from agglom_mpi.report.style import COLOURS, PAGE
 from agglom_mpi.storage.reader import CampaignData
 
 Floats = NDArray[np.float64]
@@ -130,7 +131,6 @@ def _elapsed(at: Floats, times: Floats) -> Floats:
 
 def draw_utilisation(ax: Any, found: Utilisation) -> Any:
     """Draw the utilisation of the ranks against time, and return the axes."""
-    style_axes(ax)
     ax.set_xlabel("wall-clock time, all legs (s)")
     ax.set_ylabel("time in which ranks simulate (%)")
     line = {"color": COLOURS[0], "linewidth": 1.3, "baseline": None, "label": "all ranks"}
@@ -167,7 +167,7 @@ Figure(
     draw_utilisation,
     "Share of the time in which the ranks simulated, of all and of the idlest and busiest; "
     "compiling before the first sample, deciding and waiting are the rest.",
-    (7.2, 3.8),
+    (PAGE, 3.2),
     empty="no sample yet",
     method="plot_busy",
     meaning="Draw the share of the time in which the ranks simulated.",

@@ -22,6 +22,7 @@ from agglom_mpi.report.figures.finalists import draw_finalists
 from agglom_mpi.report.figures.finite_size import draw_finite_size
 from agglom_mpi.report.figures.radii import draw_radii
 from agglom_mpi.report.sample_particles import RadiusDistribution
+from agglom_mpi.report.style import finish, styled
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import prepare
 from agglom_mpi.statistics import MeanEstimate
@@ -218,11 +219,12 @@ def test_no_label_of_a_figure_is_clipped(finished):
     shown = (f.drawing(data, FigureOptions()) for f in figures().values())
     drawn = [drawing for drawing in shown if drawing is not None]  # there are no larger volumes
     for drawing in drawn:
-        figure = Figure(figsize=drawing.size, layout="constrained")
-        canvas = FigureCanvasAgg(figure)
-        drawing.draw(figure)
-        canvas.draw()
-        found = figure.get_tightbbox(canvas.get_renderer())
+        with styled():
+            figure = Figure(figsize=drawing.size, layout="constrained")
+            canvas = FigureCanvasAgg(figure)
+            finish(drawing.draw(figure))
+            canvas.draw()
+            found = figure.get_tightbbox(canvas.get_renderer())
         slack = 0.02  # inches, less than a letter's side
         if min(found.x0, found.y0) < -slack or np.any(
             np.array([found.x1, found.y1]) > np.array(drawing.size) + slack

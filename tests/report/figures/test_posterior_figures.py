@@ -18,12 +18,10 @@ pytest.importorskip("matplotlib")
 
 from matplotlib.figure import Figure
 
+from agglom_mpi.report.figures.box_panels import region_level
 from agglom_mpi.report.figures.data_fit import Prediction
 from agglom_mpi.report.figures.figure import FigureOptions, figures
-from agglom_mpi.report.figures.posterior_figures import (
-    pair_density,
-    region_level,
-)
+from agglom_mpi.report.figures.posterior_figures import pair_density
 
 MEASURED = Path(__file__).parents[3] / "jobs" / "measured" / "measured.yaml"
 SHARES = np.array([0.3, 0.5, 0.2])
@@ -132,7 +130,7 @@ def test_a_corner_plot_has_the_narrowest_variable_first_in_the_units_of_the_camp
     axes = plotted("posterior_pairs", data, posterior, {})
     assert axes.shape == (3, 3)
     names = [ax.get_xlabel() for ax in axes[-1]]
-    assert names == ["hardness (MPa)", "heat capacity (J/kg/K)", "relative speed (m/s)"]
+    assert names == ["hardness H₀ (MPa)", "heat capacity C (J/kg/K)", "relative speed v₀ (m/s)"]
     assert axes[0, 0].get_title().endswith("MPa")
     median = float(axes[0, 0].get_title().split()[0])
     assert median == pytest.approx(np.sqrt(10.0 * 200.0), rel=0.05)  # the middle of the box
