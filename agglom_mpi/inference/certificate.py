@@ -10,6 +10,8 @@ import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from agglom_mpi.formatting import format_percent, pluralise
 from agglom_mpi.inference.certificate_plan import (
     ENTRY,
@@ -233,7 +235,9 @@ def evidence(data: CampaignData) -> str:
     found = hashlib.blake2b(data.attributes["campaign_sha256"].encode(), digest_size=16)
     rows = data.all_sample_rows()
     rows = rows[data.are_used(rows) | (rows["sample"] >= data.fresh_from)]
-    found.update(parameters_of(data.string_rows()).astype("<f8").tobytes())
+    strings = data.string_rows()
+    strings = strings[np.isin(strings["string"], rows["string"])]  # without those proposed ahead
+    found.update(parameters_of(strings).astype("<f8").tobytes())
     names = {"string", "sample", *(column.name for column in COLUMNS), *data.sizes.quantities}
     for name in rows.dtype.names or ():
         if name in names:
