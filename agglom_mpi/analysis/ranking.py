@@ -100,8 +100,7 @@ def search_order(data: "CampaignData", results: np.ndarray) -> list[int]:
 def _last_population(data: "CampaignData") -> list[int]:
     """Return the last population of a search that `ranks_itself`, the best first; else nothing."""
     generations = data.generation_rows()
-    ranked = ranks_itself(data) and len(generations)
-    return generations["population"][-1].tolist() if ranked else []
+    return generations["population"][-1].tolist() if len(generations) and ranks_itself(data) else []
 
 
 def order_by_estimates(own: list[int], estimates: Iterable[Estimate]) -> list[int]:

@@ -73,8 +73,7 @@ def inline_svg(text: str, drawing: Drawing) -> str:
     """Return an SVG file as an element of the page.
 
     Its identifiers are unique in the page, its greys are those of dark mode where the page is dark,
-    and links to strings lead to the rows of the page's table. These links are no stops of the Tab
-    key: the page's script leads the arrow keys through the strings of a figure.
+    and links to strings lead to the rows of the page's table, but not for the Tab key.
     """
     text = _NOT_DRAWN.sub("", text[text.index("<svg") :])
     text = _IDENTIFIER.sub(rf"\g<1>{drawing.name}-", text)

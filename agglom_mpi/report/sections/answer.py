@@ -92,12 +92,11 @@ RANGE_COLUMNS: Final = (
 @section(5, "Ranges")
 def ranges(page: Page) -> Iterator[Block | Table]:
     """Yield the variables with the ends of their ranges, the searched ones first."""
-    data = page.data
-    rows, searched = [], searched_variables(data)
-    fixed = [each for each in recorded_box(data).variables if each.lower == each.upper]
+    rows, searched = [], searched_variables(page.data)
+    fixed = [each for each in recorded_box(page.data).variables if each.lower == each.upper]
     for variable in (*searched, *fixed):
         how = "by its logarithm" if variable.logarithmic else "evenly"
-        factor, unit = unit_of_variable(data.campaign_text, variable)
+        factor, unit = unit_of_variable(page.data.campaign_text, variable)
         row: dict[str, Any] = {"variable": label_of(variable.name), "unit": unit * (unit != "1")}
         row |= {"from": variable.lower / factor, "to": variable.upper / factor}
         rows.append(row | {"searched": how if variable in searched else "fixed"})
@@ -145,7 +144,7 @@ def all_strings(data: CampaignData) -> Table:
     rows: list[dict[str, Any]] = [
         {
             "rank": place + 1,
-            "by": by[place],
+            "ranked by": by[place],
             "string": string,
             "generation": generation.get(string),
             **{name: values[name][place] for name in variables},
@@ -157,9 +156,7 @@ def all_strings(data: CampaignData) -> Table:
         for place, string in enumerate(order)
     ]
     columns = [
-        Column("rank", format="d"),
-        Column("by", "ranked by", text=True),
-        *(Column(name, format="d") for name in ("string", "generation")),
+        *(Column(name, format="d") for name in ("rank", "ranked by", "string", "generation")),
         *variables.values(),
         Column("searched", "objective, as searched"),
         Column("again", "objective, re-estimate"),
