@@ -30,6 +30,13 @@ def lacks_rows(data: CampaignData) -> bool:
     return read_campaign(data.path).status() == data.status()  # or a run has begun meanwhile
 
 
+def damage_lines(data: CampaignData) -> list[str]:
+    """Return a line if rows are damaged, hence left out, or absent from a finished campaign."""
+    what = f"{pluralise(data.damaged, 'damaged row')} left out" if data.damaged else ""
+    what = what or ("is finished, but rows are absent" if lacks_rows(data) else "")
+    return [f"{data.path}: {what}; agglom check {data.path} says which"] if what else []
+
+
 def check_finished(report: VerificationReport, frames: int) -> None:
     """Add to a report the rows that a finished campaign lacks, which has this number of frames."""
     data = report.data

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.formatting import pluralise
 from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.search.proposals import AGAIN
 from agglom_mpi.statistics import t_95, without_rounding
@@ -176,6 +177,12 @@ def rounding_of(data: "CampaignData") -> float:
     if "objective.law" not in data.identity:
         return 0.0
     return objective_of(data).rounding(data.result_rows()["objective"])
+
+
+def not_converged(data: "CampaignData") -> list[str]:
+    """Return a line on the strings of `unconverged`, if there are any."""
+    count = unconverged(data)
+    return [f"{pluralise(count, 'string')} ended at max_samples, not converged"] if count else []
 
 
 def unconverged(data: "CampaignData") -> int:

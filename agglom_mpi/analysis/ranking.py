@@ -92,12 +92,15 @@ def search_order(data: "CampaignData", results: np.ndarray) -> list[int]:
         Rows of `/results` of the strings.
     """
     order = results["string"][np.lexsort((results["string"], results["objective"]))].tolist()
-    if not ranks_itself(data):
-        return order
-    generations, judged = data.generation_rows(), set(order)
-    last = generations["population"][-1].tolist() if len(generations) else []
+    last, judged = _last_population(data), set(order)
     first, named = [string for string in last if string in judged], set(last)
     return first + [string for string in order if string not in named]
+
+
+def _last_population(data: "CampaignData") -> list[int]:
+    """Return the last population of a search that `ranks_itself`, the best first; else nothing."""
+    generations = data.generation_rows()
+    return generations["population"][-1].tolist() if len(generations) and ranks_itself(data) else []
 
 
 def order_by_estimates(own: list[int], estimates: Iterable[Estimate]) -> list[int]:
@@ -120,6 +123,19 @@ def order_by_estimates(own: list[int], estimates: Iterable[Estimate]) -> list[in
         return own
     first = sorted((string for string in own if string in known), key=lambda i: (known[i], i))
     return [*first, *(string for string in own if string not in known)]
+
+
+def places_by(data: "CampaignData") -> list[str]:
+    """Return by what each string of `rank_strings` has its place, in their order.
+
+    That is its re-estimate, the search that `ranks_itself`, or the objective of its own samples.
+    """
+    ranked = rank_strings(data)
+    by = dict.fromkeys(_last_population(data), "search")
+    again = {estimate.string: "re-estimate" for estimate in ranked.estimates}
+    if again.keys() & ranked.order[:1]:  # else the search has gone on
+        by |= again
+    return [by.get(string, "samples") for string in ranked.order]
 
 
 def listed_strings(data: "CampaignData") -> int:

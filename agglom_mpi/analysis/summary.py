@@ -13,6 +13,7 @@ from agglom_mpi.analysis.derived import derived_columns, recorded_box
 from agglom_mpi.analysis.estimates import (
     is_free_of_noise,
     kept,
+    not_converged,
     objective_of,
     rounding_of,
     unconverged,
@@ -95,12 +96,7 @@ def summary_table(file: CampaignData, best: int | None = None) -> RenderableType
     if not summary["no_result"]:
         parts += describe_best(file, [entry["string"] for entry in summary["best"]])
         parts += failure_lines(file)
-    if ranks_itself(file) and summary["best"]:
-        parts.append(SEARCH_ESTIMATES)
-    if summary["not_converged"]:
-        strings = pluralise(summary["not_converged"], "string")
-        parts.append(f"{strings} ended at max_samples, not converged")
-    return Group(*parts, summary["file"])
+    return Group(*parts, *not_converged(file), summary["file"])
 
 
 def describe_best(file: CampaignData, shown: Sequence[int]) -> list[str]:
@@ -110,7 +106,8 @@ def describe_best(file: CampaignData, shown: Sequence[int]) -> list[str]:
     noisy = not is_free_of_noise(file)
     lines = describe_bias(_verdict(file), shown, len(estimated)) if noisy else ()
     fit = describe_fit(file, shown[0]) if shown else []
-    return [*lines, *objective_of(file).notes, *fit, *describe_finite_size(file, shown)]
+    found = [*lines, *objective_of(file).notes, *fit, *describe_finite_size(file, shown)]
+    return [*found, SEARCH_ESTIMATES] if ranks_itself(file) and shown else found
 
 
 @kept

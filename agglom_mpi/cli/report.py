@@ -18,7 +18,7 @@ from agglom_mpi.cli.common import (
 )
 from agglom_mpi.cli.set_options import read_set_request, set_options
 from agglom_mpi.errors import FAILURE, FINISHED, INTERRUPTED
-from agglom_mpi.formatting import pluralise, without_nan
+from agglom_mpi.formatting import without_nan
 
 if TYPE_CHECKING:
     from agglom_mpi.report.set_files import PosteriorRequest, SetRequest
@@ -209,16 +209,12 @@ def _mention_damage(file: "CampaignData") -> int:
 
     What is altered was said when it was read.
     """
-    from agglom_mpi.analysis.completeness import lacks_rows
+    from agglom_mpi.analysis.completeness import damage_lines
 
-    if file.damaged:
-        what = f"{pluralise(file.damaged, 'damaged row')} left out"
-    elif lacks_rows(file):
-        what = "is finished, but rows are absent"
-    else:
-        return FAILURE if file.altered else FINISHED
-    say(f"{file.path}: {what}; agglom check {file.path} says which", error=True)
-    return FAILURE
+    lines = damage_lines(file)
+    for line in lines:
+        say(line, error=True)
+    return FAILURE if lines or file.altered else FINISHED
 
 
 def _follow(name: str, allow_code: bool) -> int:

@@ -73,12 +73,12 @@ def inline_svg(text: str, drawing: Drawing) -> str:
     """Return an SVG file as an element of the page.
 
     Its identifiers are unique in the page, its greys are those of dark mode where the page is dark,
-    and links to strings lead to the rows of the page's table.
+    and links to strings lead to the rows of the page's table, but not for the Tab key.
     """
     text = _NOT_DRAWN.sub("", text[text.index("<svg") :])
     text = _IDENTIFIER.sub(rf"\g<1>{drawing.name}-", text)
     text = _GREY.sub(_with_dark_grey, text)
-    text = _STRING.sub(r'<a href="#string-\1">', text)
+    text = _STRING.sub(r'<a href="#string-\1" tabindex="-1">', text)
     label = escape(drawing.caption, quote=True)
 
     def opening(found: re.Match[str]) -> str:

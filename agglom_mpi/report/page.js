@@ -30,18 +30,27 @@ function sortBy(heading) {
 
 for (const heading of document.querySelectorAll("thead th")) {
   heading.setAttribute("aria-sort", "none");
-  heading.tabIndex = 0;
+  const button = document.createElement("button");
+  button.append(...heading.childNodes);
+  heading.append(button);
   heading.addEventListener("click", () => sortBy(heading));
-  heading.addEventListener("keydown", (event) => {
-    if (event.key === "Enter") sortBy(heading);
-  });
 }
 
-// Long texts are open without a script, and folded with one.
-for (const details of document.querySelectorAll("details.long")) details.open = false;
+// Long texts are open without a script and on paper, and folded with one.
+const folded = document.querySelectorAll("details.long");
+for (const details of folded) details.open = false;
+let opened = [];
+addEventListener("beforeprint", () => {
+  opened = [...folded].filter((details) => !details.open);
+  for (const details of opened) details.open = true;
+});
+addEventListener("afterprint", () => {
+  for (const details of opened) details.open = false;
+});
 
 const box = document.createElement("div");
 box.className = "values";
+box.setAttribute("role", "status");
 box.hidden = true;
 document.body.append(box);
 
@@ -85,8 +94,39 @@ function show(link, event) {
   }
 }
 
+// The arrow keys show the values of one string of a figure after the other, in order of the table.
+function withKeys(svg) {
+  const mark = (row) => row && svg.querySelector(`a[href='#${row.id}']`);
+  const rows = () => [...document.querySelectorAll("tr[id^='string-']")].filter(mark);
+  const showRow = (row) => {
+    const link = mark(row);
+    link?.scrollIntoView({ block: "nearest" });
+    const place = (link ?? svg).getBoundingClientRect();
+    show(link, { clientX: place.x + place.width / 2, clientY: place.y + place.height / 2 });
+  };
+  const hint = document.createElement("span");
+  hint.className = "keys";
+  hint.textContent = "The arrow keys show the strings, Enter leads to a row. ";
+  svg.closest("figure").querySelector("figcaption a").before(hint);
+  svg.tabIndex = 0;
+  svg.addEventListener("focus", () => svg.matches(":focus-visible") && showRow(rows()[0]));
+  svg.addEventListener("blur", () => showRow(null));
+  svg.addEventListener("keydown", (event) => {
+    const all = rows();
+    const now = all.findIndex((row) => `#${row.id}` === shown);
+    const next = { ArrowRight: now + 1, ArrowDown: now + 1, ArrowLeft: now - 1, ArrowUp: now - 1,
+      Home: 0, End: all.length - 1 }[event.key];
+    if (next !== undefined) showRow(all[Math.max(0, Math.min(next, all.length - 1))]);
+    else if (event.key === "Enter" && shown) location.hash = shown;
+    else if (event.key === "Escape") showRow(null);
+    else return;
+    event.preventDefault();
+  });
+}
+
 for (const svg of document.querySelectorAll("figure svg")) {
   if (!svg.querySelector("a[href^='#string-']")) continue;
   svg.addEventListener("pointermove", (event) => show(linkAt(svg, event), event));
   svg.addEventListener("pointerleave", (event) => show(null, event));
+  withKeys(svg);
 }

@@ -26,6 +26,9 @@ from agglom_mpi.storage.recorded_campaign import require_code
 NAME: Final = "report.html"
 TEMPLATE: Final = "report.html.j2"
 
+PRINTED_CHARACTERS: Final = 105
+"""Maximum number of characters of a table beside each other on paper, which is as wide as A4."""
+
 RESIMULATION_MESSAGE: Final = (
     "simulating the best string again for pictures of its particles, which are not stored; the "
     "first time on a machine, its kind of scene is compiled"
@@ -126,6 +129,7 @@ def render(page: Page) -> str:
     )
     environment.globals["csv"] = _csv
     environment.filters["typeset"] = _typeset
+    environment.tests["broad"] = is_broad
     data = page.data
     judged, rows = data.result_rows(), data.all_sample_rows()
     summary = (
@@ -150,6 +154,19 @@ def _safe(value: Any) -> Any:
 def _typeset(text: str) -> str:
     """Return a text of the report with the radius of the start as figures show it."""
     return text.replace("b/b0", "b/b⁰")
+
+
+def is_broad(table: Table) -> bool:
+    """Return whether a table has no room on paper even where texts break between all words.
+
+    Numbers break before their errors alone. It is printed with a card for each row instead.
+    """
+    ends = [None if not place or each.text else " ±" for place, each in enumerate(table.shown)]
+    words = [[heading.split() for heading in table.headings]]
+    words += [[*map(str.split, row, ends)] for row in table.cells]
+    columns = words if table.upright else zip(*words, strict=True)
+    longest = (max(len(word) for cell in column for word in (*cell, "")) for column in columns)
+    return sum(length + 2 for length in longest) > PRINTED_CHARACTERS
 
 
 def _csv(table: Table) -> str:

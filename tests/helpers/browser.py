@@ -1,6 +1,8 @@
 """A real Chromium without a window, driven by its own driver, that reaches no network."""
 
+import base64
 import os
+import re
 import shutil
 from contextlib import contextmanager
 from tempfile import TemporaryDirectory
@@ -21,6 +23,8 @@ OPTIONS = (
 )
 HEIGHT = 900
 """Height of the window, pixels."""
+PAPER, MARGIN = 210, 12
+"""Width of a printed page, and its margins, mm."""
 
 
 def need_browser():
@@ -68,6 +72,32 @@ def _set_up(driver, folder, width, dark, scripts):
         "Emulation.setScriptExecutionDisabled": {"value": not scripts},
     }.items():
         driver.execute_cdp_cmd(command, what)
+
+
+def on_paper(driver):
+    """Lay a page out as it is printed on A4, in a window as wide as the paper between margins."""
+    width = driver.execute_script("return Math.floor(arguments[0] * 96 / 25.4)", PAPER - 2 * MARGIN)
+    size = {"width": width, "height": HEIGHT, "deviceScaleFactor": 1, "mobile": False}
+    driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
+    driver.execute_script("dispatchEvent(new Event('beforeprint'))")
+
+
+def printed(driver):
+    """Return where links and headings of a page lead in its PDF file.
+
+    They are the numbers of rows of strings, and heights of headings over the margin in points.
+    """
+    options = {"preferCSSPageSize": True, "printBackground": True}
+    options |= {"generateTaggedPDF": True, "generateDocumentOutline": True}
+    pdf = base64.b64decode(driver.execute_cdp_cmd("Page.printToPDF", options)["data"])
+    rows = [int(number) for number in re.findall(rb"/string-(\d+) \[\d+ 0 R", pdf)]
+    heading = rb"/Title \((.*?)\)\s*/Dest \[\d+ 0 R /XYZ [\d.]+ ([\d.]+)"
+    heights = {
+        name.decode(): float(height) - MARGIN * 72 / 25.4
+        for name, height in re.findall(heading, pdf)
+    }
+    return rows, heights
 
 
 def console(driver):

@@ -24,7 +24,7 @@ def test_marks_lead_to_the_rows_of_their_strings(tmp_path):
     def draw(ax):
         ax.scatter([0, 1, 2], [0, 1, 2], urls=[f"{STRING_LINK}{i}" for i in (7, 8, 12)])
 
-    found = re.findall(r'<a href="([^"]*)">', held(tmp_path, draw).svg)
+    found = re.findall(r'<a href="([^"]*)" tabindex="-1">', held(tmp_path, draw).svg)
     assert found == ["#string-7", "#string-8", "#string-12"]
 
 

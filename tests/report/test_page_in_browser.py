@@ -1,11 +1,13 @@
-"""The page of a campaign in a real browser: what fits, what a click and a pointer do."""
+"""The page of a campaign in a real browser and on paper: what fits, what clicks and keys do."""
 
 import csv
 import re
+import shutil
 from contextlib import contextmanager
 
+import h5py
 import pytest
-from browser import browser, console, need_browser
+from browser import browser, console, need_browser, on_paper, printed
 from once import made_once, shared_folder
 from processes import wait_for
 
@@ -15,7 +17,7 @@ from agglom_mpi.storage.reader import read_campaign
 
 pytestmark = pytest.mark.slow
 
-WIDE, NARROW = 1280, 400
+HUGE, WIDE, NARROW = 2560, 1280, 400
 OVERLAPS = """
 const shown = [...document.querySelectorAll(
     "h1, h2, h3, .state, nav a, .note, .warning, dt, dd, figure svg, figcaption, caption, th, " +
@@ -31,13 +33,25 @@ for (let i = 0; i < boxes.length; ++i) for (let j = i + 1; j < boxes.length; ++j
 }
 return found;
 """
-CUT = """
+OF_SCROLLED = '&& getComputedStyle(one).overflowX !== "auto"'
+CUT = f"""
 return [...document.querySelectorAll("body *")].filter((one) => one.checkVisibility()
     && !one.closest("svg") && getComputedStyle(one).display !== "inline"
     && !one.parentElement.closest(".drawing")
-    && ((one.scrollWidth > one.clientWidth + 1 && getComputedStyle(one).overflowX !== "auto")
+    && ((one.scrollWidth > one.clientWidth + 1 {OF_SCROLLED})
         || one.getBoundingClientRect().right > document.documentElement.clientWidth + 1))
     .map((one) => one.outerHTML.slice(0, 80));
+"""
+HIDDEN = """
+return [...document.querySelectorAll(
+    "h2, h3, p, li, dt, dd, td, th, caption, figcaption, figure svg, summary, pre")].filter(
+    (one) => one.textContent.trim() && !one.matches(".broad th, .wider, .narrow")
+    && !one.checkVisibility()).map((one) => one.outerHTML.slice(0, 80));
+"""
+TAB_STOPS = """
+return [...document.querySelectorAll("*")].filter((one) => one.tabIndex >= 0)
+    .map((one) => [one.getAttribute("aria-label") ?? one.textContent.trim(),
+        one.parentElement?.closest("svg") !== null]);
 """
 LUMINANCE = """
 const [red, green, blue] = getComputedStyle(arguments[0])[arguments[1]].match(/[\\d.]+/g);
@@ -55,6 +69,20 @@ def page(shared_campaign, tmp_path_factory):
         assert list(write_report(data, folder, simulate=True))
 
     return made_once(shared_folder(tmp_path_factory) / "page", make) / "report.html"
+
+
+@pytest.fixture(scope="module")
+def many(shared_campaign, tmp_path_factory):
+    """Return a page with more of the best strings beside each other than paper has room for."""
+    need_browser()
+
+    def make(folder):
+        copy = shutil.copy(shared_campaign("estimated") / "estimated.h5", folder / "many.h5")
+        with h5py.File(copy, "r+") as file:
+            file.attrs["campaign"] = file.attrs["campaign"].replace("strings: 6", "strings: 12")
+        assert list(write_report(read_campaign(copy), folder, simulate=False))
+
+    return made_once(shared_folder(tmp_path_factory) / "many", make) / "report.html"
 
 
 @pytest.fixture
@@ -76,7 +104,7 @@ def unfold(driver):
 
 
 @pytest.mark.parametrize("dark", [False, True])
-@pytest.mark.parametrize("width", [WIDE, NARROW])
+@pytest.mark.parametrize("width", [HUGE, WIDE, NARROW])
 def test_everything_fits_into_the_window_and_nothing_overlaps(at, width, dark):
     with at(width, dark=dark) as driver:
         unfold(driver)
@@ -85,8 +113,52 @@ def test_everything_fits_into_the_window_and_nothing_overlaps(at, width, dark):
         )
         assert across == [width, width]
         assert driver.execute_script(OVERLAPS) == []
-        if width == NARROW:
-            assert driver.execute_script(CUT) == []
+        assert driver.execute_script(CUT) == []
+
+
+@pytest.mark.parametrize("name", ["page", "many"])
+def test_on_paper_nothing_is_cut_hidden_or_overlaps(request, tmp_path, name):
+    with browser(tmp_path, WIDE) as driver:
+        driver.get(request.getfixturevalue(name).as_uri())
+        on_paper(driver)
+        cut = CUT.replace(OF_SCROLLED, "")
+        assert cut != CUT
+        assert driver.execute_script(cut) == []
+        assert driver.execute_script(HIDDEN) == []
+        assert driver.execute_script(OVERLAPS) == []
+        broad = driver.find_elements("css selector", "#answer table.broad")
+        assert len(broad) == (name == "many")
+        best = driver.find_elements("css selector", "#answer tbody tr td:first-child")
+        assert [each.text for each in best] == [f"#{i + 1}" for i in range(12 if broad else 6)]
+
+
+def test_headings_stay_with_what_is_below_them_on_paper(at):
+    """At least four lines of 9 pt are below each; and every row of a folded table is printed."""
+    with at(WIDE) as driver:
+        strings, heights = printed(driver)
+        rows = driver.find_elements("css selector", "#strings tbody tr")
+        assert len(strings) == len(rows)
+        headings = driver.find_elements("css selector", "h1, h2, h3")
+        assert heights.keys() == {each.text for each in headings}
+        assert min(heights.values()) > 54.0
+        assert not driver.find_element("css selector", "#strings details").get_attribute("open")
+
+
+def test_each_stop_of_the_tab_key_has_a_name_and_none_is_in_an_image(at):
+    with at(WIDE) as driver:
+        unfold(driver)
+        stops = driver.execute_script(TAB_STOPS)
+        assert len(stops) > 20
+        assert [name for name, in_image in stops if in_image or not name] == []
+
+
+def test_names_of_images_lead_to_their_files(at, page):
+    with at(WIDE) as driver:
+        links = driver.find_elements("css selector", "figcaption a")
+        assert len(links) == 2 * len(driver.find_elements("css selector", "figure"))
+        for link in links:
+            assert (page.parent / link.text).stat().st_size > 100
+            assert link.get_attribute("href") == (page.parent / link.text).as_uri()
 
 
 def test_figures_stand_in_two_columns_on_a_wide_screen_and_in_one_on_a_narrow_one(at):
@@ -108,11 +180,13 @@ def test_lettering_of_figures_stays_legible_on_a_narrow_screen(at):
             assert scale >= (1.24 if inches >= SCROLLED else 0.75), inches
 
 
-def test_the_question_stands_first_with_its_target_and_ranges(at):
+def test_the_question_stands_below_warnings_and_ranges_below_results(at):
     with at(WIDE) as driver:
         first = driver.find_element("css selector", "section")
+        if first.find_element("css selector", "h2").text == "Warnings":
+            first = driver.find_elements("css selector", "section")[1]
         assert first.find_element("css selector", "h2").text == "Question"
-        rows = first.find_elements("css selector", "tbody tr")
+        rows = driver.find_elements("css selector", "#ranges tbody tr")
         ranges = {row.text.split("\n")[0].rsplit(" ", 4)[0]: row.text for row in rows}
         assert re.search(r"hardness 10 200 MPa evenly", " ".join(ranges.values()))
         assert "2" in first.find_element("css selector", "dd").text
@@ -177,6 +251,41 @@ def test_the_values_of_a_string_show_under_the_pointer(at, figure, mark):
         assert box.text.split("\n") == [f"{label}: {text}" for label, text in cells if text]
         ActionChains(driver).move_to_element(driver.find_element("css selector", "h1")).perform()
         assert not box.is_displayed()
+
+
+@pytest.mark.parametrize("figure", ["best_strings", "search_paths"])
+def test_the_values_of_strings_show_at_the_arrow_keys(at, figure):
+    from selenium.webdriver import ActionChains, Keys
+
+    with at(WIDE) as driver:
+        driver.execute_script(f"document.querySelector('#{figure} svg').focus()")
+        box = driver.find_element("css selector", ".values")
+
+        def press(key):
+            ActionChains(driver).send_keys(key).perform()
+            found = re.search(r"(?m)^rank: (\d+)$", box.text) if box.is_displayed() else None
+            return found and int(found[1])
+
+        first, second = press(Keys.HOME), press(Keys.ARROW_RIGHT)
+        assert first == 1 < second
+        assert (press(Keys.ARROW_LEFT), press(Keys.ARROW_LEFT)) == (first, first)
+        assert press(Keys.END) > second
+        assert press(Keys.ESCAPE) is None
+        assert press(Keys.ARROW_DOWN) == first
+        string = re.search(r"(?m)^string: (\d+)$", box.text)[1]
+        press(Keys.ENTER)
+        assert driver.current_url.endswith(f"#string-{string}")
+        press(Keys.TAB)
+        assert not box.is_displayed()
+
+
+def test_the_keyboard_sorts_a_table(at):
+    with at(WIDE) as driver:
+        unfold(driver)
+        [heading] = driver.find_elements("xpath", "//section[@id='strings']//th[.='string']")
+        before = [int(text) for text in column(driver, "#strings", "string")]
+        heading.find_element("css selector", "button").send_keys(" ")
+        assert [int(text) for text in column(driver, "#strings", "string")] == sorted(before)
 
 
 def _move_onto_line(driver, line):

@@ -1,6 +1,7 @@
 import importlib.util
 import re
 import shutil
+from html import escape
 from pathlib import Path
 
 import h5py
@@ -10,18 +11,20 @@ from campaign_runs import SMALL, finish, write_campaign
 from click.testing import CliRunner
 from storage_rows import put_status
 
+from agglom_mpi.analysis import ranking, run_warnings
 from agglom_mpi.analysis.best_strings import best_table, collect_best
 from agglom_mpi.analysis.ranking import listed_strings, rank_strings
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli import main
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import CampaignError
+from agglom_mpi.display.table import Column, Table
 from agglom_mpi.errors import MissingLibraryError
 from agglom_mpi.report import drawing as drawing_module
 from agglom_mpi.report.drawing import Drawing, write_drawing
 from agglom_mpi.report.export import ExportError
 from agglom_mpi.report.figures.figure import figures as all_figures
-from agglom_mpi.report.page import write_report
+from agglom_mpi.report.page import PRINTED_CHARACTERS, is_broad, write_report
 from agglom_mpi.report.sample_particles import final_radii
 from agglom_mpi.report.sections.published import beside, read_published
 from agglom_mpi.report.sections.run import legs
@@ -62,7 +65,12 @@ def names(directory):
 
 
 def figures(page):
-    return set(re.findall(r"<code>(\w+)\.png</code>", page))
+    return set(re.findall(r'<a href="(\w+)\.png">', page))
+
+
+def warnings_of(page):
+    """Return what stands above the question that a campaign asks."""
+    return page[: page.index('<section id="question"')].partition('<section id="warnings"')[2]
 
 
 @pytest.fixture
@@ -74,8 +82,11 @@ def waiting(tmp_path):
     return tmp_path / "small.h5"
 
 
-def begin(path, failed=0):
-    """Let a campaign judge three strings by ten samples each, the first by some that fail."""
+def begin(path, failed=0, ended=0):
+    """Let a campaign judge three strings by ten samples each, the first by some that fail.
+
+    A number of them have `ended` at the largest number of samples.
+    """
     parameters = np.full((3, 10), 2.0)
     parameters[:, 9] = np.nan
     with CampaignWriter(path) as writer:
@@ -102,7 +113,7 @@ def begin(path, failed=0):
                 growth_number=6.859,
                 samples_used=10,
                 failed=failed if string == 0 else 0,
-                hit_maximum=False,
+                hit_maximum=string < ended,
             )
             writer.put_result(row)
 
@@ -141,7 +152,7 @@ def test_the_page_and_its_figures_are_complete_and_self_contained(finished, tmp_
     assert page.count("<figure") == page.count("<svg") + page.count("<img") == len(wanted)
     assert page.count("<script>") == page.count("<script") == 1
     sources = re.findall(r'(?:src|href)="([^"]{0,30})', page)
-    assert all(source.startswith(("#", "data:")) for source in sources)
+    assert {source for source in sources if not source.startswith(("#", "data:"))} == written
     assert all(place.startswith("#") for place in re.findall(r"url\((.)", page))
     identifiers = re.findall(r'\bid="([^"]*)"', page)
     links = re.findall(r'href="#([^"]*)"|url\(#([^)]*)\)', page)
@@ -217,6 +228,59 @@ def test_a_string_is_shown_with_its_processor_time_or_else_its_wall_clock_time(w
     assert "processor time" not in shown()
 
 
+@pytest.mark.usefixtures("undrawn")
+def test_warnings_of_the_terminal_stand_at_the_top(waiting, finished, tmp_path, monkeypatch):
+    begin(waiting, failed=1, ended=2)
+    [shown] = re.findall(r"(\d+) strings ended", warnings_of(report(waiting, tmp_path / "out")))
+    assert shown == "2"
+    assert "1 sample failed" in warnings_of((tmp_path / "out" / "report.html").read_text())
+    monkeypatch.setattr(run_warnings, "FEWEST_LEFT", 99)
+    lines = run_warnings.run_warnings(read_campaign(finished))
+    assert "scene.particles" in " ".join(lines)
+    page = warnings_of(report(finished, tmp_path / "finished"))
+    assert page.count('class="warning"') >= len(lines)
+    assert all(escape(line) in page for line in lines)
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_ranges_stand_below_the_results(finished, tmp_path):
+    page = report(finished, tmp_path / "out")
+    sections = re.findall(r'<section id="(\w+)"', page)
+    first = ["question", "answer", "ranges"]
+    assert sorted(first, key=sections.index) == first
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_each_string_says_what_it_is_ranked_by(four_of_six, tmp_path, monkeypatch):
+    monkeypatch.setattr(ranking, "ranks_itself", lambda data: True)
+    page = report(four_of_six, tmp_path / "out")
+    data = read_campaign(four_of_six)
+    by = ranking.places_by(data)
+    shown = re.findall(r'data-label="ranked by">([^<]*)</td>', page)
+    assert shown == by
+    assert by[:4] == ["re-estimate"] * 4
+    last = set(data.generation_rows()["population"][-1].tolist())
+    order = rank_strings(data).order
+    kinds = ["search" if string in last else "samples" for string in order[4:]]
+    assert by[4:] == kinds == sorted(kinds, reverse=True)
+    lowest = min(order, key=lambda string: rank_strings(data).results[string]["objective"])
+    place = order.index(lowest)
+    assert f"string {lowest} has place {place + 1}, by {by[place]}." in page
+
+
+@pytest.mark.parametrize("upright", [True, False])
+def test_a_table_without_room_on_paper_is_broad(upright):
+    columns = [Column("first"), Column("text", text=True), Column("pair")]
+    row = {"first": "a b", "text": "words " * 50, "pair": "0.1234 ± 0.0056"}
+
+    def broad(factor, **others):
+        return is_broad(Table(columns * factor, [row | others] * factor, upright=upright))
+
+    assert not broad(1)
+    assert broad(1, text="x" * PRINTED_CHARACTERS)
+    assert broad(20)
+
+
 def test_failed_samples_are_counted_by_reason(waiting, tmp_path):
     begin(waiting, failed=4)
     page = report(waiting, tmp_path / "out")
@@ -243,7 +307,7 @@ def test_damaged_rows_are_left_out_and_counted(copy, tmp_path, table):
         row["crc"] ^= 1
         file[table][place] = row
     page = report(copy, tmp_path / "out", simulate=True)
-    assert "1 row marked final with a wrong checksum" in page
+    assert "1 damaged row left out" in warnings_of(page)
     assert "convergence" in figures(page)
 
 

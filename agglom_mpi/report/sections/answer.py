@@ -1,4 +1,4 @@
-"""Sections on the question and its answer: ranges, best strings, all strings, what is inferred."""
+"""Sections on the question and its answer: warnings, strings, what is inferred, ranges."""
 
 from collections.abc import Iterator
 from typing import Any, Final
@@ -6,12 +6,13 @@ from typing import Any, Final
 from agglom_mpi.analysis.best_strings import best_table, collect_best
 from agglom_mpi.analysis.derived import recorded_box, searched_variables, values_of
 from agglom_mpi.analysis.failed_samples import no_result
-from agglom_mpi.analysis.ranking import listed_strings, rank_strings
+from agglom_mpi.analysis.ranking import listed_strings, places_by, rank_strings
+from agglom_mpi.analysis.run_warnings import all_warnings
 from agglom_mpi.analysis.shown_units import column_of, unit_of_variable
 from agglom_mpi.analysis.summary import describe_best
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.display.table import Column, Table
-from agglom_mpi.formatting import label_of, pluralise
+from agglom_mpi.formatting import label_of, pluralise, value_with_error
 from agglom_mpi.report.posterior_summary import next_text, posterior_text
 from agglom_mpi.report.sections.section import Block, Page, bullets, note, section, shown, warning
 from agglom_mpi.report.set_summary import set_text
@@ -23,40 +24,25 @@ MAX_ROWS: Final = 2000
 """Maximum number of judged strings that are listed."""
 
 
-@section(0, "Question")
+@section(0, "Warnings")
+def warnings(page: Page) -> Iterator[Block | Table]:
+    """Yield what the terminal warns of."""
+    for line in all_warnings(page.data):
+        yield warning(line)
+
+
+@section(1, "Question")
 def question(page: Page) -> Iterator[Block | Table]:
-    """Yield the objective and the ranges."""
+    """Yield the objective."""
     try:
         pairs = [line.partition(": ") for line in page.described[0][1]]
     except CampaignError:
         pairs = []
     asked = [(name, text) for name, _, text in pairs if name in QUESTION]
-    yield Block("question", (asked, ranges(page.data)))
+    yield Block("pairs", asked)
 
 
-RANGE_COLUMNS: Final = (
-    Column("variable"),
-    Column("from", format=".6g"),
-    Column("to", format=".6g"),
-    Column("unit", text=True),
-    Column("searched", text=True),
-)
-
-
-def ranges(data: CampaignData) -> Table:
-    """Return the variables with the ends of their ranges, the searched ones first."""
-    rows, searched = [], searched_variables(data)
-    fixed = [each for each in recorded_box(data).variables if each.lower == each.upper]
-    for variable in (*searched, *fixed):
-        how = "by its logarithm" if variable.logarithmic else "evenly"
-        factor, unit = unit_of_variable(data.campaign_text, variable)
-        row: dict[str, Any] = {"variable": label_of(variable.name), "unit": unit * (unit != "1")}
-        row |= {"from": variable.lower / factor, "to": variable.upper / factor}
-        rows.append(row | {"searched": how if variable in searched else "fixed"})
-    return Table(RANGE_COLUMNS, rows, "Ranges", "ranges")
-
-
-@section(1, "Best strings")
+@section(2, "Best strings")
 def answer(page: Page) -> Iterator[Block | Table]:
     """Yield the best strings, and what is known of their order."""
     data = page.data
@@ -74,7 +60,7 @@ def answer(page: Page) -> Iterator[Block | Table]:
     yield page.figures("answer")
 
 
-@section(2, "Feasible set", "set")
+@section(3, "Feasible set", "set")
 def feasible_set(page: Page) -> Iterator[Block | Table]:
     """Yield the feasible set, if it is asked for."""
     found = page.options.feasible_set
@@ -83,7 +69,7 @@ def feasible_set(page: Page) -> Iterator[Block | Table]:
         yield page.figures("set")
 
 
-@section(3, "Posterior of all data")
+@section(4, "Posterior of all data")
 def posterior(page: Page) -> Iterator[Block | Table]:
     """Yield the posterior and what to measure next, if they are asked for."""
     found, further = page.options.posterior, page.options.further
@@ -94,13 +80,54 @@ def posterior(page: Page) -> Iterator[Block | Table]:
         yield page.figures("posterior")
 
 
-@section(7, "All judged strings")
+RANGE_COLUMNS: Final = (
+    Column("variable"),
+    Column("from", format=".6g"),
+    Column("to", format=".6g"),
+    Column("unit", text=True),
+    Column("searched", text=True),
+)
+
+
+@section(5, "Ranges")
+def ranges(page: Page) -> Iterator[Block | Table]:
+    """Yield the variables with the ends of their ranges, the searched ones first."""
+    rows, searched = [], searched_variables(page.data)
+    fixed = [each for each in recorded_box(page.data).variables if each.lower == each.upper]
+    for variable in (*searched, *fixed):
+        how = "by its logarithm" if variable.logarithmic else "evenly"
+        factor, unit = unit_of_variable(page.data.campaign_text, variable)
+        row: dict[str, Any] = {"variable": label_of(variable.name), "unit": unit * (unit != "1")}
+        row |= {"from": variable.lower / factor, "to": variable.upper / factor}
+        rows.append(row | {"searched": how if variable in searched else "fixed"})
+    yield Table(RANGE_COLUMNS, rows, name="ranges")
+
+
+@section(9, "All judged strings")
 def strings(page: Page) -> Iterator[Block | Table]:
     """Yield all strings that have a result."""
     if rank_strings(page.data).order:
         table = all_strings(page.data)
+        yield note(describe_order(page.data))
         heading = f"{pluralise(len(table.rows), 'string')} in order of rank"
         yield Block("folded_table", table, heading)
+
+
+ORDER: Final = (
+    "First come the strings with a re-estimate, by it; then the last population of a search that "
+    "ranks strings by more than their own samples, as it ranked them; then all others, by the "
+    "objective as searched, which rests on their own samples alone."
+)
+
+
+def describe_order(data: CampaignData) -> str:
+    """Return what strings are ordered by, and why that of the lowest objective is not the first."""
+    results, _, order = rank_strings(data)
+    place = min(range(len(order)), key=lambda i: results[order[i]]["objective"])
+    row = results[order[place]]
+    lowest = value_with_error(row["objective"], row["standard_error"])
+    example = f"string {order[place]} has place {place + 1}, by {places_by(data)[place]}"
+    return f"{ORDER} The lowest objective as searched is {lowest}: {example}."
 
 
 def all_strings(data: CampaignData) -> Table:
@@ -113,10 +140,11 @@ def all_strings(data: CampaignData) -> Table:
         each.name: column_of(data.campaign_text, each.name, each.unit, each.upper)
         for each in searched_variables(data)
     }
-    values = {name: values_of(data, order, name) for name in variables}
+    values, by = {name: values_of(data, order, name) for name in variables}, places_by(data)
     rows: list[dict[str, Any]] = [
         {
             "rank": place + 1,
+            "ranked by": by[place],
             "string": string,
             "generation": generation.get(string),
             **{name: values[name][place] for name in variables},
@@ -128,7 +156,7 @@ def all_strings(data: CampaignData) -> Table:
         for place, string in enumerate(order)
     ]
     columns = [
-        *(Column(name, format="d") for name in ("rank", "string", "generation")),
+        *(Column(name, format="d") for name in ("rank", "ranked by", "string", "generation")),
         *variables.values(),
         Column("searched", "objective, as searched"),
         Column("again", "objective, re-estimate"),

@@ -75,7 +75,7 @@ def read_published(path: Path) -> Published:
         raise CampaignError(Problem(str(path), None, "tables", message)) from None
 
 
-@section(8, "Beside the published tables")
+@section(10, "Beside the published tables")
 def tables(page: Page) -> Iterator[Block | Table]:
     """Yield the tables of a paper with the campaign's best strings, if they are given."""
     if (published := page.published) is None:

@@ -35,7 +35,7 @@ PROVENANCE: Final = ("seed", "created", "code_version", "campaign_sha256", "sour
 """Attributes of the file that the page names."""
 
 
-@section(4, "Search")
+@section(6, "Search")
 def search(page: Page) -> Iterator[Block | Table]:
     """Yield the figures of the search."""
     figures = page.figures("search")
@@ -49,7 +49,7 @@ def search(page: Page) -> Iterator[Block | Table]:
         )
 
 
-@section(5, "Particles")
+@section(7, "Particles")
 def particles(page: Page) -> Iterator[Block | Table]:
     """Yield the figures of particles."""
     yield page.figures("particles")
@@ -62,14 +62,14 @@ def particles(page: Page) -> Iterator[Block | Table]:
         )
 
 
-@section(6, "Samples")
+@section(8, "Samples")
 def samples(page: Page) -> Iterator[Block | Table]:
     """Yield the figures of ensembles."""
     figures = page.figures("samples")
     yield figures if figures.content else note("No string is judged yet.")
 
 
-@section(9, "Run")
+@section(11, "Run")
 def run(page: Page) -> Iterator[Block | Table]:
     """Yield how busy the ranks were, and the starts of the program."""
     yield page.figures("run")
@@ -153,7 +153,7 @@ def _text(value: bytes) -> str:
     return value.decode(errors="replace")
 
 
-@section(10, "What the scene left out")
+@section(12, "What the scene left out")
 def scene(page: Page) -> Iterator[Block | Table]:
     """Yield the submodels, and what is left out."""
     try:
@@ -169,7 +169,7 @@ def scene(page: Page) -> Iterator[Block | Table]:
     yield folded("The campaign as text", "\n".join(lines))
 
 
-@section(11, "Worst samples of the ledger")
+@section(13, "Worst samples of the ledger")
 def ledger(page: Page) -> Iterator[Block | Table]:
     """Yield the worst sample of each column of the ledger."""
     completed = int((page.data.counted_samples["state"] == COMPLETED).sum())
@@ -214,15 +214,10 @@ def ledger_table(data: CampaignData) -> Table:
     return Table(LEDGER_COLUMNS, lines, name="worst_samples")
 
 
-@section(12, "Failures")
+@section(14, "Failures")
 def failures(page: Page) -> Iterator[Block | Table]:
     """Yield why samples failed, where, and the texts of the last failures."""
     data = page.data
-    if data.damaged:
-        yield warning(
-            f"{pluralise(data.damaged, 'row')} marked final with a wrong checksum, left out here; "
-            f"agglom check {data.path.name} names them."
-        )
     rows = data.all_sample_rows()
     failed, simulated = rows[rows["state"] == FAILED], pluralise(len(rows), "sample")
     late = len(data.timed_out)
@@ -250,7 +245,7 @@ def _failure(row: np.void) -> str:
     return f"{place} on {_text(row['host'])}:\n{_text(row['text'])}"
 
 
-@section(13, "Where this is from")
+@section(15, "Where this is from")
 def origin(page: Page) -> Iterator[Block | Table]:
     """Yield the provenance of the file, and its campaign."""
     found = page.data.attributes

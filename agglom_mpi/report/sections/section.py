@@ -18,8 +18,8 @@ from agglom_mpi.report.sample_particles import FramesUnavailableError
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
-WIDE_TEXT, NARROW_TEXT = 140, 42
-"""Number of characters in a line of text on the page, and on that of a narrow screen."""
+TEXT_WIDTHS: Final = (140, 42, 100)
+"""Maximum number of characters in a line of text on a wide page, on a narrow one, and on paper."""
 
 
 class Block(NamedTuple):
@@ -39,8 +39,8 @@ def folded(heading: str, text: str) -> Block:
 
 
 def shown(content: RenderableType) -> Block:
-    """Return what the terminal shows as texts for a wide and for a narrow page."""
-    return Block("texts", [plain_text(content, width) for width in (WIDE_TEXT, NARROW_TEXT)])
+    """Return what the terminal shows as texts for a wide page, for a narrow one, and for paper."""
+    return Block("texts", [plain_text(content, width) for width in TEXT_WIDTHS])
 
 
 def plain_text(content: RenderableType, width: int) -> str:
