@@ -78,7 +78,8 @@ def write_sheet(drawings: Iterator[Drawing], path: Path) -> list[str]:
     for place, row in enumerate(rows):
         for column, picture in enumerate(row):
             sheet.paste(picture, (column * WIDTH, sum(heights[:place])))
-    sheet.quantize(64).save(path, optimize=True)
+    few = sheet.quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+    few.save(path, optimize=True)
     return names
 
 
