@@ -87,9 +87,10 @@ def finish(axes: Any) -> None:
         Axes or an array of them; panels of a matrix, (m, m), are named by their axes alone.
     """
     import numpy as np
+    from matplotlib.axes import Axes
     from matplotlib.ticker import LogLocator
 
-    shown = [ax for ax in np.ravel(axes) if getattr(ax, "figure", None) is not None]
+    shown = [ax for ax in np.ravel(axes) if isinstance(ax, Axes) and ax.figure is not None]
     for ax in shown:
         for axis in (ax.xaxis, ax.yaxis):
             if isinstance(axis.get_major_locator(), LogLocator):

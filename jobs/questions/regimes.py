@@ -69,7 +69,7 @@ def main():
     section, values = campaign.at(campaign.parameters({"surface_energy": SURFACE_ENERGY}))
     laws, grain = section.impact_laws(values), 0.5 * section.grain_diameter
     radii = grain * np.cbrt(GRAINS)
-    figure, axes = plt.subplots(figsize=(8.0, 4.6), layout="constrained")
+    figure, axes = plt.subplots(figsize=(7.4, 3.8), layout="constrained")
     found = [
         (2e6 * radius, speed, fate(laws, pair_of(radius, values["density"], speed), grains))
         for radius, grains in zip(radii, GRAINS, strict=True)
@@ -85,7 +85,7 @@ def main():
     many = fine >= 2.0
     axes.plot(across[many], onset[many], "--", color="black", label="energy of one contact")
     axes.plot(across[many], end[many], ":", color="black", label="energy of all contacts")
-    axes.set(xscale="log", yscale="log", xlabel="diameter, µm", ylabel="approach speed, m/s")
+    axes.set(xscale="log", yscale="log", xlabel="diameter (µm)", ylabel="approach speed (m/s)")
     axes.set_ylim(SPEEDS[0], SPEEDS[-1])
     axes.set_title(f"Pairs of silica aggregates, {SURFACE_ENERGY:g} J/m²", fontsize="medium")
     figure.legend(loc="outside right upper", fontsize="small", frameon=False)

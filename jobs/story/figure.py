@@ -20,7 +20,7 @@ grown = np.array([[growth(speed, ratio) for speed in speeds] for ratio in ratios
 
 figure, ax = plt.subplots(figsize=(6.4, 4), layout="constrained")
 filled = ax.contourf(speeds, ratios, grown, 12, cmap="cividis")
-figure.colorbar(filled, label="mean $b/b_0$")
+figure.colorbar(filled, label="mean b/b⁰")
 line = ax.contour(speeds, ratios, grown, [1.5], colors="white")
 ax.clabel(line, fmt="%.1f")
 best = file.best(6)

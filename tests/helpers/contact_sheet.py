@@ -10,9 +10,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
+import agglom_mpi
 from agglom_mpi.accuracy.maps.laws import ImpactPlane, law_section
 from agglom_mpi.accuracy.maps.scene import map_scene
-from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.inference.data_posterior import data_posterior
 from agglom_mpi.inference.feasible_set import NoFeasibleSetError, feasible_set
 from agglom_mpi.inference.posterior import PosteriorError
@@ -50,11 +50,11 @@ def drawings_of(files: Sequence[Path], left_out: Sequence[str] = ()) -> Iterator
             if drawing is not None:
                 missing.remove(name)
                 yield drawing
-    campaign = load_campaign(JOBS / "quickstart.yaml")
+    campaign = agglom_mpi.load_campaign(JOBS / "quickstart.yaml")
     strings = {"relative_speed": 17.5, "hardness": 1.4e8}
     run = evolution(campaign.simulate(strings, frames=40).frames)
     yield Drawing("evolution", "", lambda figure: draw_evolution(figure, run), evolution_size(run))
-    row = load_campaign(JOBS / "accuracy" / "accretion_2003_row_1.yaml")
+    row = agglom_mpi.load_campaign(JOBS / "accuracy" / "accretion_2003_row_1.yaml")
     yield from law_section(ImpactPlane(map_scene(row, {}, 100, 1000)), quick=True).figures
 
 
@@ -78,7 +78,8 @@ def write_sheet(drawings: Iterator[Drawing], path: Path) -> list[str]:
     for place, row in enumerate(rows):
         for column, picture in enumerate(row):
             sheet.paste(picture, (column * WIDTH, sum(heights[:place])))
-    sheet.quantize(64).save(path, optimize=True)
+    few = sheet.quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+    few.save(path, optimize=True)
     return names
 
 
@@ -86,5 +87,6 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("files", nargs="+", type=Path)
     parser.add_argument("--out", type=Path, default=JOBS / "pictures" / "contact_sheet.png")
+    parser.add_argument("--without", action="append", default=[], help="figure to leave out")
     given = parser.parse_args()
-    print(", ".join(write_sheet(drawings_of(given.files), given.out)))
+    print(", ".join(write_sheet(drawings_of(given.files, given.without), given.out)))

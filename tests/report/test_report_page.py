@@ -194,7 +194,7 @@ def test_a_file_that_is_being_written_has_a_page_of_what_is_there(waiting, tmp_p
         page = report(waiting, tmp_path / "out")
     assert "The file was being written when this was made." in page
     assert "3 strings judged by 30 samples of 30 simulated" in page
-    assert figures(page) == {"best_strings", "ensembles", "radii", "samples_per_string"}
+    assert figures(page) == {"best_strings", "ensembles", "radii"}
 
 
 @pytest.mark.usefixtures("sketched")

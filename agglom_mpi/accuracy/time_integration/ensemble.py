@@ -191,7 +191,7 @@ def _figures(
     def coverage(figure: "matplotlib.figure.Figure") -> None:
         curves, label = (
             _curves(rules, "samples, mean", "coverage"),
-            "intervals that contain the truth",
+            "fraction of 95 % intervals with the truth",
         )
         axes = draw_curves(figure, curves, spent, label, scales=("log", "linear"))
         axes.axhline(0.95, color="0.5", linewidth=0.8)
