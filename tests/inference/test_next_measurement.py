@@ -8,8 +8,8 @@ from toy_posteriors import correlated, linear_emulator, measurements
 
 from agglom_mpi.config.yaml_source import ArgumentError
 from agglom_mpi.emulation.blas_threads import single_threaded
-from agglom_mpi.inference import data_posterior as data_posteriors
 from agglom_mpi.inference import candidate_data, next_measurement
+from agglom_mpi.inference import data_posterior as data_posteriors
 from agglom_mpi.inference import posterior as posterior_module
 from agglom_mpi.inference.data_posterior import data_posterior, posterior_of
 from agglom_mpi.inference.next_measurement import dense_points, next_measurements
