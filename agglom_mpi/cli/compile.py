@@ -24,9 +24,10 @@ def compile(campaigns: tuple[str, ...], allow_code: bool) -> int:
     loaded = [check_campaign(path, allow_code) for path in campaigns]
     compile_loop()  # of rank 0, in a moment
     for path, campaign in zip(campaigns, loaded, strict=True):
-        scene = campaign.at(campaign.parameters()).build()
-        counts = campaign.census is not None
-        seconds = compile_kernels(scene, True, lambda line: say(line, error=True), counts)
+        counts, seconds = campaign.census is not None, 0.0
+        for each in [own.campaign for own in campaign.experiments] or [campaign]:
+            scene = each.at(each.parameters()).build()
+            seconds += compile_kernels(scene, True, lambda line: say(line, error=True), counts)
         done = f"compiled in {format_duration(seconds)}" if seconds else "compiled before"
         say(f"{path}: {done}")
     files = [path.stat().st_size for path in cache_folder().rglob("*") if path.is_file()]

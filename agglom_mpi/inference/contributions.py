@@ -13,6 +13,7 @@ from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.inference.data_emulator import EmulatedData, log_densities
 from agglom_mpi.inference.posterior_sampling import (
+    MAX_LOGARITHM_AWAY,
     PRIOR_POINTS,
     Observed,
     WeightedStrings,
@@ -68,7 +69,7 @@ class DataOfSome:
     box, coordinates, given, criterion_text
         As of a `Measurement`.
     columns
-        Columns of the frame that belong to these data.
+        Columns of the frame that belong to these data and are emulated.
     """
 
     def __init__(self, whole: EmulatedData, experiments: tuple[str, ...]) -> None:
@@ -78,21 +79,39 @@ class DataOfSome:
         self._whole = whole
         every = np.arange(whole.frame.rank)
         own = zip(whole.data, whole.frame.columns, strict=True)
-        self.columns = np.concatenate([every[c] for d, c in own if d.experiment in experiments])
-        self._has_exact = bool(np.isin(whole.exact_columns, self.columns).any())
+        columns = np.concatenate([every[c] for d, c in own if d.experiment in experiments])
+        exact = np.isin(columns, whole.exact_columns)
+        self.columns, self._exact = columns[~exact], columns[exact]
 
     def log_density(self, strings: Floats) -> Floats:
-        """Return the logarithm of the density of the data given strings, (n, k): (n,)."""
+        """Return the logarithm of the density of the data given strings, (n, k): (n,).
+
+        Exact values, which take longest, are evaluated where the others leave some weight.
+        """
         found = [np.empty(0)]
         for i in range(0, len(strings), AT_ONCE):
-            some = strings[i : i + AT_ONCE]
-            away, covariances = self._whole.framed_residuals(some, self._has_exact)
-            failing = self._whole.at(some).failing
-            own = covariances[:, self.columns[:, None], self.columns]
-            factors = np.asarray(np.linalg.cholesky(own), np.float64)
-            logs = log_densities(away[None][:, :, self.columns], factors, failing)[0]
-            found.append(np.where(np.isnan(logs), -np.inf, logs))  # a law refuses the string
-        return np.concatenate(found)
+            found.append(self._emulated(strings[i : i + AT_ONCE]))
+        logarithms = np.concatenate(found)
+        if len(self._exact):
+            near = logarithms > logarithms.max(initial=-np.inf) - MAX_LOGARITHM_AWAY
+            logarithms[~near] = -np.inf
+            logarithms[near] -= 0.5 * self._exact_squares(strings[near])
+        return logarithms
+
+    def _emulated(self, strings: Floats) -> Floats:
+        """Return the logarithm of the density of what is emulated, (n,)."""
+        whole, columns = self._whole, self.columns
+        away, covariances = whole.framed_residuals(strings, with_exact=False)
+        own = covariances[:, columns[:, None], columns]
+        factors = np.asarray(np.linalg.cholesky(own), np.float64)
+        return log_densities(away[None][:, :, columns], factors, whole.at(strings).failing)[0]
+
+    def _exact_squares(self, strings: Floats) -> Floats:
+        """Return χ² of exact values, (n,); inf of strings that a law refuses."""
+        whole = self._whole
+        measured = (whole.left_out @ whole.left_out_measured)[self._exact]
+        of_all = whole.exact_numbers(strings)[:, np.isin(whole.exact_columns, self._exact)]
+        return np.nan_to_num(np.sum((measured - of_all) ** 2, axis=1), nan=np.inf)
 
     def near(self, strings: Floats) -> Floats:
         """Return all strings."""

@@ -107,3 +107,14 @@ def test_what_the_text_shows_of_the_files_is_in_them():
         known = [without_comment(line) for line in lines]
         for line in map(without_comment, block.splitlines()):
             assert any(own.startswith(line) for own in known), line
+
+
+@pytest.mark.slow
+def test_three_experiments_find_the_liquid_that_their_data_were_made_with(tmp_path):
+    """The data are of 4 mPa s, 1.5 µm and 0.85, with an error each."""
+    need_mpirun()
+    shutil.copy(QUESTIONS / "drops.csv", tmp_path)
+    labels = ("restitution.viscosity (mPa·s)", "restitution.dry.value")
+    viscosities, values = answered("liquid", tmp_path, *labels)
+    assert viscosities[0] == pytest.approx(4.0, rel=0.4)
+    assert values[0] == pytest.approx(0.85, abs=0.05)

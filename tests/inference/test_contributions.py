@@ -65,9 +65,6 @@ def test_the_contraction_without_an_experiment_is_that_of_the_others(posterior):
     assert found == pytest.approx(widths, rel=0.2)
 
 
-def test_one_experiment_contributes_all(emulated):
-    [one] = {each.experiment for each in emulated.data[:1]}
-    whole = dataclasses.replace(emulated.data[0])
-    assert one == whole.experiment
-    alone = type("Whole", (), {"data": (whole,)})()
-    assert contributions(alone, None) == []
+def test_data_of_one_experiment_have_no_table(tmp_path):
+    data = measurements(1.0 + SLOPES @ TRUTH, ERRORS)
+    assert contributions(linear_emulator(tmp_path, SLOPES, data), None) == []
