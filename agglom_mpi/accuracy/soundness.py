@@ -38,20 +38,28 @@ def overlaps_part(campaign: Campaign, samples: Iterable[int]) -> bool:
     """
     from agglom_mpi.verbs.simulate import simulate
 
-    scene = campaign.at(campaign.parameters()).build(None)
-    period = 2.0 * scene.half_width if campaign.scene.escape.is_periodic() else np.inf
+    string = campaign.at(campaign.parameters())
+    scene, box = string.build(None), string.section.escape
+    side = 2.0 * scene.half_width
+    period = side if box.is_periodic() else np.inf
+    images = box.image_offset(side, scene.end_time), box.flow_speed(side)
     for sample in samples:
         frames = simulate(campaign, {}, sample, frames=2).frames
         assert frames is not None
         count = int(frames.particles[-1])
         positions, velocities = frames.positions[-1][:count], frames.velocities[-1][:count]
-        if approaching_overlaps(positions, velocities, frames.radii[-1][:count], period):
+        radii = frames.radii[-1][:count]
+        if approaching_overlaps(positions, velocities, radii, period, images):
             return False
     return True
 
 
 def approaching_overlaps(
-    positions: Floats, velocities: Floats, radii: Floats, period: float
+    positions: Floats,
+    velocities: Floats,
+    radii: Floats,
+    period: float,
+    images: tuple[float, float] = (0.0, 0.0),
 ) -> int:
     """Return the number of pairs of spheres that overlap and approach each other.
 
@@ -63,13 +71,18 @@ def approaching_overlaps(
         In m, shape (n,).
     period
         Edge of a periodic box in m; inf: there are no contacts across faces.
+    images
+        How far the image above a sheared box is ahead in m, and how much faster in m/s.
     """
-    apart = positions[:, None] - positions
+    apart, relative = positions[:, None] - positions, velocities[:, None] - velocities
     if np.isfinite(period):
+        above = np.round(apart[..., 1] / period)
+        apart[..., 0] -= above * images[0]
+        relative[..., 0] -= above * images[1]
         apart -= period * np.round(apart / period)
     contact = radii[:, None] + radii
     overlap = np.linalg.norm(apart, axis=-1) < contact * (1.0 - ROUNDING)
-    approach = np.sum(apart * (velocities[:, None] - velocities), axis=-1) < 0.0
+    approach = np.sum(apart * relative, axis=-1) < 0.0
     return int(np.triu(overlap & approach, 1).sum())
 
 

@@ -318,11 +318,15 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
             if not isinstance(text, Engine):
                 message = f"is {text!r}; must be event, fixed, fixed:STEPS or adaptive"
                 raise ArgumentError.of(self.name, "engine", message)
-            return text
-        try:
-            return parse_engine(text, self.scene.engine)
-        except ValueError as error:
-            raise CampaignError(Problem(self.name, None, "engine", str(error))) from None
+            engine = text
+        else:
+            try:
+                engine = parse_engine(text, self.scene.engine)
+            except ValueError as error:
+                raise CampaignError(Problem(self.name, None, "engine", str(error))) from None
+        if message := self.scene.refused(engine):
+            raise CampaignError(Problem(self.name, None, "engine", message))
+        return engine
 
     def count(self, field: str, value: Any, least: int = 0) -> int:
         """Return a whole number of at least `least`, given as an argument `field`."""

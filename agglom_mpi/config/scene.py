@@ -393,16 +393,21 @@ class SceneSection(Declared):
                 message = f"is {law.name!r}, but heating is 'none'; allowed without heating: none"
                 yield (key,), message
 
+    def refused(self, engine: Engine) -> str:
+        """Return why an engine cannot run the scene; empty if it can."""
+        if not (self.escape.is_sheared() and engine.has_time_steps):
+            return ""
+        return (
+            f"is {engine.name!r}, but escape is {self.escape.name!r}, whose images move between "
+            "the steps; must be 'event'"
+        )
+
     def _problems_of_shear(self) -> Iterator[tuple[FieldPath, str]]:
         """Yield what cannot work in a sheared box."""
         if not self.escape.is_sheared():
             return
-        if self.engine.has_time_steps:
-            yield (
-                (ENGINE_KEY,),
-                f"is {self.engine.name!r}, but escape is {self.escape.name!r}, whose images move "
-                "between the steps; must be 'event'",
-            )
+        if message := self.refused(self.engine):
+            yield (ENGINE_KEY,), message
         for key, of_one in (("heating", self.heating), ("fragmentation", self.fragmentation)):
             if of_one.is_frame_dependent():
                 yield (

@@ -24,6 +24,7 @@ from agglom_mpi.config.yaml_source import warn
 from agglom_mpi.errors import FAILURE, FINISHED, require_library
 from agglom_mpi.file_kinds import is_hdf5
 from agglom_mpi.physics.scales import half_width
+from agglom_mpi.simulation.boundary import Boundary
 from agglom_mpi.simulation.frames import Frames
 from agglom_mpi.simulation.sample import Outcome
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
@@ -136,8 +137,9 @@ def simulate_string(
     if request.out is not None and outcomes[0].frames is not None:
         string = "" if request.string is None else f"string {request.string}, "
         title = f"{campaign.title}: {string}sample {request.sample}"
-        width = half_width(*campaign.at(parameters))
-        extra["files"] = write_frames(request.out, outcomes[0].frames, width, title)
+        scene, values = campaign.at(parameters)
+        written = request.out, outcomes[0].frames, half_width(scene, values), title
+        extra["files"] = write_frames(*written, scene.escape)
     if as_json:
         return json.dumps(estimate.as_dict() | extra, indent=2), code
     lines = [str(estimate), *extra.get("reasons", [])]
@@ -215,7 +217,13 @@ def require_output(directory: Path) -> None:
         require_absent(directory / name)
 
 
-def write_frames(directory: Path, frames: Frames, half_width: float, title: str) -> list[str]:
+def write_frames(
+    directory: Path,
+    frames: Frames,
+    half_width: float,
+    title: str,
+    box: Boundary | None = None,
+) -> list[str]:
     """Write the figures of a run and its file for ParaView, and return their paths.
 
     Parameters
@@ -228,6 +236,8 @@ def write_frames(directory: Path, frames: Frames, half_width: float, title: str)
         D of the box from −D to D, m.
     title
         What is shown, for the file for ParaView.
+    box
+        The boundary, whose mean flow is no motion of the grains.
 
     Raises
     ------
@@ -243,7 +253,7 @@ def write_frames(directory: Path, frames: Frames, half_width: float, title: str)
     from agglom_mpi.report.paraview import write_vtkhdf
 
     directory.mkdir(parents=True, exist_ok=True)
-    run, shown = evolution(frames), panel_frames(len(frames.times))
+    run, shown = evolution(frames, box), panel_frames(len(frames.times))
     drawings = (
         Drawing(
             "cloud",

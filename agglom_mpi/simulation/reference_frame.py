@@ -93,15 +93,18 @@ def fluctuation_energy(escape, particles):
 
 @inlined
 def motion_energy(escape, particles):
-    """`fluctuation_energy`; where the box is sheared, the energy in J has the mean flow in it.
+    """`fluctuation_energy`; where the box is sheared, both have the mean flow in them.
 
-    Between changes of images that one is conserved, whereas the flow feeds fluctuations all along.
+    That energy is conserved between changes of images, whereas the flow feeds fluctuations all
+    along; and momentum is kept to the rounding of such velocities.
     """
     energy, momentum_scale = fluctuation_energy(escape, particles)
     if is_sheared(escape):
-        energy = 0.0
+        energy, momentum_scale = 0.0, 0.0
         for i in range(particles.size[0]):
             particle = particles.records[i]
             u, v, w = velocity_of(particle)
-            energy += 0.5 * particle["mass"] * (u * u + v * v + w * w)
+            square = u * u + v * v + w * w
+            energy += 0.5 * particle["mass"] * square
+            momentum_scale += particle["mass"] * math.sqrt(square)
     return energy, momentum_scale

@@ -266,7 +266,7 @@ def _sum_of_spin_energies(friction, particles):
 def mechanical_energy(friction, scene, particles):
     """Kinetic energy in J, that of spins included, and sum of m|v|, in the centre-of-mass frame.
 
-    Where the box is sheared, the energy has the mean flow in it, and |v| is about that.
+    Where the box is sheared, both have the mean flow in them.
     """
 
 

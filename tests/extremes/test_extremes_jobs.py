@@ -38,7 +38,10 @@ IN_PLAIN_PYTHON = {
 """Small ones of the type of `jobs/accretion_2003.yaml`."""
 LONG = {"coarse_steps", "creeping", "hard", "very_dilute"}
 ROUGH = {"perfectly_rough", "spinning_tops", "spinning_plastic"}
-RARE = {"adhesive_kilometres", "adhesive_nanometres", "collapse", "viscous_binder"} | ROUGH
+SHEARED = {"sheared_fast", "sheared_slowly", "sheared_binder"}
+RARE = (
+    {"adhesive_kilometres", "adhesive_nanometres", "collapse", "viscous_binder"} | ROUGH | SHEARED
+)
 """Of laws that no other quick test compiles; `tests/physics` has their formulas."""
 
 tested: set[str] = set()
@@ -529,6 +532,35 @@ def test_merges_leave_angular_momentum_that_no_spin_has_the_energy_for():
         assert outcome.merges == outcome.collisions == 99
         assert 0 < outcome.ledger["spin_caps"] < 99
         assert outcome.ledger["angular_momentum_left"] > 0.0
+
+
+# shear
+
+
+@about("sheared_fast")
+def test_a_fast_flow_heats_grains_at_rest():
+    for outcome in outcomes("sheared_fast"):
+        assert outcome.collisions > 1000
+        assert abs(outcome.ledger["energy_error"]) <= 1e-12
+        assert outcome.ledger["shear_work"] > outcome.ledger["fluctuation_energy"] > 0.0
+        start = 0.5 * outcome.final.masses.sum() * 0.01**2
+        assert outcome.ledger["fluctuation_energy"] > 1e6 * start
+
+
+@about("sheared_slowly")
+def test_a_slow_flow_does_nothing():
+    """Grains that cross a face of y change by what rounding has no digits for."""
+    for outcome in outcomes("sheared_slowly"):
+        assert outcome.collisions > 500
+        assert abs(outcome.ledger["shear_work"]) < 1e-8 * outcome.ledger["fluctuation_energy"]
+
+
+@about("sheared_binder")
+def test_grains_that_shear_brings_together_bond():
+    for outcome in outcomes("sheared_binder"):
+        assert outcome.merges == outcome.collisions > 150
+        assert abs(outcome.ledger["energy_error"]) <= 1e-12
+        assert outcome.ledger["momentum_error"] <= 1e-12
 
 
 # few and coarse

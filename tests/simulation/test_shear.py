@@ -21,11 +21,13 @@ from scenes import (
 from sheared_runs import SIDE, Reference, boxed, in_flow, sheared
 
 from agglom_mpi import Box, load_campaign
+from agglom_mpi.accuracy.soundness import approaching_overlaps, overlaps_part
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.physics.contact import CompressionRecoveryDuration
 from agglom_mpi.physics.heating import PairSplit
 from agglom_mpi.physics.rough import RoughFriction
 from agglom_mpi.physics.size_distributions import LognormalDistribution
+from agglom_mpi.report.figures.evolution import evolution
 from agglom_mpi.simulation.boundary import Shear
 from agglom_mpi.simulation.event_driven import cells
 from agglom_mpi.simulation.event_driven import state as event_state
@@ -211,6 +213,15 @@ def test_energy_and_momentum_are_conserved(kind, count, rate):
     assert np.abs(particles.position[:, :n]).max() <= HALF
 
 
+def test_overlaps_across_a_sheared_face_are_those_of_its_images():
+    """One touches the other's image, which is ahead by a quarter of the edge and falls on it."""
+    positions = np.array([[0.0, 9.5, 0.0], [-5.0, -9.5, 0.0]])
+    velocities = np.array([[0.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+    for ahead, expected in ((5.0, 1), (0.0, 0)):
+        images = ahead, 100.0
+        assert approaching_overlaps(positions, velocities, np.ones(2), 20.0, images) == expected
+
+
 def test_work_is_what_the_flow_gives_who_crosses():
     """Without collisions, m(Δ²/2 + uΔ) for each crossing, Δ the velocity of the image."""
     rate, time = 200.0, 1.5e-3
@@ -279,6 +290,11 @@ def test_what_cannot_be_sheared_is_refused(changes, field, tmp_path):
     assert problem.line is not None
 
 
+def test_steps_asked_for_are_refused(tmp_path):
+    with pytest.raises(CampaignError, match="engine"):
+        load_campaign(campaign_of(tmp_path)).simulate({}, engine="fixed")
+
+
 def test_a_box_of_a_macroscopic_model_refuses_shear(tmp_path):
     with pytest.raises(ValueError, match=r"scene\.escape"):
         Box(campaign_of(tmp_path))
@@ -294,6 +310,9 @@ def test_a_campaign_shears_searches_the_rate_and_keeps_it(tmp_path):
     velocities -= velocities.mean(axis=0)
     energy = 0.5 * np.sum(outcome.frames.masses[-1][:, None] * velocities**2)
     assert account["fluctuation_energy"] == pytest.approx(energy, rel=1e-9)
+    shown = evolution(outcome.frames, campaign.scene.escape).granular_temperature[-1]
+    assert 1.5 * outcome.frames.masses[-1].sum() * shown == pytest.approx(energy, rel=1e-9)
+    assert overlaps_part(campaign, [0])
     assert math.isfinite(account["shear_work"])
     text = campaign_of(tmp_path, "{law: shear}").read_text()
     search = "ensemble: {rule: fixed, samples: 2}\nstopping: {generations: 2}\n"

@@ -53,7 +53,7 @@ def test_nearly_elastic_grains_come_to_the_steady_state_of_garzo_and_dufty(fract
 def test_inelastic_grains_come_to_the_steady_state_of_enskogs_equation(e, fraction):
     """Within 6 %, and colder than weak shear says.
 
-    In a box of few grains: in a larger one, motion of whole regions adds to T, by 8 % from 60 to
+    In a box of few grains: in a larger one, motion of whole regions adds to T, some 10 % from 60 to
     4000 grains at e = 0.8 and φ = 0.1.
     """
     found = [steady_state(e, fraction, 100, seed, (15.0, 215.0)) for seed in range(8)]

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.report.drawing import panels
 from agglom_mpi.report.style import COLOURS, MIDDLE
+from agglom_mpi.simulation.boundary import Boundary
 from agglom_mpi.simulation.frames import Frames
 
 if TYPE_CHECKING:
@@ -55,15 +56,19 @@ AXIS_LABELS: Final = {
 }
 
 
-def evolution(frames: Frames) -> Evolution:
+def evolution(frames: Frames, box: Boundary | None = None) -> Evolution:
     """Return averages over the particles of frames, the first of which shows the grains.
 
-    Their own mean radius is b⁰, which that of the law of sizes is within its scatter.
+    Their own mean radius is b⁰, which that of the law of sizes is within its scatter. The mean flow
+    of the `box` is no motion.
     """
     present = frames.grains > 0
     mass = np.where(present, frames.masses, 0.0)
     total = mass.sum(axis=1)
     velocity = np.where(present[..., None], frames.velocities, 0.0)
+    if box is not None and box.is_sheared():
+        heights = np.where(present, frames.positions[..., 1], 0.0)
+        velocity[..., 0] -= box.flow_speed(1.0) * heights
     flow = np.einsum("fn,fnk->fk", mass, velocity) / total[:, None]
     square = np.sum((velocity - flow[:, None]) ** 2, axis=2)
     square[frames.particles == 1] = 0.0  # but for rounding
