@@ -54,7 +54,7 @@ class PortableEmulator:
         for (name, (lower, upper, unit, _)), x in zip(self.box.items(), columns, strict=True):
             near = 1e-9 * (upper - lower)  # rounding
             if (out := ~((x >= lower - near) & (x <= upper + near))).any():
-                span = f"must be in {lower:g} to {upper:g} {unit}"
+                span = f"must be in {lower:g} to {upper:g} {'' if unit == '1' else unit}".rstrip()
                 raise ValueError(f"{name}: value {x[out].flat[0]:.9g}; {span}")
         x = np.stack([column.ravel() for column in columns], axis=1)
         parts = (x[i : i + MAX_STRINGS] for i in range(0, len(x) or 1, MAX_STRINGS))
