@@ -9,7 +9,7 @@ import numpy as np
 from agglom_mpi.declaration.units import to_si
 from agglom_mpi.file_kinds import is_hdf5
 from agglom_mpi.inference.emulator_file import NoEmulatorError, emulator_arrays
-from agglom_mpi.inference.portable_emulator import PortableEmulator
+from agglom_mpi.inference.portable_emulator import GROWTH, PortableEmulator
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.storage.reader import read_inversion
 
@@ -36,6 +36,37 @@ class CampaignEmulator(PortableEmulator, metaclass=PublicFace):
     def __repr__(self) -> str:
         known = f"{', '.join(self.quantities)} by {', '.join(self.box)}"
         return f"<CampaignEmulator of {self.about['title']!r}: {known[:150]}>"
+
+    def mean(self, strings: Any, quantity: str = GROWTH) -> Any:
+        """Return the expected mean of the samples of strings; of a size curve (…, q).
+
+        Parameters
+        ----------
+        strings
+            Each searched variable by its name.
+        quantity
+            A key of `quantities`.
+
+        Raises
+        ------
+        ValueError
+            If a string is outside of the box, or a name is unknown.
+        """
+        return super().mean(strings, quantity)
+
+    def deviation(self, strings: Any, quantity: str = GROWTH) -> Any:
+        """Return the standard deviation of `mean`, arguments as there: how unsure it is."""
+        return super().deviation(strings, quantity)
+
+    def probability(self, strings: Any) -> Any:
+        """Return the probability that strings are members of the set, but for its constraints.
+
+        Raises
+        ------
+        ValueError
+            As from `mean`, and if the objective has no target.
+        """
+        return super().probability(strings)
 
     def _at(self, strings: Any, quantity: str) -> Any:
         read = {str(name): self._read(str(name), value) for name, value in strings.items()}

@@ -70,7 +70,7 @@ def test_a_file_is_loaded_as_its_campaign_is(exported, three):
     assert written.about["title"] == three.title
     assert written.about["version"] == agglom_mpi.__version__
     assert written.box == made.box
-    assert written.box["relative_speed"] == (0.1, 30.0, "m/s", "log")
+    assert written.box["relative_speed"] == (0.1, 30.0, "m/s", "linear")
     assert written.quantities == {GROWTH: "1"}
     narrow = load_emulator(three.path, "1%")
     assert narrow.probability(MEMBER) < made.probability(MEMBER)
@@ -148,7 +148,7 @@ def test_measured_data_are_those_of_the_posterior(measured_file, monkeypatch):
     rest = rest - rest @ basis @ back
     errors = covariances - np.eye(covariances.shape[1])
     assert list(emulator.quantities) == [GROWTH, *(datum.name for datum in of.data)]
-    assert "probability" not in emulator.about
+    assert emulator.box["relative_speed"] == (0.01, 0.3, "m/s", "log")
     for datum, rows in zip(of.data, of.frame.rows, strict=True):
         mean, deviation = (f(strings, datum.name) for f in (emulator.mean, emulator.deviation))
         assert emulator.quantities[datum.name] == datum.kind.unit
@@ -178,7 +178,8 @@ def test_a_volume_fraction_is_given_as_such(filled, half):
 
 def test_strings_that_fail_are_less_likely(three, exported, monkeypatch):
     """A fifth of the strings, those of the largest speed, are made to fail."""
-    from agglom_mpi.inference import emulator_file, feasible_set, stored_samples as module
+    from agglom_mpi.inference import emulator_file, feasible_set
+    from agglom_mpi.inference import stored_samples as module
 
     def with_failures(data):
         stored = module.stored_samples(data)
