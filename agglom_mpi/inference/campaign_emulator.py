@@ -86,7 +86,7 @@ class CampaignEmulator(PortableEmulator, metaclass=PublicFace):
 
 def load_emulator(
     path: str | os.PathLike[str], tolerance: float | str | None = None, allow_code: bool = False
-) -> CampaignEmulator:
+) -> "CampaignEmulator":
     """Return the emulator of a campaign file, or one that `agglom export --emulator` has written.
 
     Parameters

@@ -111,11 +111,10 @@ def emulator_arrays(data: "CampaignData", tolerance: float | str | None = None) 
     campaign = recorded_campaign(data)
     if reason := why_not_emulated(campaign):
         raise NoEmulatorError(f"{data.path}: {reason}")
-    stored, box = stored_samples(data), SearchedBox(campaign)
+    band, stored, box = _band(data, tolerance), stored_samples(data), SearchedBox(campaign)
     _require_strings(data, stored.strings)
     arrays, about = _box_arrays(box), {"title": data.title, "digest": campaign.sha256()}
     about["version"] = __version__
-    band = _band(data, tolerance)
     name = GROWTH if band is None else band.quantities[0]
     if band is not None:
         found = feasible_set(data, DEFAULT_TOLERANCE if tolerance is None else tolerance)
