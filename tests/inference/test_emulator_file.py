@@ -6,8 +6,9 @@ import sys
 
 import numpy as np
 import pytest
+from campaign_runs import finish
 from click.testing import CliRunner
-from set_runs import three_variable_file
+from set_runs import three_variable_file, three_variable_text
 
 import agglom_mpi
 from agglom_mpi import load_emulator
@@ -247,3 +248,38 @@ def test_what_is_no_emulator_is_one_message(tmp_path, content):
         load_emulator(path, "5%")
     with pytest.raises(FileNotFoundError):
         load_emulator(tmp_path / "absent.npz")
+
+
+@pytest.mark.slow
+def test_maximum_growth_has_no_band_and_constraints_are_named(tmp_path):
+    allowed = "density * relative_speed**2 < 10 * hardness"
+    options = {"objective": "{law: maximum_growth}", "constraints": f'["{allowed}"]'}
+    path = three_variable_file(tmp_path, **options)
+    emulator, found = load_emulator(path), agglom_mpi.open_campaign(path).feasible_set()
+    strings = inside(emulator, 50)
+    assert emulator.quantities == {GROWTH: "1"}
+    assert allowed in emulator.about["constraints"]
+    assert emulator.mean(strings) == pytest.approx(found.mean(strings), rel=1e-11)
+    with pytest.raises(ValueError, match="no target"):
+        emulator.probability(strings)
+    with pytest.raises(ValueError, match="tolerance"):
+        load_emulator(path, "5%")
+
+
+@pytest.mark.slow
+def test_the_value_of_ones_own_function_stands_beside_growth(tmp_path):
+    (tmp_path / "shape.py").write_text("def worth(sample):\n    return sample.mean_radius_ratio\n")
+    text = three_variable_text(objective="{law: function, call: 'shape:worth'}", final="none")
+    (tmp_path / "own.yaml").write_text(text)
+    finish(tmp_path, "own.yaml", "--allow-code")
+    path = tmp_path / "own.h5"
+    emulator = load_emulator(path, 2.0, allow_code=True)
+    found = agglom_mpi.open_campaign(path, allow_code=True).feasible_set(2.0)
+    strings = inside(emulator, 50)
+    assert list(emulator.quantities) == [GROWTH, "objective"]
+    assert emulator.mean(strings, "objective") == pytest.approx(found.mean(strings), rel=1e-11)
+    assert emulator.probability(strings) == pytest.approx(found.probability(strings), abs=1e-9)
+    difference = emulator.mean(strings) - emulator.mean(strings, "objective")
+    # Of the same numbers, in other coordinates.
+    unsure = np.hypot(emulator.deviation(strings), emulator.deviation(strings, "objective"))
+    assert np.median(np.abs(difference) / unsure) < 3.0
