@@ -116,9 +116,10 @@ def load_emulator(
     Examples
     --------
     >>> import agglom_mpi
-    >>> emulator = agglom_mpi.load_emulator("growth.npz")  # doctest: +SKIP
-    >>> emulator.mean({"relative_speed": [3, 4], "hardness": "67 MPa"})  # doctest: +SKIP
-    array([1.84162513, 1.96813447])
+    >>> agglom_mpi.load_emulator("quickstart.h5")  # searches too few strings
+    Traceback (most recent call last):
+        ...
+    agglom_mpi.inference.emulator_file.NoEmulatorError: quickstart.h5: results of ...
     """
     if is_hdf5(path):
         arrays = emulator_arrays(read_inversion(path, allow_code), tolerance)

@@ -72,7 +72,7 @@ class EmulatorRequest(NamedTuple):
         require_writable_folder(self.path)
 
     def write(self, arrays: Arrays) -> Iterator[str]:
-        """Write the file and its module, both or none, and yield lines on them.
+        """Write the file and its module, each whole or not at all, and yield lines on them.
 
         Raises
         ------
