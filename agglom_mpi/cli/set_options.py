@@ -14,12 +14,15 @@ if TYPE_CHECKING:
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 
-def set_options(owner: str) -> Callable[[Command], Command]:
-    """Return a decorator that adds `--tolerance`, `--measured` and `--error`, for an option."""
+def set_options(owner: str, further: str = "") -> Callable[[Command], Command]:
+    """Return a decorator that adds `--tolerance`, `--measured` and `--error`, for an option.
+
+    A tolerance may also be that of `further` options.
+    """
     tolerance = click.option(
         "--tolerance",
         cls=DependentOption,
-        needs=owner,
+        needs=f"{owner}{further}",
         metavar="SHARE",
         help="tolerance relative to the target or the maximum (5% or 0.05); for a Python function, "
         "its largest allowed value.  [default: 5%]",

@@ -132,6 +132,27 @@ class Coordinates:
         ]
         return np.asarray(np.prod(factors, axis=0))
 
+    def arrays(self) -> dict[str, NDArray[np.generic]]:
+        """Return what `of_strings` rests on as plain arrays, of the d searched variables alone.
+
+        Coordinates of variables are (y − `first`)/`widths`, where y is the value, or its logarithm
+        where `logarithmic`; those of groups, (g,), are (log(x + `offsets`) · `powers` − `least`)/
+        `spans`, with powers of shape (d, g).
+        """
+        chosen, upper = self._powers[:, self.searched].T, self._upper[self.searched]
+        offsets = np.where(self._positive, 0.0, SMALL * upper)
+        # A variable of no group may be negative: any offset does that gives it a logarithm.
+        offsets = np.where(chosen.any(axis=1), offsets, 1.0 - self._lower[self.searched])
+        return {
+            "logarithmic": self._logarithmic,
+            "first": self._first,
+            "widths": self._last - self._first,
+            "offsets": offsets,
+            "powers": chosen,
+            "least": self._least,
+            "spans": self._most - self._least,
+        }
+
     def _scaled(self, strings: Floats) -> Floats:
         chosen = strings[:, self.searched]
         positive = np.where(self._logarithmic, chosen, 1.0)

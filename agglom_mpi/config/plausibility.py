@@ -275,6 +275,8 @@ def _sizes(scene: "SceneSection", low: Value, high: Value) -> Iterator[Finding]:
 
 def _collisions(scene: "SceneSection", low: Value, high: Value) -> Iterator[Finding]:
     """Yield the end time if it is too short for collisions, or too long to be simulated."""
+    if scene.escape.is_sheared():  # the flow brings grains together
+        return
     counts = _expected(scene, low, high)
     if not counts:
         return

@@ -138,6 +138,10 @@ class Emulator:
         """
         return self._process.means_of(values, points)
 
+    def arrays(self) -> dict[str, Floats]:
+        """Return what `mean` and `deviation` rest on, as `GaussianProcess.arrays` does."""
+        return self._process.arrays()
+
     def draw(self, number: int, random: np.random.Generator) -> "DrawnFunctions":
         """Draw functions from the posterior of the mean."""
         return DrawnFunctions(self._process, number, random)

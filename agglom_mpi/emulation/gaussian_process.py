@@ -170,6 +170,22 @@ class GaussianProcess:
         variance = self._noise * (1.0 - self._noise * self._factor.inverse)
         return self._scale * np.sqrt(np.maximum(variance, 0.0))
 
+    def arrays(self) -> dict[str, Floats]:
+        """Return what `mean` and `deviation` rest on, beside the points, as plain arrays.
+
+        They are `variance` and `lengths` of the covariance, `centre` and `scale` of the values, the
+        `weights`, (n,), and the `inverse` of the Cholesky factor, (n, n).
+        """
+        root = self._factor.root
+        return {
+            "variance": np.float64(self.covariance.variance),
+            "lengths": self.covariance.lengths,
+            "centre": np.float64(self._centre),
+            "scale": np.float64(self._scale),
+            "weights": self._weights,
+            "inverse": solve_triangular(root, np.eye(len(root)), lower=True),
+        }
+
     def mean_and_slope(self, point: Floats) -> tuple[float, Floats]:
         """Return the posterior mean at one point, shape (d,), and its gradient, shape (d,)."""
         lengths = self.covariance.lengths

@@ -170,6 +170,8 @@ class EmulatedBox:
         Emulator of the numbers.
     failing_strings : int
         Number of strings that failed.
+    failures : Emulator or None
+        Emulator of the failures, if there are any.
     """
 
     def __init__(
@@ -188,11 +190,11 @@ class EmulatedBox:
         groups, random = len(self.coordinates.groups), self.stream(EMULATOR_STREAM)
         self.emulator = JointEmulator(quantities, self.points, numbers, random, groups)
         self.failing_strings = int(stored.failed.sum())
-        self._failing: Emulator | None = None
+        self.failures: Emulator | None = None
         if self.failing_strings and self.emulator.processes:  # a regression of the failures
             tried = self.coordinates.of_strings(stored.tried)
             failures = merge_samples(tried, stored.failed.astype(np.float64))
-            self._failing = Emulator(failures, self.stream(FAILURE_STREAM), groups, rounds=0)
+            self.failures = Emulator(failures, self.stream(FAILURE_STREAM), groups, rounds=0)
 
     def stream(self, number: int) -> np.random.Generator:
         """Return a random stream of the campaign, such as `EMULATOR_STREAM`."""
@@ -205,6 +207,6 @@ class EmulatedBox:
 
     def failing(self, points: Floats) -> Floats:
         """Return the probability that samples at points, (n, c), fail, shape (n,)."""
-        if self._failing is None:
+        if self.failures is None:
             return np.zeros(len(points))
-        return np.clip(self._failing.mean(points), 0.0, 1.0)
+        return np.clip(self.failures.mean(points), 0.0, 1.0)

@@ -17,6 +17,7 @@ from agglom_mpi.storage.recorded_campaign import code_note
 if TYPE_CHECKING:
     import pandas as pd
 
+    from agglom_mpi.inference.emulator_file import EmulatorRequest
     from agglom_mpi.report.paraview import FrameSelection, SelectedSample
     from agglom_mpi.report.set_files import SetRequest
 
@@ -45,6 +46,8 @@ class Exports(NamedTuple):
         Samples for ParaView.
     json
         Path of the JSON file with the posterior of all data, or with the feasible set.
+    emulator
+        The emulator for NumPy alone.
     """
 
     compact: Path | None = None
@@ -54,6 +57,7 @@ class Exports(NamedTuple):
     draws: "SetRequest | None" = None
     selection: "FrameSelection | None" = None
     json: Path | None = None
+    emulator: "EmulatorRequest | None" = None
 
 
 def export(
@@ -78,14 +82,14 @@ def export(
         If the samples for ParaView cannot be shown, as from `select_samples`, `write_samples`.
     ExportError, MissingLibraryError
         If a name that is to be a directory is none, or pandas or xarray is missing.
-    NoFeasibleSetError, PosteriorError, TooManySamplesError
-        If there is nothing to draw from, or padded arrays would be too large.
+    NoFeasibleSetError, PosteriorError, NoEmulatorError, TooManySamplesError
+        If there is nothing to draw from or to emulate, or padded arrays would be too large.
     NotACampaign, OSError
         As from `write_compact`; before anything is written, if any of the files is there already.
     """
     compact, directory, selection = exports.compact, exports.tables, exports.selection
     netcdf = exports.xarray is not None or exports.arviz is not None
-    of_search = selection or exports.arviz is not None or exports.json is not None
+    of_search = any((selection, exports.arviz, exports.json, exports.emulator))
     file = (read_inversion if of_search else read_campaign)(source, allow_code)
     file.with_unused = with_unused
     # Imported below: each form has libraries that are of no use to the others.
@@ -113,6 +117,11 @@ def export(
         require_netcdf()
         if exports.draws is not None:
             exports.draws.check(file)
+    if exports.emulator is not None:
+        from agglom_mpi.inference.emulator_file import emulator_arrays
+
+        exports.emulator.check()
+        arrays = emulator_arrays(file, exports.emulator.tolerance)
     if compact is not None:
         copied = write_compact(source, compact)
         strings, rows = pluralise(copied.strings, "string"), pluralise(copied.samples, "sample")
@@ -130,6 +139,8 @@ def export(
 
         write_json(exports.json, file, exports.draws)
         yield f"{exports.json}: {pluralise(exports.json.stat().st_size, 'byte')}"
+    if exports.emulator is not None:
+        yield from exports.emulator.write(arrays)
     if selection is not None:
         yield from write_samples(file, samples, selection.frames)
     yield from (*filter(None, [code_note(file)]), *file.unused_notes)

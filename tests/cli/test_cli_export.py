@@ -108,7 +108,7 @@ def test_both_at_once(agglom, tmp_path):
 def test_one_of_all_must_be_given(agglom):
     done = agglom("export", "tiny.h5")
     assert done.exit_code == 2
-    for option in ("--compact", "--csv", "--xarray", "--arviz", "--paraview"):
+    for option in ("--compact", "--csv", "--xarray", "--arviz", "--emulator", "--paraview"):
         assert option in done.stderr
 
 
