@@ -26,6 +26,7 @@ from agglom_mpi.inference.searched_box import EmulatedBox, EmulatedStrings, Sear
 from agglom_mpi.inference.stored_samples import StoredSamples, StringValues
 from agglom_mpi.measurements.datum import Datum, exact_values, experiments_of
 from agglom_mpi.measurements.misfit import ResidualFrame, residual_frame
+from agglom_mpi.physics.impact_tests import impact_coefficients
 from agglom_mpi.random_streams import DATA_POSTERIOR
 
 MIN_COMPONENT_VARIANCE: Final = 0.01
@@ -162,12 +163,14 @@ class EmulatedData(EmulatedBox):
             for name in experiments_of(exact)
         }
         self._impacts_solved += len(strings) * sum(map(len, impacts.values()))
-        is_compiled = self._impacts_solved > MAX_PLAIN_IMPACTS
+        solve = impact_coefficients
+        if self._impacts_solved > MAX_PLAIN_IMPACTS:
+            from agglom_mpi.simulation.impact import solve_impacts as solve  # loads the compiler
         for i, string in enumerate(strings if impacts else ()):
             with suppress(ValueError, ArithmeticError):
                 tests = [self.box.campaign.impact_tests_at(string, name) for name in impacts]
                 own = [
-                    test.coefficients(some, is_compiled)
+                    test.coefficients(some, solve)
                     for test, some in zip(tests, impacts.values(), strict=True)
                 ]
                 found[i] = np.concatenate(own) @ basis

@@ -1,20 +1,18 @@
 """Coefficients of restitution as they are measured: of single impacts without slip."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.compilation.kernels import as_plain, kernel
 from agglom_mpi.physics.pair import ContactPair
 from agglom_mpi.physics.restitution import ImpactLaws, solve_restitution
 
 Floats = NDArray[np.float64]
 
 
-@kernel
 def impact_coefficients(
     laws: ImpactLaws, density: float, temperature: float, impacts: Floats, found: Floats
 ) -> None:
@@ -62,7 +60,9 @@ class ImpactTests(NamedTuple):
     density: float
     temperature: float
 
-    def coefficients(self, impacts: Floats, is_compiled: bool = False) -> Floats:
+    def coefficients(
+        self, impacts: Floats, solve: Callable[..., None] = impact_coefficients
+    ) -> Floats:
         """Return the coefficient of each impact, shape (q,); it is 0 where the pair bonds.
 
         Parameters
@@ -70,11 +70,10 @@ class ImpactTests(NamedTuple):
         impacts
             Approach speed in m/s, both radii in m and the temperature in K, nan if it is not
             stated, shape (q, 4).
-        is_compiled
-            Whether a kernel evaluates them, which takes seconds to compile; else plain Python does.
+        solve
+            `impact_coefficients`, or its kernel in `simulation.impact`, which compiles for seconds.
         """
         found = np.empty(len(impacts))
-        solve = impact_coefficients if is_compiled else as_plain(impact_coefficients)
         solve(self.laws, self.density, self.temperature, impacts, found)
         return found
 

@@ -1,11 +1,12 @@
 """The outcome of one impact: restitution or bonding, impulses, heats."""
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from agglom_mpi.compilation.kernels import kernel
 from agglom_mpi.physics.contact import contact_area
 from agglom_mpi.physics.friction import normal_loss, tangential_impulse, tangential_loss
 from agglom_mpi.physics.heating import impact_heats
+from agglom_mpi.physics.impact_tests import impact_coefficients
 from agglom_mpi.physics.pair import ContactPair
 from agglom_mpi.physics.reaction import contact_heat
 from agglom_mpi.physics.restitution import ImpactLaws, is_still_in_contact, solve_restitution
@@ -72,3 +73,7 @@ def solve_impact(laws: ImpactLaws, pair: ContactPair) -> ImpactResult:
         solution.residual,
         solution.capped,
     )
+
+
+solve_impacts: Final = kernel(impact_coefficients)
+"""Kernel of `physics.impact_tests.impact_coefficients`."""

@@ -155,7 +155,7 @@ class LinearBox(SearchedBox):
             def __init__(self, string):
                 self.place = own.space.to_unit(np.asarray(string)[None])[0]
 
-            def coefficients(self, impacts, is_compiled):
+            def coefficients(self, impacts, solve):
                 return np.array([self.place[0] - self.place[1]])
 
         class Campaign:
