@@ -1,6 +1,6 @@
 """MPI-parallel batch inversion of agglomerating granular flows.
 
-From Python, ten names:
+From Python, eleven names:
 
     load_campaign("campaign.yaml")     read a campaign file: what is asked, in which scene
         .describe()                    say what would run, and what follows from its numbers
@@ -11,6 +11,7 @@ From Python, ten names:
         .searcher()                    the same search, for strings that you judge: ask and tell
     open_campaign("campaign.h5")       read what a run found: tables, figures, the best strings
         .feasible_set()                all strings that are compatible with the objective
+    compare_laws(["a.h5", "b.h5"])     say which of several laws explains the same data
     Box("campaign.yaml", values)       a box of grains inside a macroscopic model
 
 `help(agglom_mpi.load_campaign)`, and so on, explains each with an example. Values are SI numbers or
@@ -22,11 +23,11 @@ from typing import TYPE_CHECKING, Any
 from agglom_mpi.version import __version__
 
 if TYPE_CHECKING:
-    from agglom_mpi.campaign_file import open_campaign
+    from agglom_mpi.campaign_file import compare_laws, open_campaign
     from agglom_mpi.campaign_runs import load_campaign
     from agglom_mpi.coupling.box import Box
 
-__all__ = ["Box", "__version__", "load_campaign", "open_campaign"]
+__all__ = ["Box", "__version__", "compare_laws", "load_campaign", "open_campaign"]
 
 
 def __dir__() -> list[str]:
@@ -44,6 +45,10 @@ def __getattr__(name: str) -> Any:
         from agglom_mpi.campaign_file import open_campaign
 
         return open_campaign
+    if name == "compare_laws":
+        from agglom_mpi.campaign_file import compare_laws
+
+        return compare_laws
     if name == "Box":
         from agglom_mpi.coupling.box import Box
 

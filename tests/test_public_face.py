@@ -25,7 +25,7 @@ from agglom_mpi.verbs.searcher import Searcher
 from agglom_mpi.verbs.simulate_many import SimulatedSamples
 
 ROOT = Path(__file__).parents[1]
-PACKAGE = {"Box", "__version__", "load_campaign", "open_campaign"}
+PACKAGE = {"Box", "__version__", "compare_laws", "load_campaign", "open_campaign"}
 PLOTS = ("best", "busy", "cloud", "convergence", "cost", "ensembles", "finalists", "radii")
 DATA_PLOTS = ("data_fit", "growth", "posterior", "predictive", "next_measurement")
 FILE = {
@@ -154,7 +154,7 @@ def test_help_of_the_entry_points_is_readable():
 
 def test_the_names_in_help_of_the_package_exist(campaign):
     listed = re.findall(r"^    ( *)(\.?\w+)\(.*?\) {2,}\S", agglom_mpi.__doc__, re.MULTILINE)
-    assert len(listed) == 10
+    assert len(listed) == 11
     owners = {"load_campaign": campaign, "open_campaign": CampaignFile}
     for indent, name in listed:
         if not indent:
