@@ -322,8 +322,9 @@ def leave_one_out(posterior: Posterior) -> LeftOut:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # unreliable data are counted
         found = arviz.loo(draws, pointwise=True)
-    # ArviZ 1 has a shorter name for the densities.
-    densities = found["loo_i"] if "loo_i" in found else found["elpd_i"]
+    # A pandas.Series; from ArviZ 1 on a record, which has another name for the densities.
+    entries = dict(found) if hasattr(found, "items") else vars(found)
+    densities = entries["loo_i"] if "loo_i" in entries else entries["elpd_i"]
     points, _ = datum_points(posterior.emulated_data)
-    shapes = np.asarray(found["pareto_k"], np.float64)
+    shapes = np.asarray(entries["pareto_k"], np.float64)
     return LeftOut(tuple(each.name for each in points), np.asarray(densities, np.float64), shapes)
