@@ -154,12 +154,10 @@ def evidence_of(of: EmulatedData, drawn: WeightedStrings) -> Evidence:
         math.sqrt((1.0 - rare) / (rare * PRIOR_POINTS)),
     )
     logarithm = float(values.max()) + math.log(float(weights.mean()) / rare) + _constant(of)
-    ends = [touched_ends(mine, drawn.weights) for mine in places.T]
-    named = list(zip(of.box.names, ends, strict=True))
-    inside = tuple(name for name, touched in named if not touched)
-    return Evidence(
-        logarithm, relative, size, inside, tuple(name for name, touched in named if touched)
-    )
+    inside, open_ended = list[str](), list[str]()
+    for name, mine in zip(of.box.names, places.T, strict=True):
+        (open_ended if touched_ends(mine, drawn.weights) else inside).append(name)
+    return Evidence(logarithm, relative, size, tuple(inside), tuple(open_ended))
 
 
 def _log_weights(of: EmulatedData, proposal: Proposal, places: Floats) -> Floats:

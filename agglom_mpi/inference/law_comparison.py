@@ -114,14 +114,17 @@ class LawComparison:
     @cached_property
     def probabilities(self) -> Floats:
         """Probability of each law at equal odds, shape (laws,), if one of them is right."""
-        return _shares(np.array([law.evidence.logarithm for law in self.laws]))
+        return _shares(self._logarithms)
+
+    @property
+    def _logarithms(self) -> Floats:
+        return np.array([law.evidence.logarithm for law in self.laws])
 
     @cached_property
     def probabilities_if_doubled(self) -> Floats:
         """Probability of each law if its own box alone were doubled, shape (laws,)."""
-        logarithms = np.array([law.evidence.logarithm for law in self.laws])
         changes = np.diag([law.evidence.box_doubled for law in self.laws])
-        return np.array([_shares(logarithms + own)[i] for i, own in enumerate(changes)])
+        return np.array([_shares(self._logarithms + own)[i] for i, own in enumerate(changes)])
 
     @property
     def order(self) -> list[int]:
@@ -137,10 +140,9 @@ class LawComparison:
     def is_decided(self) -> bool:
         """Whether the most probable law fits and has `DECIDED`, also within the errors."""
         first = self.order[0]
-        logarithms = np.array([law.evidence.logarithm for law in self.laws])
-        errors = np.array([law.evidence.error for law in self.laws])
-        worst = logarithms + SURE * errors
-        worst[first] -= 2.0 * SURE * errors[first]
+        errors = SURE * np.array([law.evidence.error for law in self.laws])
+        worst = self._logarithms + errors
+        worst[first] -= 2.0 * errors[first]
         resolved = all(law.evidence.is_resolved for law in self.laws)
         return bool(_shares(worst)[first] >= DECIDED and self.best.fits and resolved)
 
@@ -172,28 +174,18 @@ class LawComparison:
         )
 
     @property
-    def differences(self) -> Floats | None:
-        """Density of each datum left out, of the most probable law less the next, (points,).
+    def deciding(self) -> tuple[str, float] | None:
+        """The datum that tells the two most probable laws apart most, and by how much.
 
-        None without ArviZ.
+        It is the density of the datum left out, of the most probable law less the next. None
+        without ArviZ.
         """
         first, second = (self.laws[i].left_out for i in self.order[:2])
         if first is None or second is None:
             return None
-        return np.asarray(first.densities - second.densities)
-
-    @property
-    def deciding(self) -> tuple[str, float] | None:
-        """The datum that tells the two most probable laws apart most, and by how much.
-
-        Positive: for the most probable law. None without ArviZ.
-        """
-        apart = self.differences
-        left_out = self.best.left_out
-        if apart is None or left_out is None:
-            return None
+        apart = first.densities - second.densities
         place = int(np.argmax(np.abs(apart)))
-        return left_out.names[place], float(apart[place])
+        return first.names[place], float(apart[place])
 
     @property
     def table(self) -> "pd.DataFrame":

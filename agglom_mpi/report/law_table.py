@@ -25,11 +25,8 @@ def law_text(found: LawComparison) -> RenderableType:
     rows = []
     for row in found.records():
         evidence = value_with_error(row["log_evidence"], row["log_evidence_error"])
-        change, probability = (
-            row["log_evidence_change_if_box_doubled"],
-            row["probability_if_box_doubled"],
-        )
-        doubled = f"{change:.2f}, probability {probability:.2g}"
+        change = row["log_evidence_change_if_box_doubled"]
+        doubled = f"{change:.2f}, probability {row['probability_if_box_doubled']:.2g}"
         rows.append(row | {"evidence": evidence, "box_doubled": doubled})
     return Group(found.verdict, Table(LAW_COLUMNS, rows), *_notes(found))
 
