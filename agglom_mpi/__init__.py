@@ -11,6 +11,7 @@ From Python, eleven names:
         .searcher()                    the same search, for strings that you judge: ask and tell
     open_campaign("campaign.h5")       read what a run found: tables, figures, the best strings
         .feasible_set()                all strings that are compatible with the objective
+    compare_laws(["a.h5", "b.h5"])     say which of several laws explains the same data
     load_emulator("campaign.h5")       growth, and measured data, of any string, emulated
     Box("campaign.yaml", values)       a box of grains inside a macroscopic model
 
@@ -23,12 +24,19 @@ from typing import TYPE_CHECKING, Any
 from agglom_mpi.version import __version__
 
 if TYPE_CHECKING:
-    from agglom_mpi.campaign_file import open_campaign
+    from agglom_mpi.campaign_file import compare_laws, open_campaign
     from agglom_mpi.campaign_runs import load_campaign
     from agglom_mpi.coupling.box import Box
     from agglom_mpi.inference.campaign_emulator import load_emulator
 
-__all__ = ["Box", "__version__", "load_campaign", "load_emulator", "open_campaign"]
+__all__ = [
+    "Box",
+    "__version__",
+    "compare_laws",
+    "load_campaign",
+    "load_emulator",
+    "open_campaign",
+]
 
 
 def __dir__() -> list[str]:
@@ -46,6 +54,10 @@ def __getattr__(name: str) -> Any:
         from agglom_mpi.campaign_file import open_campaign
 
         return open_campaign
+    if name == "compare_laws":
+        from agglom_mpi.campaign_file import compare_laws
+
+        return compare_laws
     if name == "load_emulator":
         from agglom_mpi.inference.campaign_emulator import load_emulator
 

@@ -1,7 +1,7 @@
 """The public campaign file: rows, tables, the best strings and plots."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from numbers import Integral
 from pathlib import Path
@@ -23,10 +23,11 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from agglom_mpi.inference.feasible_set import FeasibleSet
+    from agglom_mpi.inference.law_comparison import LawComparison
     from agglom_mpi.inference.posterior import Posterior
     from agglom_mpi.simulation.frames import Frames
 
-__all__ = ["CampaignFile", "NotACampaign", "open_campaign"]
+__all__ = ["CampaignFile", "NotACampaign", "compare_laws", "open_campaign"]
 
 
 class _PlotsFigures(PublicFace):
@@ -390,3 +391,41 @@ def open_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> Cam
     3
     """
     return CampaignFile(read_campaign(path, allow_code))
+
+
+def compare_laws(
+    files: "Sequence[str | os.PathLike[str] | CampaignFile]", allow_code: bool = False
+) -> "LawComparison":
+    """Compare how campaigns with the same data and different laws or scenes explain these.
+
+    Parameters
+    ----------
+    files
+        At least two campaign files with the objective misfit, or their paths.
+    allow_code
+        Whether components of one's own, whose code the files have, may be executed.
+
+    Returns
+    -------
+    LawComparison
+        `verdict`, and as a `table` with one row for each law: its probability at equal odds, the
+        logarithm of the evidence, the p-value of its fit, and with ArviZ the density of the data,
+        each left out in turn; `deciding` is the datum that decides.
+
+    Raises
+    ------
+    PosteriorError
+        If their data or errors differ, or a posterior fails its own check.
+
+    Examples
+    --------
+    >>> import agglom_mpi
+    >>> agglom_mpi.compare_laws(["quickstart.h5", "quickstart.h5"])  # has no data
+    Traceback (most recent call last):
+        ...
+    agglom_mpi.inference.posterior.PosteriorError: quickstart.h5: ...
+    """
+    from agglom_mpi.inference.law_comparison import compare_files
+
+    opened = [f if isinstance(f, CampaignFile) else open_campaign(f, allow_code) for f in files]
+    return compare_files([file._snapshot() for file in opened])

@@ -26,7 +26,7 @@ from agglom_mpi.verbs.searcher import Searcher
 from agglom_mpi.verbs.simulate_many import SimulatedSamples
 
 ROOT = Path(__file__).parents[1]
-PACKAGE = {"Box", "__version__", "load_campaign", "load_emulator", "open_campaign"}
+PACKAGE = {"Box", "__version__", "compare_laws", "load_campaign", "load_emulator", "open_campaign"}
 PLOTS = ("best", "busy", "cloud", "convergence", "cost", "ensembles", "finalists", "radii")
 DATA_PLOTS = ("data_fit", "growth", "posterior", "predictive", "next_measurement")
 MORE_PLOTS = ("finite_size", "samples", "search_paths", "set")

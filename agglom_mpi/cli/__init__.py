@@ -15,6 +15,7 @@ COMMANDS: Final = {
     "accuracy": "Measure error against run time, with figures and tables",
     "certify": "Prove by fresh runs how much of a feasible set is right",
     "check": "Validate a campaign, or verify a campaign file",
+    "compare": "Show which of several laws explains the same data",
     "compile": "Compile the kernels of campaigns ahead of their runs",
     "doctor": "Check this machine: MPI, libraries, storage, batch system",
     "explain": "Explain the keys and laws of a campaign file",

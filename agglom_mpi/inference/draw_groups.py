@@ -133,6 +133,17 @@ def posterior_groups(
     return groups
 
 
+def density_group(names: Sequence[str], densities: Floats) -> "xr.Dataset":
+    """Return log-densities of data given the others, (chains, draws, data), by their names."""
+    meaning = {
+        "units": "1",
+        "long_name": "logarithm of the density of each datum, in units of its error, given the "
+        "others",
+    }
+    found = _dataset({"data": (("chain", "draw", "datum"), densities, meaning)})
+    return found.assign_coords(datum_name=("datum", list(names)))
+
+
 def _measured(
     observed: Sequence[Observed],
     values: Sequence[Floats],

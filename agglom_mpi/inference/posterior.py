@@ -13,10 +13,12 @@ from agglom_mpi.errors import UserError
 from agglom_mpi.inference.contributions import Contribution, contributions
 from agglom_mpi.inference.data_calibration import DataCalibration
 from agglom_mpi.inference.data_emulator import EmulatedData
+from agglom_mpi.inference.datum_densities import conditional_densities, datum_points
 from agglom_mpi.inference.draw_groups import (
     DEFAULT_DRAWS,
     Groups,
     arviz_data,
+    density_group,
     in_chains,
     independent_draws,
     posterior_groups,
@@ -149,6 +151,7 @@ class Posterior(WeightedStrings):
         independent draws; `sample_stats` has the `weight` that each string had. The steps of a
         Markov chain are of equal weight already, and all are kept: each walker is a chain. The
         effective size, which no number of draws can raise, is an attribute of `posterior`.
+        `log_likelihood` has the density of each datum given the others.
         """
         draws, seed = self.of.box.count("draws", draws, least=1), self.of.box.count("seed", seed)
         if self.walkers:
@@ -164,7 +167,13 @@ class Posterior(WeightedStrings):
         }
         stats = {"weight": (self.weights[chosen], meaning)}
         random = np.random.default_rng([seed, 1])
-        return posterior_groups(self.of, self.strings[chosen], stats, attributes, random)
+        found = posterior_groups(self.of, self.strings[chosen], stats, attributes, random)
+        if isinstance(self.of, EmulatedData):
+            flat = self.strings[chosen.ravel()]
+            names = [each.name for each in datum_points(self.of)[0]]
+            densities = conditional_densities(self.of, flat).reshape(*chosen.shape, -1)
+            found["log_likelihood"] = density_group(names, densities)
+        return found
 
     @property
     def given(self) -> str:

@@ -12,6 +12,7 @@ from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.inference.data_emulator import EmulatedData
 from agglom_mpi.inference.data_posterior import posterior_of
+from agglom_mpi.inference.evidence import evidence_of
 from agglom_mpi.inference.expected_volume import DataAtPoints
 from agglom_mpi.inference.next_measurement import _repetitions, dense_points
 from agglom_mpi.inference.predictive import predict_data
@@ -96,6 +97,13 @@ def test_the_posterior_is_that_of_a_dense_grid(box, posterior):
         deviation = math.sqrt(weights @ (grid[:, i] - mean) ** 2)
         assert abs(mean - other) < 4.0 * deviation * math.sqrt(sum(1.0 / s for s in sizes))
         assert abs(other - (0.6, 0.4)[i]) < 4.0 * deviation
+
+
+def test_the_evidence_of_impacts_is_that_of_a_dense_grid(box, posterior):
+    found = single_threaded(evidence_of)(posterior.of, posterior)
+    logarithms = posterior.of.log_density(box.even_strings(1 << 14))
+    density = np.exp(logarithms - 0.5 * len(SPEEDS) * math.log(2.0 * math.pi))
+    assert abs(found.logarithm - math.log(density.mean())) < 4.0 * found.error + 0.01
 
 
 def test_made_up_impacts_are_covered_as_stated(posterior):
@@ -200,6 +208,10 @@ def test_emulated_and_exact_data_have_the_posterior_of_generalised_least_squares
         ratio = np.linalg.eigvals(np.cov(place.T, aweights=found.weights) @ precision).real
         assert np.all(np.abs(np.sqrt(ratio) - 1.0) < 4.0 / np.sqrt(2.0 * size) + 0.08)
         assert found.calibration.passed
+        # All of the density is inside of the box: its integral is the area of its unit.
+        evidence = single_threaded(evidence_of)(found.of, found)
+        area = math.prod(errors) / abs(np.linalg.det(slopes))
+        assert abs(evidence.logarithm - math.log(area)) < 4.0 * evidence.error + 0.03
         by_name = {each.datum.quantity: each for each in found.predictions}
         assert by_name["restitution"].median[0] == pytest.approx(0.1, abs=0.06)
         assert by_name["mean_diameter"].median[0] == pytest.approx(1.45, abs=0.1)
