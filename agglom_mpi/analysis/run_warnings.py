@@ -6,14 +6,11 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from agglom_mpi.analysis.completeness import damage_lines
-from agglom_mpi.analysis.derived import recorded_inversion, searched_variables, values_of
+from agglom_mpi.analysis.derived import searched_variables, values_of
 from agglom_mpi.analysis.drawn_sizes import drawn_fraction
-from agglom_mpi.analysis.estimates import is_free_of_noise, not_converged, objective_of, rounding_of
-from agglom_mpi.analysis.failed_samples import failure_lines
+from agglom_mpi.analysis.estimates import is_free_of_noise, objective_of, rounding_of
 from agglom_mpi.analysis.finite_size import finite_size_warnings
 from agglom_mpi.analysis.ranking import RankedStrings, rank_strings
-from agglom_mpi.config.searchable import check_searchable
 from agglom_mpi.formatting import in_unit, pluralise, value_with_error
 from agglom_mpi.outcome import COMPLETED, FailureReason
 from agglom_mpi.physics.restitution import Solver
@@ -66,20 +63,6 @@ EDGE: Final = 0.01
 """Share of a range, or of its logarithm, from its end within which a value is at the edge."""
 MISS: Final = 0.05
 """Objective of a wanted growth, a relative miss, above which the target is not reached."""
-
-
-def all_warnings(file: "CampaignData") -> list[str]:
-    """Return a line on each thing that the terminal warns of, when a run begins and at its end."""
-    campaign = recorded_inversion(file)
-    before = [] if campaign is None else [*campaign.warnings(), *check_searchable(campaign)]
-    return [
-        *(f"{name} is altered in the file" for name in file.altered),
-        *damage_lines(file),
-        *failure_lines(file)[:1],
-        *not_converged(file),
-        *run_warnings(file),
-        *map(str, before),
-    ]
 
 
 def run_warnings(file: "CampaignData") -> list[str]:

@@ -429,8 +429,10 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
         """Raise an ArgumentError of a campaign that has experiments, each with a scene."""
         if self.experiments:
             names = ", ".join(each.name for each in self.experiments)
-            how = "by --experiment NAME or campaign.experiment(NAME)"
-            message = f"needs one scene; the campaign has the experiments {names}: choose one {how}"
+            message = (
+                f"needs one scene; the campaign has the experiments {names}: simulate one by "
+                "agglom simulate --experiment NAME or campaign.experiment(NAME)"
+            )
             raise ArgumentError.of(self.name, field, message)
 
     @cached_property

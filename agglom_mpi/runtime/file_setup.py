@@ -54,13 +54,12 @@ def by_recorded_method(campaign: Campaign, path: Path) -> Campaign:
 
     The default method differs by version, and a file is continued by the one it was made with.
     """
-    plan = campaign.plan
-    if plan is None or not path.exists():
+    plan, section = campaign.plan, parse(campaign.text, campaign.name).data.get("search") or {}
+    if plan is None or section.keys() - {"start"} or not path.exists():
         return campaign
-    section = parse(campaign.text, campaign.name).data.get("search") or {}
-    method = str(read_campaign(path, True).identity.get("search.method"))
+    method = str(read_campaign(path).identity.get("search.method"))
     stored = SearchMethod.components().get(method)
-    if stored is None or stored is type(plan.search) or section.keys() - {"start"}:
+    if stored is None or stored is type(plan.search):
         return campaign
     return replace(campaign, plan=plan._replace(search=stored(start=plan.search.start)))
 

@@ -59,15 +59,17 @@ def simulate(
     scene = campaign.at(vector).build(campaign.engine(engine))
     room = None if times is None else new_frames(times, scene.particles, scene.has_spins)
     random = random_numbers(campaign, vector, sample)
-    layout = campaign.census if room is None else None
+    layout = campaign.census
     census = new_census_room(layout, 1) if isinstance(layout, CensusLayout) else None
     ensure_compiled(scene, room is not None, census is not None)
     stopwatch, ledger = Stopwatch(), new_ledger()
-    if census is None:
+    if census is None or room is not None:
         record, particles = simulate_scene(scene, random, frames=room, ledger=ledger)
     else:
         record, particles = simulate_counted(scene, random, census, ledger=ledger)
     spent = stopwatch.read()
+    if census is not None and room is not None:  # one kernel counts, another records frames
+        simulate_counted(scene, random_numbers(campaign, vector, sample), census)
     if record["state"] != result.COMPLETED:
         raise RuntimeError(f"sample {sample} failed: {result.REASONS[record['reason']]}")
     ratio = float(record["mean_radius_ratio"])

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.measurements.layout import CensusLayout, prefix_of
-from agglom_mpi.outcome import OUTCOME, joined
+from agglom_mpi.outcome import COMPLETED, OUTCOME, joined
 from agglom_mpi.simulation.census import census_values, new_census_room
 from agglom_mpi.simulation.engines import Engine
 from agglom_mpi.simulation.sample import simulate_counted
@@ -88,7 +88,7 @@ def simulate_experiments(
         for name in OUTCOME.names or ():
             row[f"{each.prefix}{name}"] = record[name]
         for name, values in census_values(census).items():
-            row[f"{each.prefix}{name}"] = values[0]
+            row[f"{each.prefix}{name}"] = values[0] if record["state"] == COMPLETED else 0
     whole = joined(np.array(records, OUTCOME))
     for name in OUTCOME.names or ():
         row[name] = whole[name]

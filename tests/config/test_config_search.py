@@ -97,8 +97,12 @@ def message(*edits: tuple[str, str]) -> str:
             ("search.batch:", "unknown key 'batch'", "allowed: start, population, m"),
         ),
         (
-            "{initial: 48, parents: 6}",
-            ("search.initial:", "unknown key 'initial'", "allowed: start, population, method, p"),
+            "{population: 12, parents: 6, batch: 8}",
+            ("search.batch:", "unknown key 'batch'", "allowed: start, population, method, p"),
+        ),
+        (
+            "{batch: 8, intial: 16}",
+            ("search.intial:", "unknown key 'intial'", "did you mean 'initial'"),
         ),
         ("{method: surrogate, batch: 1}", ("search.batch:", "is 1", "at least 2")),
         ("{method: surrogate, batch: 10001}", ("search.batch:", "is 10001", "at most 10000")),

@@ -4,12 +4,20 @@ from collections.abc import Iterator
 from typing import Any, Final
 
 from agglom_mpi.analysis.best_strings import best_table, collect_best
-from agglom_mpi.analysis.derived import recorded_box, searched_variables, values_of
-from agglom_mpi.analysis.failed_samples import no_result
+from agglom_mpi.analysis.completeness import damage_lines
+from agglom_mpi.analysis.derived import (
+    recorded_box,
+    recorded_inversion,
+    searched_variables,
+    values_of,
+)
+from agglom_mpi.analysis.estimates import not_converged
+from agglom_mpi.analysis.failed_samples import failure_lines, no_result
 from agglom_mpi.analysis.ranking import listed_strings, places_by, rank_strings
-from agglom_mpi.analysis.run_warnings import all_warnings
+from agglom_mpi.analysis.run_warnings import run_warnings
 from agglom_mpi.analysis.shown_units import column_of, unit_of_variable
 from agglom_mpi.analysis.summary import describe_best
+from agglom_mpi.config.searchable import check_searchable
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.display.table import Column, Table
 from agglom_mpi.formatting import label_of, pluralise, value_with_error
@@ -22,6 +30,20 @@ QUESTION: Final = ("objective", "target", "final answer")
 """Lines on a run that stand at the top of the page."""
 MAX_ROWS: Final = 2000
 """Maximum number of judged strings that are listed."""
+
+
+def all_warnings(file: CampaignData) -> list[str]:
+    """Return a line on each thing that the terminal warns of, when a run begins and at its end."""
+    campaign = recorded_inversion(file)
+    before = [] if campaign is None else [*campaign.warnings(), *check_searchable(campaign)]
+    return [
+        *(f"{name} is altered in the file" for name in file.altered),
+        *damage_lines(file),
+        *failure_lines(file)[:1],
+        *not_converged(file),
+        *run_warnings(file),
+        *map(str, before),
+    ]
 
 
 @section(0, "Warnings")

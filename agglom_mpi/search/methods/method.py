@@ -19,8 +19,8 @@ from agglom_mpi.search.proposals import Evaluations, Proposals, Ranked
 from agglom_mpi.search.space import SearchSpace
 
 DEFAULT_METHODS: Final = ("surrogate", "genetic")
-"""Methods of a section `search` without the key `method`: the first one that has all its keys, or
-the last one."""
+"""Methods of a section `search` without the key `method`: the one that has most of its keys, the
+first of several."""
 
 
 class RunningSearch(Protocol):
@@ -124,12 +124,11 @@ class SearchMethod(Component):
         """Return a section with its method."""
         if isinstance(entry, Mapping) and cls.named_by not in entry:
             methods = cls.components()
-            fits = (
-                name
-                for name in DEFAULT_METHODS
-                if methods[name].model_fields.keys() >= entry.keys()
-            )
-            return {cls.named_by: next(fits, DEFAULT_METHODS[-1]), **entry}
+
+            def known(name: str) -> int:
+                return len(methods[name].model_fields.keys() & entry.keys())
+
+            return {cls.named_by: max(DEFAULT_METHODS, key=known), **entry}
         return entry
 
     @property

@@ -37,7 +37,7 @@ def test_figures_of_a_campaign_have_the_lettering_and_the_width_of_print(finishe
         assert LEGIBLE[0] <= min(found) <= max(found) <= LEGIBLE[1], drawing.name
 
 
-@pytest.mark.slow(guard="test_figures_drawn.py")
+@pytest.mark.slow(guard="report/figures/test_figures_drawn.py")
 def test_every_type_of_figure_is_on_the_contact_sheet(three, measured_file, finished, tmp_path):
     from contact_sheet import drawings_of, write_sheet
 
