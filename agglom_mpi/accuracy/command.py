@@ -15,6 +15,7 @@ from agglom_mpi.accuracy.study import (
     StudyOptions,
     StudyPart,
     closed,
+    require_steps,
     run_stages,
     scene_error,
 )
@@ -90,10 +91,10 @@ def scene_study(options: StudyOptions) -> Stages:
         size = size._replace(samples=options.samples, pool=pool, again=options.samples)
     campaign, scenes = _read_sources(options)
     facts, chapters = list[str](), dict[str, list[StudyPart]]()
-    for each in (campaign, *scenes.values()):
-        if each is not None:
-            each.require_one_scene("SOURCE")
+    for each in scenes.values():
+        each.require_one_scene("SOURCE")
     if campaign is not None:
+        require_steps(campaign)
         string = campaign.parameters(options.settings)
         values = campaign.variables.used_values(string)
         numbers = {name: values[name] for name in campaign.variables.of_scene}
@@ -101,9 +102,7 @@ def scene_study(options: StudyOptions) -> Stages:
         facts = list(_facts(scene, numbers))
         if refused := scene_error(Setup(scene.campaign, scene.parameters, 1)):
             raise CampaignError(Problem(scene.campaign.name, None, "scene", refused))
-        parts = [ensemble_part(scene), control_volume_part(scene)]
-        if not campaign.scene.escape.is_sheared():  # which no time steps can simulate
-            parts.insert(0, steps_part(scene))
+        parts = [steps_part(scene), ensemble_part(scene), control_volume_part(scene)]
         if options.history:
             history = read_inversion(options.history, options.allow_code)
             parts.append(history_part(history, size.again, campaign.user_function))

@@ -18,6 +18,7 @@ from agglom_mpi.config.identity import STUDY_SEPARATORS, digest
 from agglom_mpi.config.identity import objective as objective_identity
 from agglom_mpi.config.relations import NO_RELATIONS
 from agglom_mpi.config.scene import SceneSection
+from agglom_mpi.config.yaml_source import CampaignError, parse
 from agglom_mpi.display.run_display import StudyDisplay
 from agglom_mpi.errors import FINISHED
 from agglom_mpi.outcome import COMPLETED, SampleSummary
@@ -135,6 +136,15 @@ def without_data(campaign: Campaign) -> Campaign:
     if not campaign.objective.needs_data:
         return campaign
     return replace(campaign, objective=MaximumGrowth(), data=(), data_entries=())
+
+
+def require_steps(campaign: Campaign) -> None:
+    """Raise an error of a campaign of several scenes, or of one that no time steps can simulate."""
+    campaign.require_one_scene("SOURCE")
+    if campaign.scene.escape.is_sheared():
+        message = "is 'shear', which no time steps can simulate: there is nothing to compare"
+        problem = parse(campaign.text, campaign.name).problem(("scene", "escape"), message)
+        raise CampaignError(problem)
 
 
 def scene_error(setup: Setup) -> str:

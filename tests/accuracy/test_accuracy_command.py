@@ -8,7 +8,8 @@ import h5py
 import numpy as np
 import pytest
 from agglom_here import agglom_here
-from campaign_runs import environment, need_mpirun
+from campaign_runs import QUICKSTART, environment, need_mpirun
+from experiment_runs import write_experiments
 from measured_runs import write_measured
 from processes import HANG
 
@@ -194,6 +195,18 @@ def test_bad_input_is_one_message_and_leaves_nothing(folder, arguments, message)
     assert "Traceback" not in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
     assert not (folder / "x").exists()
+
+
+@pytest.mark.parametrize("mode", [[], ["--map", "collapse"]], ids=["study", "map"])
+def test_what_no_time_steps_can_simulate_is_refused(tmp_path, mode):
+    shutil.copy(QUICKSTART.parent / "extremes" / "sheared_slowly.yaml", tmp_path / "sheared.yaml")
+    write_experiments(tmp_path)
+    for name, field in (("sheared", "10: scene.escape: is 'shear'"), ("experiments", " SOURCE: ")):
+        done = run(tmp_path, f"{name}.yaml", "--quick", *mode, "-o", "x")
+        assert done.returncode == 2
+        [message] = done.stderr.splitlines()
+        assert message.startswith(f"{name}.yaml:{field}")
+        assert not (tmp_path / "x").exists()
 
 
 def test_without_matplotlib_it_says_what_to_install(folder, monkeypatch):

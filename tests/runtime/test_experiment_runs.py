@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from campaign_runs import assert_same, assert_sound, decisions, finish, need_mpirun
+from campaign_runs import assert_same, assert_sound, decisions, finish, invert, need_mpirun
 from experiment_runs import FAST, FASTER, SLOW, THREE, write_experiments
 
 from agglom_mpi.analysis.data_fit import data_fit, string_predictions
@@ -113,6 +113,19 @@ def test_a_sample_fails_where_one_of_its_experiments_does():
     records["state"][2], records["reason"][2] = FAILED, FailureReason.BUDGET_EXCEEDED
     whole = joined(records)
     assert (whole["state"], whole["reason"]) == (FAILED, FailureReason.BUDGET_EXCEEDED)
+
+
+def test_an_experiment_that_fails_has_no_census(tmp_path):
+    short = FAST.replace("end_time: 3 ms", "end_time: 3 ms, engine: {law: event, budget: 3}")
+    write_experiments(tmp_path, SLOW + short)
+    invert(tmp_path, "experiments.yaml")
+    rows = read_campaign(tmp_path / "experiments.h5").all_sample_rows()
+    failed = rows[rows["fast.state"] == FAILED]
+    assert len(failed)
+    assert np.all(failed["state"] == FAILED)
+    names = [name for name in rows.dtype.names if name.startswith("fast.class_")]
+    assert names
+    assert not any(failed[name].any() for name in names)
 
 
 def test_a_run_that_stopped_goes_on_with_the_same_decisions(tmp_path, path):

@@ -217,6 +217,7 @@ def test_a_file_made_with_another_default_is_read_and_continued_by_its_own(
     assert load_campaign(path).search.name == "surrogate"
     file = tmp_path / "tiny.h5"
     assert recorded_campaign(read_campaign(file)).search.name == "genetic"
+    assert plan(str(path), (1,), 20.0, source=str(file)).campaign.search.name == "genetic"
     finish(tmp_path, "tiny.yaml", "--generations", 3)
     assert_sound(file)
     assert len(read_campaign(file).string_rows()) == 20 + 14 + 14

@@ -63,6 +63,16 @@ def test_so_many_frames_are_evenly_spaced_and_change_nothing():
 
 
 @pytest.mark.plain
+def test_frames_of_a_measured_campaign_leave_its_census_and_objective():
+    data = "data: [{quantity: particles_left, value: 0.5, error: 0.1, time: 2 ms}]\n"
+    measured = Campaign.from_text(f"{TEXT}{data}objective: misfit\n")
+    plain, seen = simulate(measured, {}, 4), simulate(measured, {}, 4, frames=3)
+    assert seen.frames is not None
+    assert seen.objective == plain.objective
+    assert all(map(np.array_equal, seen.census, plain.census))
+
+
+@pytest.mark.plain
 @pytest.mark.parametrize("times", [[0.0, 1e-3, END], np.array([1e-3]), (END,)])
 def test_frames_are_taken_at_the_times_given(times):
     seen = simulate(CAMPAIGN, {}, 4, frames=times)

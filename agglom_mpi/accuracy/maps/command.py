@@ -16,7 +16,15 @@ from agglom_mpi.accuracy.maps.planes import PLANES
 from agglom_mpi.accuracy.maps.scene import Values, file_text, map_scene
 from agglom_mpi.accuracy.maps.section import plane_section
 from agglom_mpi.accuracy.report import require_report, write_document
-from agglom_mpi.accuracy.study import Setup, Stages, Study, StudyOptions, closed, run_stages
+from agglom_mpi.accuracy.study import (
+    Setup,
+    Stages,
+    Study,
+    StudyOptions,
+    closed,
+    require_steps,
+    run_stages,
+)
 from agglom_mpi.accuracy.time_integration.extremes import read_scenes
 from agglom_mpi.analysis.tables import time_on_free_core
 from agglom_mpi.config.campaign import Campaign
@@ -66,6 +74,7 @@ def map_study(options: StudyOptions, size: MapSize) -> Stages:
         message = "is no file of a scene; a map is made of one scene or campaign"
         raise CampaignError(Problem(options.sources[0], None, "SOURCE", message))
     source = load_campaign(files[0], options.allow_code)
+    require_steps(source)
     scene = map_scene(source, options.settings, size.grains, size.budget)
     scenes = dict(_points(source, options))
     maps = []

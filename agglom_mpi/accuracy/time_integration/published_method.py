@@ -20,13 +20,15 @@ def as_published(scene: SceneSection) -> SceneSection:
     - Time: 200 equal steps where the impact lasts as in [A 12]; otherwise [B 6.14]'s adaptive
       steps. Their limits are [B]'s in proportion to the end time, so that a scene of nanoseconds or
       of years gets as many steps as the paper's; as printed where the end time is `characteristic`,
-      which [B] does not have.
+      which [B] does not have. A box in shear has no time steps, and keeps its engine.
 
     What the papers model otherwise (escape, heating, whose energy breaks) stays as the scene has
     it: the methods are compared on the same equations.
     """
     engine: Engine
-    if scene.restitution.uses_contact_pressure and scene.duration.takes_published_steps:
+    if scene.escape.is_sheared():
+        engine = scene.engine
+    elif scene.restitution.uses_contact_pressure and scene.duration.takes_published_steps:
         engine = FixedSteps(steps=200)
     elif isinstance(scene.end_time, str):
         engine = AdaptiveSteps()
