@@ -210,10 +210,8 @@ class BoxPart(NamedTuple):
         from scipy.stats import qmc
 
         even = qmc.Sobol(len(self.axes), seed=box.campaign.seed).random(count)
-        points = (self.lower + even * (self.upper - self.lower)) @ self.axes.T
-        inside = ((points >= 0.0) & (points <= 1.0)).all(axis=1)
-        strings = box.space.from_unit(points[inside])
-        return strings[box.allowed(strings)]
+        _, strings = box.of_units((self.lower + even * (self.upper - self.lower)) @ self.axes.T)
+        return strings
 
 
 def sample_posterior(
@@ -276,10 +274,8 @@ def effective_size(weights: Floats) -> float:
 def log_density_within(of: Sampled, points: Floats) -> Floats:
     """Return the log-density at points in units of the box, (n, d); −inf where it allows none."""
     found = np.full(len(points), -np.inf)
-    inside = np.flatnonzero(((points >= 0.0) & (points <= 1.0)).all(axis=1))
-    strings = of.box.space.from_unit(points[inside])
-    allowed = of.box.allowed(strings)
-    found[inside[allowed]] = of.log_density(strings[allowed])
+    places, strings = of.box.of_units(points)
+    found[places] = of.log_density(strings)
     return found
 
 
