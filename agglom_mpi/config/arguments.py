@@ -44,10 +44,15 @@ def count_argument(file: object, field: str, value: Any, least: int = 0) -> int:
     try:
         return read_count(value, least)
     except ValueError as error:
-        # Imported here: a campaign file is read without what reads YAML.
-        from agglom_mpi.config.yaml_source import ArgumentError
+        raise mistaken_argument(file, field, error) from None
 
-        raise ArgumentError.of(file, field, error) from None
+
+def mistaken_argument(file: object, field: str, message: object) -> ValueError:
+    """Return an ArgumentError about an argument `field` of what comes from `file`."""
+    # Imported here: a campaign file is read without what reads YAML.
+    from agglom_mpi.config.yaml_source import ArgumentError
+
+    return ArgumentError.of(file, field, message)
 
 
 def read_number(value: Any) -> float:

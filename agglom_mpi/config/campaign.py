@@ -13,49 +13,32 @@ import numpy.typing as npt
 from agglom_mpi.config import describe, identity
 from agglom_mpi.config.arguments import count_argument
 from agglom_mpi.config.bounds import variables_of
-from agglom_mpi.config.census_layout import census_layout
+from agglom_mpi.config.census_layout import census_layout, measured
 from agglom_mpi.config.data_section import DatumEntry, built_data
-from agglom_mpi.config.document import (
-    EXPERIMENTS,
-    parse_campaign,
-    read_document,
-    read_joint_document,
-)
+from agglom_mpi.config.document import EXPERIMENTS, parse_campaign, read_document
 from agglom_mpi.config.experiments import (
     CampaignExperiment,
-    experiment_of,
+    campaign_of_experiments,
     in_seed,
-    joint_table,
-    placed,
-    read_experiments,
+    joint_warnings,
+    named_experiment,
+    needs_one_scene,
 )
 from agglom_mpi.config.given_strings import Parameters, read_string, read_strings
 from agglom_mpi.config.plan import FinalAnswer, Output, Plan, Stopping
 from agglom_mpi.config.relations import NO_RELATIONS, Relations
 from agglom_mpi.config.scene import SceneSection, parse_engine
-from agglom_mpi.config.searchable import check_ends, check_start, refused_corners
-from agglom_mpi.config.string_scenes import (
-    FirstExperimentScenes,
-    StringScene,
-    StringScenes,
-)
+from agglom_mpi.config.searchable import check_ends, check_scales, check_start, refused_corners
+from agglom_mpi.config.string_scenes import FirstExperimentScenes, StringScene, StringScenes
 from agglom_mpi.config.user_function import UserFunction, function_of_means
-from agglom_mpi.config.yaml_source import (
-    ArgumentError,
-    CampaignError,
-    Problem,
-    Source,
-    parse,
-    with_seed,
-)
+from agglom_mpi.config.yaml_source import ArgumentError, CampaignError, Problem, parse, with_seed
 from agglom_mpi.declaration.reading import PLAIN, Reading
-from agglom_mpi.measurements.datum import Datum, exact_values
+from agglom_mpi.measurements.datum import Datum
 from agglom_mpi.measurements.layout import CensusLayout, ExperimentLayouts
-from agglom_mpi.physics import scales
 from agglom_mpi.physics.impact_tests import ImpactTests, impact_tests
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.search.methods.method import SearchMethod
-from agglom_mpi.search.objectives.misfit import Measured, MeasuredExperiments, MeasuredString
+from agglom_mpi.search.objectives.misfit import Measured
 from agglom_mpi.search.objectives.objective import Objective
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.search.stopping import StoppingRule
@@ -138,17 +121,12 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
         """
         source = parse_campaign(text, name)
         if source.data.get(EXPERIMENTS) is not None:
-            return cls._of_experiments(source, text, reading)
+            return campaign_of_experiments(cls, source, text, reading)
         document, entries = read_document(source, reading)
         campaign = cls(
-            title=document.title,
-            seed=document.seed,
+            **document.for_campaign,
             scene=document.scene,
             variables=variables_of(document.variables, document.scene, entries.table),
-            objective=document.objective,
-            plan=document.plan,
-            output=document.output,
-            final=document.final,
             data=built_data(document.data),
             data_entries=document.data,
             text=text,
@@ -161,51 +139,10 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
             check_start(campaign, campaign.given_strings())
         return campaign
 
-    @classmethod
-    def _of_experiments(cls, source: Source, text: str, reading: Reading) -> "Campaign":
-        """Return the campaign of a file with experiments."""
-        read = read_experiments(source, reading)
-        table, first = joint_table(read), next(iter(read.values()))
-        entries = tuple(entry for each in read.values() for entry in each.document.data)
-        document = read_joint_document(source, first.document.scene, table, entries, reading)
-        shared = cls(
-            title=document.title,
-            seed=document.seed,
-            scene=first.document.scene,
-            variables=table,
-            objective=document.objective,
-            plan=document.plan,
-            output=document.output,
-            final=document.final,
-            text=text,
-            name=source.name,
-        )
-        found = []
-        for name, (own, variables, given) in read.items():
-            alone = replace(
-                shared,
-                scene=own.scene,
-                variables=variables,
-                data=built_data(own.data, name),
-                data_entries=own.data,
-                has_layout=True,
-            )
-            found.append(in_seed(experiment_of(name, alone, given, table), shared.seed))
-            try:
-                check_ends(alone)
-            except CampaignError as error:
-                raise CampaignError(*placed(source, {name: error.problems})) from None
-        data = tuple(datum for each in found for datum in each.campaign.data)
-        campaign = replace(shared, experiments=tuple(found), data=data, data_entries=entries)
-        check_start(campaign, campaign.given_strings())
-        return campaign
-
     def given_strings(self) -> npt.NDArray[np.float64]:
         """Return the strings that `search.start` lists, in SI units, shape (n, k)."""
-        listed = self.search.listed
-        return np.array([self.parameters(values) for values in listed]).reshape(
-            -1, self.variables.count
-        )
+        strings = [self.parameters(values) for values in self.search.listed]
+        return np.array(strings).reshape(-1, self.variables.count)
 
     def allowed(self, parameters: Parameters) -> npt.NDArray[np.bool_]:
         """Return which of n strings satisfy the constraints, shape (n,); the box does not matter.
@@ -240,20 +177,9 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
         from agglom_mpi.config.plausibility import implausible
 
         if self.experiments:
-            return self._joint_warnings(parameters)
+            return joint_warnings(self, parameters)
         corners = refused_corners(self) if parameters is None and self.variables.of_scene else []
         return implausible(self, parameters) + corners
-
-    def _joint_warnings(self, parameters: Mapping[str, float | str] | None) -> list[Problem]:
-        """Return the warnings of all experiments, each once."""
-        string = None if parameters is None else read_string(self, parameters)
-        found = {}
-        for each in self.experiments:
-            alone, given = replace(each.campaign, plan=None), None
-            if string is not None:
-                given = alone.variables.used_values(each.own(string))
-            found[each.name] = alone.warnings(given)
-        return placed(parse(self.text, self.name), found)
 
     def with_seed(self, seed: int) -> "Campaign":
         """Return the campaign with another seed, which its `text` has, too."""
@@ -314,16 +240,15 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
         """Return the engine `event`, `fixed`, `fixed:STEPS` or `adaptive`; for None the scene's."""
         if text is None:
             return self.scene.engine
-        if not isinstance(text, str):
-            if not isinstance(text, Engine):
-                message = f"is {text!r}; must be event, fixed, fixed:STEPS or adaptive"
-                raise ArgumentError.of(self.name, "engine", message)
-            engine = text
-        else:
+        engine = text
+        if isinstance(engine, str):
             try:
-                engine = parse_engine(text, self.scene.engine)
+                engine = parse_engine(engine, self.scene.engine)
             except ValueError as error:
                 raise CampaignError(Problem(self.name, None, "engine", str(error))) from None
+        if not isinstance(engine, Engine):
+            message = f"is {text!r}; must be event, fixed, fixed:STEPS or adaptive"
+            raise ArgumentError.of(self.name, "engine", message)
         if message := self.scene.refused(engine):
             raise CampaignError(Problem(self.name, None, "engine", message))
         return engine
@@ -366,7 +291,9 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
         In a larger control volume it is that of the campaign's own number of grains.
         """
         if self.experiments:
-            return self._joint_objective(string)
+            with suppress(ValueError):  # a law refuses the string
+                return self.objective.of_string(self.measured_at(string))
+            return self.objective
         needs_data = self.objective.needs_data
         if not (self.scenes.sizes_differ or needs_data):
             return self.objective
@@ -379,13 +306,6 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
             return objective
         return objective.of_string(self.measured_at(string))
 
-    def _joint_objective(self, string: npt.ArrayLike) -> Objective:
-        """Return the objective of samples of all experiments."""
-        try:
-            return self.objective.of_string(self.measured_at(string))
-        except ValueError:  # a law refuses the string
-            return self.objective
-
     def measured_at(self, string: npt.ArrayLike) -> Measured:
         """Return the data for the samples of a string, and the scales of their censuses.
 
@@ -394,20 +314,7 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
         ValueError
             If the campaign has no data, or a law refuses the string.
         """
-        if self.experiments:
-            own = ((each.name, each.campaign, each.own(string)) for each in self.experiments)
-            return MeasuredExperiments({n: c._measured_alone(s) for n, c, s in own})
-        return self._measured_alone(string)
-
-    def _measured_alone(self, string: npt.ArrayLike) -> MeasuredString:
-        """Return the same of a campaign without experiments."""
-        if not isinstance(self.census, CensusLayout):
-            raise ValueError(f"{self.name} has no section data")
-        section, values = self.at(string)
-        diameter = 2.0 * scales.grain_radius(section, values)
-        tests = self.impact_tests_at(string) if exact_values(self.data).any() else None
-        density, grains = values["density"], section.particles
-        return MeasuredString(self.data, self.census, diameter, density, grains, tests)
+        return measured(self, string)
 
     def impact_tests_at(self, string: npt.ArrayLike, experiment: str = "") -> ImpactTests:
         """Return the laws of single impacts of a string; raise a ValueError if one refuses it."""
@@ -418,29 +325,16 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
 
     def of_experiment(self, name: str) -> CampaignExperiment:
         """Return an experiment by its name; raise an ArgumentError if there is none."""
-        for each in self.experiments:
-            if each.name == name:
-                return each
-        names = ", ".join(each.name for each in self.experiments)
-        allowed = f"allowed: {names}" if names else "the campaign has no section experiments"
-        raise ArgumentError.of(self.name, "experiment", f"is {name!r}; {allowed}")
+        return named_experiment(self, name)
 
     def require_one_scene(self, field: str) -> None:
         """Raise an ArgumentError of a campaign that has experiments, each with a scene."""
         if self.experiments:
-            names = ", ".join(each.name for each in self.experiments)
-            message = (
-                f"needs one scene; the campaign has the experiments {names}: simulate one by "
-                "agglom simulate --experiment NAME or campaign.experiment(NAME)"
-            )
-            raise ArgumentError.of(self.name, field, message)
+            raise needs_one_scene(self, field)
 
     @cached_property
     def census(self) -> CensusLayout | ExperimentLayouts | None:
         """When samples are counted by size, and in which classes; None without data."""
-        if self.experiments:
-            own = ((each.name, census_layout(each.campaign)) for each in self.experiments)
-            return ExperimentLayouts({name: layout for name, layout in own if layout is not None})
         return census_layout(self)
 
     @property
@@ -531,26 +425,5 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
         return CampaignError(parse(self.text, self.name).problem(("objective", key), message))
 
     def check_scales(self, string: npt.NDArray[np.float64]) -> None:
-        """Raise a CampaignError if a parameter string gives a grain mass or end time out of range.
-
-        Parameters
-        ----------
-        string
-            The variables in SI units, shape (k,).
-        """
-        try:
-            section, values = self.at(string)
-        except ValueError as error:
-            raise CampaignError(Problem(self.name, None, "scene", str(error))) from None
-        problems = []
-        for key, measure in (
-            (section.size_key, scales.grain_mass),
-            ("end_time", scales.end_time),
-        ):
-            try:
-                measure(section, values)
-            except ValueError as error:
-                place = ("variables" if key in self.variables else "scene", key)
-                problems.append(parse(self.text, self.name).problem(place, str(error)))
-        if problems:
-            raise CampaignError(*problems)
+        """Raise a CampaignError if a string, (k,), gives a grain mass or end time out of range."""
+        check_scales(self, string)

@@ -1,14 +1,18 @@
-"""When the samples of a campaign are counted by size, and in which classes: by its data."""
+"""What samples are compared with: data, and when and in which classes these count particles."""
 
 import math
 from collections.abc import Iterator
 from contextlib import suppress
 from typing import Any, Final
 
-from agglom_mpi.measurements.datum import data_times
-from agglom_mpi.measurements.layout import CensusLayout
+from numpy.typing import ArrayLike
+
+from agglom_mpi.measurements.datum import data_times, exact_values
+from agglom_mpi.measurements.layout import CensusLayout, ExperimentLayouts
+from agglom_mpi.physics.scales import grain_radius
 from agglom_mpi.physics.size_distributions import draw_radii
 from agglom_mpi.random_streams import sample_stream
+from agglom_mpi.search.objectives.misfit import Measured, MeasuredExperiments, MeasuredString
 
 SAMPLES_OF_SIZES: Final = 16
 """Samples of a string whose grains are drawn to see how small and large they can be."""
@@ -17,7 +21,7 @@ MARGIN: Final = 1.2
 """Sizes may lie outside those drawn by this factor; the classes at the ends take what is beyond."""
 
 
-def census_layout(campaign: Any) -> CensusLayout | None:
+def census_layout(campaign: Any) -> CensusLayout | ExperimentLayouts | None:
     """Return the layout of the censuses of a campaign's samples; None where it has no data.
 
     Parameters
@@ -25,6 +29,14 @@ def census_layout(campaign: Any) -> CensusLayout | None:
     campaign
         The `Campaign`.
     """
+    if campaign.experiments:
+        own = ((each.name, _own_layout(each.campaign)) for each in campaign.experiments)
+        return ExperimentLayouts({name: layout for name, layout in own if layout is not None})
+    return _own_layout(campaign)
+
+
+def _own_layout(campaign: Any) -> CensusLayout | None:
+    """Return the layout of a campaign without experiments, or of one of them."""
     if not (campaign.data or campaign.has_layout):
         return None
     times = [math.inf if time is None else time for time in data_times(campaign.data)]
@@ -34,6 +46,31 @@ def census_layout(campaign: Any) -> CensusLayout | None:
     smallest = min([1.0, *(low / MARGIN for low, _ in drawn)])
     largest = max([largest, *(high * MARGIN for _, high in drawn)])
     return CensusLayout.between(tuple(times), smallest, largest)
+
+
+def measured(campaign: Any, string: ArrayLike) -> Measured:
+    """Return the data of a campaign for the samples of a string, and the scales of their censuses.
+
+    Raises
+    ------
+    ValueError
+        If the campaign has no data, or a law refuses the string.
+    """
+    if campaign.experiments:
+        own = ((each.name, each.campaign, each.own(string)) for each in campaign.experiments)
+        return MeasuredExperiments({n: _own_measured(c, s) for n, c, s in own})
+    return _own_measured(campaign, string)
+
+
+def _own_measured(campaign: Any, string: ArrayLike) -> MeasuredString:
+    """Return the same of a campaign without experiments, or of one of them."""
+    if campaign.census is None:
+        raise ValueError(f"{campaign.name} has no section data")
+    section, values = campaign.at(string)
+    diameter = 2.0 * grain_radius(section, values)
+    tests = campaign.impact_tests_at(string) if exact_values(campaign.data).any() else None
+    density, grains = values["density"], section.particles
+    return MeasuredString(campaign.data, campaign.census, diameter, density, grains, tests)
 
 
 def _drawn_radii(campaign: Any) -> Iterator[tuple[float, float]]:

@@ -6,9 +6,10 @@ from typing import Annotated, Any, Final
 
 import numpy as np
 
-from agglom_mpi.config.data_section import DatumEntry
+from agglom_mpi.config.data_section import DatumEntry, repeated_data
 from agglom_mpi.declaration.components import In
-from agglom_mpi.declaration.declared import Declared, FieldPath, Meaning
+from agglom_mpi.declaration.declared import Declared, FieldPath, Meaning, raise_field_errors
+from agglom_mpi.declaration.reading import Reading
 from agglom_mpi.declaration.units import quoted
 
 MIN_EIGENVALUE: Final = 1e-10
@@ -64,6 +65,28 @@ def stated_pairs(
             message = f"contradict each other: the least eigenvalue of their matrix is {least:.2g}"
             problems.append(((), f"{message}; must be greater than 0"))
     return found, problems
+
+
+def correlated(
+    data: tuple[DatumEntry, ...],
+    correlations: Sequence[Correlation],
+    end: float | str,
+    reading: Reading,
+) -> tuple[DatumEntry, ...]:
+    """Return data with their correlations; `end` is the `end_time` of the scene.
+
+    Raises
+    ------
+    FieldError
+        If the section is wrong, or data stand twice.
+    """
+    pairs, wrong = stated_pairs(data, correlations)
+    raise_field_errors((("correlations", *path), message) for path, message in wrong)
+    if not reading.recorded:
+        repeated = repeated_data(data, end, pairs)
+        raise_field_errors((("data", *path), message) for path, message in repeated)
+    of = [{i: r for (i, j), r in pairs.items() if j == k} for k in range(len(data))]
+    return tuple(map(DatumEntry.with_correlations, data, of))
 
 
 def _place(given: Any, data: Sequence[DatumEntry], value: float) -> int:

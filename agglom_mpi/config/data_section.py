@@ -12,9 +12,17 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, Self
 import numpy as np
 
 from agglom_mpi.declaration.components import In, Whole
-from agglom_mpi.declaration.declared import Declared, FieldError, FieldPath, Meaning, Reads
+from agglom_mpi.declaration.declared import (
+    Declared,
+    FieldError,
+    FieldPath,
+    Meaning,
+    Reads,
+    raise_field_errors,
+    read_value,
+)
 from agglom_mpi.declaration.field_types import Line
-from agglom_mpi.declaration.reading import NamedFiles, Reading
+from agglom_mpi.declaration.reading import Reading
 from agglom_mpi.declaration.units import has_offset, quoted, to_si, unit_in
 from agglom_mpi.formatting import in_unit, pluralise, value_with_prefix
 from agglom_mpi.measurements.datum import Datum, datum_name
@@ -253,11 +261,10 @@ def _texts(of: Any, names: Sequence[str]) -> dict[str, str]:
     return {name: " ".join(map(repr, getattr(of, name))) for name in names}
 
 
-def with_curves(
-    data: Sequence[DatumEntry], files: NamedFiles
-) -> tuple[tuple[DatumEntry, ...], list[tuple[FieldPath, str]]]:
-    """Return the entries with what their files hold, and what is wrong with these."""
-    found, problems = [], []
+def read_data(value: Any, reading: Reading) -> tuple[DatumEntry, ...]:
+    """Return the entries of the section with what their files hold; raise a FieldError."""
+    files, found, problems = reading.files, [], list[tuple[FieldPath, str]]()
+    data: tuple[DatumEntry, ...] = read_value(value, tuple[DatumEntry, ...], (), reading)
     for place, entry in enumerate(data):
         if entry.file is None:
             found.append(entry)
@@ -271,7 +278,8 @@ def with_curves(
             problems += [((place, *path), message) for path, message in error.problems]
         except ValueError as error:
             problems.append(((place, "file"), str(error)))
-    return tuple(found), problems
+    raise_field_errors(problems)
+    return tuple(found)
 
 
 def built_data(entries: Sequence[DatumEntry], experiment: str = "") -> tuple[Datum, ...]:

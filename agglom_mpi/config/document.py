@@ -4,8 +4,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Annotated, Any, ClassVar, Final
 
-import numpy as np
-
 from agglom_mpi.config.bounds import (
     check_required,
     ranges_of,
@@ -13,22 +11,13 @@ from agglom_mpi.config.bounds import (
     required_variables,
     variables_of,
 )
-from agglom_mpi.config.correlations import Correlation, stated_pairs
-from agglom_mpi.config.data_section import (
-    DatumEntry,
-    impossible_data,
-    repeated_data,
-    with_curves,
-)
-from agglom_mpi.config.plan import (
-    FinalAnswer,
-    Output,
-    Plan,
-    Stopping,
-)
+from agglom_mpi.config.correlations import Correlation, correlated
+from agglom_mpi.config.data_section import DatumEntry, impossible_data, read_data
+from agglom_mpi.config.plan import FinalAnswer, Output, Plan, Stopping
 from agglom_mpi.config.relations import quantity_problems, read_constraints, read_derived
 from agglom_mpi.config.scene import MAX_PARTICLES, SceneSection
 from agglom_mpi.config.scene_paths import PathEntries, read_paths
+from agglom_mpi.config.searchable import check_given_strings
 from agglom_mpi.config.yaml_source import CampaignError, Problem, Source, parse
 from agglom_mpi.declaration.choices import Choice
 from agglom_mpi.declaration.components import Whole
@@ -40,8 +29,6 @@ from agglom_mpi.declaration.declared import (
     Meaning,
     Problems,
     Reads,
-    raise_field_errors,
-    read_value,
 )
 from agglom_mpi.declaration.field_types import NONE, Line
 from agglom_mpi.declaration.reading import PLAIN, Reading
@@ -67,9 +54,7 @@ def _derived_quantities(entries: Any, reading: Reading) -> Any:
     if "scene" not in reading.earlier:
         return ()
     used = tuple(required_variables(reading.earlier["scene"], reading.variables))
-    derived, problems = read_derived(entries, used, reading)
-    raise_field_errors(problems)
-    return derived
+    return read_derived(entries, used, reading)
 
 
 def _comparisons(entries: Any, reading: Reading) -> Any:
@@ -77,16 +62,7 @@ def _comparisons(entries: Any, reading: Reading) -> Any:
     if "scene" not in earlier or "derived" not in earlier:
         return ()
     used = tuple(required_variables(earlier["scene"], reading.variables))
-    constraints, problems = read_constraints(entries, used, earlier["derived"], reading)
-    raise_field_errors(problems)
-    return constraints
-
-
-def _data_with_curves(entries: Any, reading: Reading) -> tuple[DatumEntry, ...]:
-    data: tuple[DatumEntry, ...] = read_value(entries, tuple[DatumEntry, ...], (), reading)
-    data, problems = with_curves(data, reading.files)
-    raise_field_errors(problems)
-    return data
+    return read_constraints(entries, used, earlier["derived"], reading)
 
 
 def _data_fit_scene(data: tuple[DatumEntry, ...], reading: Reading) -> Problems:
@@ -242,7 +218,7 @@ class SceneDocument(Declared):
     derived: Annotated[Any, Reads(_derived_quantities, in_context=True)] = ()
     constraints: Annotated[Any, Reads(_comparisons, in_context=True)] = ()
     data: Annotated[
-        tuple[DatumEntry, ...], Reads(_data_with_curves, in_context=True), Fits(_data_fit_scene)
+        tuple[DatumEntry, ...], Reads(read_data, in_context=True), Fits(_data_fit_scene)
     ] = ()
     correlations: tuple[Correlation, ...] = ()
     experiments: dict[str, ExperimentEntry] = {}  # noqa: RUF012  (a field, as of all documents)
@@ -256,6 +232,12 @@ class SceneDocument(Declared):
     def plan(self) -> Plan | None:
         """None: nothing is searched."""
         return None
+
+    @property
+    def for_campaign(self) -> dict[str, Any]:
+        """What a campaign takes over as it was read, by name."""
+        names = "title", "seed", "objective", "plan", "output", "final"
+        return {name: getattr(self, name) for name in names}
 
     @classmethod
     def prepared(
@@ -301,26 +283,6 @@ class CampaignDocument(SceneDocument):
         return Plan(self.search, self.ensemble, self.stopping)
 
 
-def _stores_no_particles(output: Output, reading: Reading) -> Problems:
-    for key in ("final_particles", "frames"):
-        if getattr(output, key):
-            yield (key,), "must be left out beside experiments; simulate one of them for particles"
-
-
-def _has_one_volume(final: FinalAnswer | None, reading: Reading) -> Problems:
-    if final is not None and final.larger:
-        yield ("volumes",), "must be left out beside experiments, which have a scene each"
-
-
-class ExperimentsDocument(CampaignDocument):
-    """The sections that all experiments share; scene, variables and data are read already."""
-
-    variables: Any = None
-    data: tuple[DatumEntry, ...] = ()
-    output: Annotated[Output, Fits(_stores_no_particles)] = Output()
-    final: Annotated[FinalAnswer | None, NONE, Fits(_has_one_volume)] = FinalAnswer()
-
-
 def read_document(
     source: Source, reading: Reading = PLAIN, kind: type[SceneDocument] | None = None
 ) -> tuple[SceneDocument, PathEntries]:
@@ -342,12 +304,14 @@ def read_document(
     """
     reason = "" if kind else _reason_for_search(source)
     if reason:
-        source = _with_method(source, reading)
+        source = with_method(source, reading)
     entries = read_paths(_with_sizes(source, reading), reading)
     reading = reading._replace(variables=entries.table)
     kind = kind or (CampaignDocument if reason else SceneDocument)
     try:
-        document = _correlated(kind.checked(entries.source.data, reading), reading)
+        document = kind.checked(entries.source.data, reading)
+        stated = document.data, document.correlations, document.scene.end_time
+        document = document.model_copy(update={"data": correlated(*stated, reading)})
     except FieldError as error:
         needs: dict[FieldPath, str] = {(section,): reason for section in NEEDED_TO_SEARCH}
         raise entries.error(entries.source.error(error, needs)) from None
@@ -366,78 +330,27 @@ def parse_campaign(text: str, name: str) -> Source:
     return source
 
 
-def read_joint_document(
-    source: Source,
-    scene: SceneSection,
-    variables: VariableTable,
-    data: tuple[DatumEntry, ...],
-    reading: Reading,
-) -> "ExperimentsDocument":
-    """Validate the sections that all experiments of a campaign share; raise a CampaignError.
-
-    Parameters
-    ----------
-    source
-        The file.
-    scene
-        Section of the first experiment.
-    variables, data
-        Those of all experiments.
-    reading
-        How the file is read.
-    """
-    shared = _with_method(source, reading).data
-    given = {key: value for key, value in shared.items() if key != EXPERIMENTS}
-    given |= {"scene": scene, "variables": variables, "data": data}
-    try:
-        return ExperimentsDocument.checked(given, reading._replace(variables=variables))
-    except FieldError as error:
-        reason = (
-            f"the section {EXPERIMENTS}, line {source.line((EXPERIMENTS,))}, makes this a search"
-        )
-        needs: dict[FieldPath, str] = {(section,): reason for section in NEEDED_TO_SEARCH}
-        raise source.error(error, needs) from None
-
-
-def _correlated(document: SceneDocument, reading: Reading) -> SceneDocument:
-    """Return the sections, whose data have their correlations; raise a FieldError."""
-    data = document.data
-    pairs, wrong = stated_pairs(data, document.correlations)
-    raise_field_errors((("correlations", *path), message) for path, message in wrong)
-    if not reading.recorded:
-        repeated = repeated_data(data, document.scene.end_time, pairs)
-        raise_field_errors((("data", *path), message) for path, message in repeated)
-    of = [{i: r for (i, j), r in pairs.items() if j == k} for k in range(len(data))]
-    return document.model_copy(update={"data": tuple(map(DatumEntry.with_correlations, data, of))})
-
-
 def _with_sizes(source: Source, reading: Reading) -> Source:
     """Return a file with what is in the file of sizes that its scene may name."""
-    data: dict[str, Any] = source.data
-    scene: Any = data.get("scene")
+    scene: Any = source.data.get("scene")
     sizes = scene.get("sizes") if isinstance(scene, dict) else None
-    if sizes is None:
+    if sizes is None or not reads_file(sizes, reading):
         return source
     path: FieldPath = ("scene", "sizes")
-    problems: list[tuple[FieldPath, str]] = []
-    if reads_file(sizes, reading):
-        for key in sizes:
-            if key not in ("law", "file", "basis"):
-                message = f"unknown key '{str(key)[:40]}'; allowed beside file: law, basis"
-                problems.append(((*path, str(key)), message))
-        try:
-            found = reading.files.diameters(sizes["file"])
-        except ValueError as error:
-            problems.append(((*path, "file"), str(error)))
-        else:
-            sizes = {**sizes, **dict(zip(READ_KEYS, found, strict=True))}
-            data = {**data, "scene": {**scene, "sizes": sizes}}
+    rule = "allowed beside file: law, basis"
+    unknown = [str(key) for key in sizes if key not in ("law", "file", "basis")]
+    problems = [((*path, key), f"unknown key '{key[:40]}'; {rule}") for key in unknown]
+    try:
+        found = reading.files.diameters(sizes["file"])
+    except ValueError as error:
+        problems.append(((*path, "file"), str(error)))
     if problems:
         raise CampaignError(*(source.problem(where, message) for where, message in problems))
-    return replace(source, data=data)
+    sizes = {**sizes, **dict(zip(READ_KEYS, found, strict=True))}
+    return replace(source, data={**source.data, "scene": {**scene, "sizes": sizes}})
 
 
-def _with_method(source: Source, reading: Reading) -> Source:
+def with_method(source: Source, reading: Reading) -> Source:
     """Return a recorded file with the search method of its run: defaults differ by version."""
     search = source.data.get("search") or {}
     if not reading.search_method or not isinstance(search, dict) or "method" in search:
@@ -463,31 +376,3 @@ def _reason_for_search(source: Source) -> str:
             line = source.line((section,))
             return f"the section {section}, line {line}, makes this a search"
     return ""
-
-
-def check_given_strings(
-    strings: list[dict[str, float]], box: VariableTable
-) -> list[tuple[FieldPath, str]]:
-    """Return problems of given strings: values not searched or outside the box, duplicates.
-
-    Parameters
-    ----------
-    strings
-        Values in SI units by name.
-    box
-        The variables of the campaign with their ranges.
-    """
-    problems: list[tuple[FieldPath, str]] = []
-    for i, string in enumerate(strings):
-        if string in strings[:i]:  # equal strings have equal samples, so that nothing is learnt
-            problems.append((("start", i), "is the same string as one before it"))
-        for name, value in string.items():
-            entry, own = box[name], box.as_named(box[name])
-            path = ("start", i, own.name)
-            if not entry.is_searched:
-                problems.append((path, "is not searched; give values of variables with a range"))
-            elif not entry.lower <= value <= entry.upper:
-                [given] = own.of_components(np.array([value]))
-                message = f"is {given:g}; must be within its range, {own.lower:g} to {own.upper:g}"
-                problems.append((path, message))
-    return problems

@@ -1,51 +1,31 @@
-"""Section `experiments`: the parts of a campaign that each experiment has of its own.
+"""The experiments of a campaign: each is a campaign of its own with variables of the whole one."""
 
-Each experiment is read as a campaign file would be that gives its values in place of the shared
-ones. A range that stands within an experiment is a variable of the campaign with its name, such as
-`fast.relative_speed`; all others are shared.
-"""
-
-import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from agglom_mpi.config.bounds import variables_of
-from agglom_mpi.config.document import EXPERIMENTS, ExperimentEntry, SceneDocument, read_document
-from agglom_mpi.config.own_components import own_of
-from agglom_mpi.config.scene import SceneSection
-from agglom_mpi.config.yaml_source import CampaignError, Problem, Source
-from agglom_mpi.declaration.declared import FieldError, FieldPath
-from agglom_mpi.declaration.given_values import FRACTIONS, SIZES
+from agglom_mpi.config.data_section import built_data
+from agglom_mpi.config.experiments_section import (
+    ReadExperiment,
+    placed,
+    read_experiments,
+    read_joint_document,
+)
+from agglom_mpi.config.given_strings import read_string
+from agglom_mpi.config.searchable import check_ends, check_start
+from agglom_mpi.config.yaml_source import ArgumentError, CampaignError, Problem, Source, parse
 from agglom_mpi.declaration.reading import Reading
-from agglom_mpi.declaration.units import quoted
 from agglom_mpi.measurements.layout import prefix_of
 from agglom_mpi.random_streams import experiment_seed
-from agglom_mpi.variables import (
-    MAX_VARIABLE_NAME,
-    PAPER_VARIABLES,
-    VOLUME_FRACTION,
-    Variable,
-    VariableTable,
-)
+from agglom_mpi.variables import PAPER_VARIABLES, Variable, VariableTable
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
 
 Floats = NDArray[np.float64]
-
-MAX_EXPERIMENTS: Final = 20
-"""Maximum number of experiments of a campaign."""
-_NAME: Final = re.compile(r"[a-z][a-z0-9_]{0,19}")
-_MERGED: Final = {"scene": SIZES, "variables": FRACTIONS}
-"""Sections that an experiment changes keys of, with keys of which one stands for another."""
-_OF_ONE: Final = ("data", "correlations")
-"""Sections that belong to an experiment each."""
-_WITHOUT: Final = ("derived", "constraints")
-"""Sections that a campaign with experiments has none of."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,193 +53,45 @@ class CampaignExperiment:
         return np.where(self.places >= 0, taken, self.campaign.variables.lower)
 
 
-class ReadExperiment(NamedTuple):
-    """The sections of an experiment, and its variables.
+def campaign_of_experiments(
+    kind: type["Campaign"], source: Source, text: str, reading: Reading
+) -> "Campaign":
+    """Return the campaign of a file with experiments; raise a CampaignError.
 
-    Attributes
+    Parameters
     ----------
-    document
-        Its sections.
-    table
-        Its variables with their ranges.
-    given
-        Names of the variables that it gives itself.
+    kind
+        Its class.
+    source, text
+        The file.
+    reading
+        How it is read.
     """
-
-    document: SceneDocument
-    table: VariableTable
-    given: frozenset[str]
-
-
-def read_experiments(source: Source, reading: Reading) -> dict[str, ReadExperiment]:
-    """Return the experiments of a campaign file by name; raise a CampaignError."""
-    problems = [source.problem(path, message) for path, message in _section_problems(source)]
-    if problems:
-        raise CampaignError(*problems)
-    entries: Mapping[str, Any] = source.data[EXPERIMENTS]
-    found: dict[str, ReadExperiment] = {}
-    errors: dict[str, Sequence[Problem]] = {}
-    for name, entry in entries.items():
+    read = read_experiments(source, reading)
+    table, first = joint_table(read), next(iter(read.values()))
+    entries = tuple(entry for each in read.values() for entry in each.document.data)
+    document = read_joint_document(source, first.document.scene, table, entries, reading)
+    scene, name = first.document.scene, source.name
+    shared = kind(**document.for_campaign, scene=scene, variables=table, text=text, name=name)
+    found = []
+    for name, (own, variables, given) in read.items():
+        alone = replace(
+            shared,
+            scene=own.scene,
+            variables=variables,
+            data=built_data(own.data, name),
+            data_entries=own.data,
+            has_layout=True,
+        )
+        found.append(in_seed(experiment_of(name, alone, given, table), shared.seed))
         try:
-            found[name] = _read(source, name, entry or {}, reading)
+            check_ends(alone)
         except CampaignError as error:
-            errors[name] = error.problems
-    if errors:
-        raise CampaignError(*placed(source, errors))
-    problems = [source.problem(path, message) for path, message in _joint_problems(source, found)]
-    if problems:
-        raise CampaignError(*problems)
-    return found
-
-
-def _section_problems(source: Source) -> Iterator[tuple[FieldPath, str]]:
-    """Yield what is wrong with the names and keys of experiments, and what may not be beside."""
-    entries = source.data[EXPERIMENTS]
-    if not isinstance(entries, dict) or not entries:
-        message = f"is {quoted(entries)}; must be a mapping like {{slow: {{data: […]}}, fast: …}}"
-        yield (EXPERIMENTS,), message
-        return
-    if len(entries) > MAX_EXPERIMENTS:
-        yield (EXPERIMENTS,), f"has {len(entries)} entries; must be at most {MAX_EXPERIMENTS}"
-    for key in (*_OF_ONE, *_WITHOUT):
-        if source.data.get(key) is not None:
-            where = f"each belongs to one: {EXPERIMENTS}.{next(iter(entries))}.{key}"
-            why = where if key in _OF_ONE else "it must be left out"
-            yield (key,), f"stands beside {EXPERIMENTS}; {why}"
-    taken = {*(v.name for v in PAPER_VARIABLES), VOLUME_FRACTION.name, *SceneDocument.model_fields}
-    taken |= {*SceneSection.model_fields}
-    for name, entry in entries.items():
-        path = EXPERIMENTS, name
-        if not _NAME.fullmatch(name):
-            rule = "must be small letters, digits and _, a letter first, at most 20 characters"
-            yield path, f"is no name for an experiment; {rule}"
-        elif name in taken:
-            yield path, "is the name of a variable, or of a key of the file; choose another"
-        if entry is not None and not isinstance(entry, dict):
-            yield path, f"is {quoted(entry)}; must be a mapping like {{variables: …, data: […]}}"
-            continue
-        try:
-            ExperimentEntry.checked({k: v for k, v in (entry or {}).items() if v is not None})
-        except FieldError as error:
-            yield from (((*path, *below), message) for below, message in error.problems)
-    if not any(isinstance(entry, dict) and entry.get("data") for entry in entries.values()):
-        yield (EXPERIMENTS,), "has no data; at least one experiment must have some"
-
-
-def _read(source: Source, name: str, entry: Mapping[str, Any], reading: Reading) -> ReadExperiment:
-    """Return an experiment, read as a file that gives its values in place of the shared ones."""
-    own = reading._replace(files=reading.files.of_experiment(name))
-    document, paths = read_document(_merged(source, name, entry), own, SceneDocument)
-    table = variables_of(document.variables, document.scene, paths.table)
-    given = set(entry.get("variables") or ())
-    given |= set(FRACTIONS) if given.intersection(FRACTIONS) else set()
-    return ReadExperiment(document, table, frozenset(given))
-
-
-def _merged(source: Source, name: str, entry: Mapping[str, Any]) -> Source:
-    """Return the file of an experiment alone, with the lines of its entries."""
-    at: FieldPath = (EXPERIMENTS, name)
-    data: dict[str, Any] = {key: entry[key] for key in _OF_ONE if entry.get(key) is not None}
-    lines: dict[FieldPath, int] = {(): source.lines[()]}
-    for section, alike in _MERGED.items():
-        shared, own = source.data.get(section), entry.get(section) or {}
-        data[section] = shared
-        if isinstance(shared, dict) or (shared is None and own):
-            replaced = {*own, *(alike if {*own}.intersection(alike) else ())}
-            kept = {key: value for key, value in (shared or {}).items() if key not in replaced}
-            data[section] = kept | own
-        lines |= {p: line for p, line in source.lines.items() if p and p[0] == section}
-    for path, line in source.lines.items():
-        if path[:2] == at and len(path) > 2 and (path[2] in data) and path[2:] != (path[2],):
-            lines[path[2:]] = line
-    for key in _OF_ONE:
-        if (*at, key) in source.lines:
-            lines[(key,)] = source.lines[*at, key]
-    return Source(source.name, data, lines)
-
-
-def placed(source: Source, problems: Mapping[str, Sequence[Problem]]) -> list[Problem]:
-    """Return the problems of experiments, by name, each once, where the file has what is wrong."""
-    lines = {".".join(map(str, path)): line for path, line in source.lines.items()}
-    shared = {field for field in lines if field.partition(".")[0] in _MERGED}
-    everywhere = set.intersection(*({(p.field, p.message) for p in e} for e in problems.values()))
-    is_in_all = len(problems) == len(source.data[EXPERIMENTS])
-    found: dict[Problem, None] = {}
-    for name, some in problems.items():
-        entry, start = source.data[EXPERIMENTS][name] or {}, f"{EXPERIMENTS}.{name}"
-        own = [f"{section}.{key}" for section in _MERGED for key in entry.get(section) or ()]
-        for problem in some:
-            field = problem.field
-            is_own = any(f"{field}.".startswith(f"{each}.") for each in (*own, *_OF_ONE))
-            is_missing = field not in shared
-            if is_own or (
-                is_missing and not (is_in_all and (field, problem.message) in everywhere)
-            ):
-                field = f"{start}.{field}"
-                problem = problem._replace(field=field, line=_line(lines, field))
-            found[problem] = None
-    return list(found)
-
-
-def _line(lines: Mapping[str, int], field: str) -> int:
-    """Return the line of a field, or of the nearest mapping around it."""
-    while field not in lines:
-        field = field.rpartition(".")[0]
-    return lines[field]
-
-
-def _joint_problems(
-    source: Source, read: Mapping[str, ReadExperiment]
-) -> Iterator[tuple[FieldPath, str]]:
-    """Yield what does not fit together: ranges that differ or are unused, code of one's own."""
-    shared = source.data.get("variables")
-    for key, value in (shared or {}).items():
-        if isinstance(value, list) and all(key in each.given for each in read.values()):
-            yield ("variables", key), "is a range that every experiment replaces; leave it out"
-    first, ranges = next(iter(read.values())), dict[str, Variable]()
-    known = set(map(repr, _own_components(first.document)))
-    for name, each in read.items():
-        path: FieldPath = (EXPERIMENTS, name)
-        for component in _own_components(each.document):
-            if repr(component) not in known:
-                message = "names code of one's own; all experiments must share such a component"
-                yield (*path, "scene"), message
-        for variable in each.table.variables:
-            if not variable.is_searched:
-                continue
-            if variable.name in each.given:
-                yield from _own_range_problems(path, variable, each)
-                continue
-            before = ranges.setdefault(variable.name, variable)
-            if before[5:8] != variable[5:8]:
-                fraction = VOLUME_FRACTION.name
-                named = fraction if fraction in (shared or {}) else variable.name
-                message = f"is another range in {name}, whose law of sizes differs"
-                yield ("variables", named), f"{message}; give each experiment its own"
-        if any(v.name == VOLUME_FRACTION.name for v in each.table.variables) != any(
-            v.name == VOLUME_FRACTION.name for v in first.table.variables
-        ):
-            message = "is a variable of its own here, as the law of sizes is searched"
-            yield path, f"{VOLUME_FRACTION.name} {message}; all experiments must agree in that"
-
-
-def _own_range_problems(
-    path: FieldPath, variable: Variable, read: ReadExperiment
-) -> Iterator[tuple[FieldPath, str]]:
-    """Yield what is wrong with a range within an experiment."""
-    where = (*path, "variables", variable.name)
-    if variable.name == "size_ratio" and read.table.by_volume_fraction:
-        place = (*path, "variables", VOLUME_FRACTION.name)
-        yield place, "is a range within an experiment; give a range of size_ratio in its place"
-    name = f"{prefix_of(str(path[1]))}{variable.name}"
-    if len(name.encode()) > MAX_VARIABLE_NAME:
-        message = f"is the variable {name}, {len(name)} characters long; must be at most"
-        yield where, f"{message} {MAX_VARIABLE_NAME}"
-
-
-def _own_components(document: SceneDocument) -> list[Any]:
-    """Return the components of one's own of a scene."""
-    return [each.own for each in own_of(document)]  # type: ignore[arg-type]
+            raise CampaignError(*placed(source, {name: error.problems})) from None
+    data = tuple(datum for each in found for datum in each.campaign.data)
+    campaign = replace(shared, experiments=tuple(found), data=data, data_entries=entries)
+    check_start(campaign, campaign.given_strings())
+    return campaign
 
 
 def joint_table(read: Mapping[str, ReadExperiment]) -> VariableTable:
@@ -322,3 +154,40 @@ def in_seed(experiment: CampaignExperiment, seed: int) -> CampaignExperiment:
     """Return an experiment of the campaign with another seed."""
     own = replace(experiment.campaign, seed=experiment_seed(seed, experiment.name))
     return replace(experiment, campaign=own)
+
+
+def joint_warnings(
+    campaign: "Campaign", parameters: Mapping[str, float | str] | None
+) -> list[Problem]:
+    """Return the warnings of all experiments, each once; arguments of `Campaign.warnings`."""
+    string = None if parameters is None else read_string(campaign, parameters)
+    found = {}
+    for each in campaign.experiments:
+        alone, given = replace(each.campaign, plan=None), None
+        if string is not None:
+            given = alone.variables.used_values(each.own(string))
+        found[each.name] = alone.warnings(given)
+    return placed(parse(campaign.text, campaign.name), found)
+
+
+def named_experiment(campaign: "Campaign", name: str) -> CampaignExperiment:
+    """Return an experiment by its name; raise an ArgumentError if there is none."""
+    for each in campaign.experiments:
+        if each.name == name:
+            return each
+    names = _names(campaign)
+    allowed = f"allowed: {names}" if names else "the campaign has no section experiments"
+    raise ArgumentError.of(campaign.name, "experiment", f"is {name!r}; {allowed}")
+
+
+def needs_one_scene(campaign: "Campaign", field: str) -> ArgumentError:
+    """Return the error of what needs one scene, where each experiment has one."""
+    message = (
+        f"needs one scene; the campaign has the experiments {_names(campaign)}: simulate one by "
+        "agglom simulate --experiment NAME or campaign.experiment(NAME)"
+    )
+    return ArgumentError.of(campaign.name, field, message)
+
+
+def _names(campaign: "Campaign") -> str:
+    return ", ".join(each.name for each in campaign.experiments)

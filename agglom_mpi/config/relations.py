@@ -27,7 +27,7 @@ from agglom_mpi.config.expressions import (
     unit_of,
 )
 from agglom_mpi.config.quantities import BY_NAME, CONSTANTS, quantity_values, units_of
-from agglom_mpi.declaration.declared import FieldError, FieldPath
+from agglom_mpi.declaration.declared import FieldError, FieldPath, raise_field_errors
 from agglom_mpi.declaration.reading import PLAIN, Reading
 from agglom_mpi.declaration.units import quoted
 from agglom_mpi.outcome import OUTCOME, quantity_columns
@@ -184,10 +184,8 @@ def in_order(trees: Mapping[str, Node]) -> list[str]:
     return list(order)
 
 
-def read_derived(
-    value: Any, used: Sequence[str], reading: Reading = PLAIN
-) -> tuple[tuple[Derived, ...], Problems]:
-    """Return the quantities of the section `derived`, and what is wrong with it.
+def read_derived(value: Any, used: Sequence[str], reading: Reading = PLAIN) -> tuple[Derived, ...]:
+    """Return the quantities of the section `derived`; raise a FieldError.
 
     Parameters
     ----------
@@ -200,9 +198,8 @@ def read_derived(
     """
     if not isinstance(value, dict):
         message = f"is {quoted(value)}; must be a mapping like {{pressure: density * speed^2}}"
-        return (), [((), message)]
-    if len(value) > MAX_ENTRIES:
-        return (), _too_many(value)
+        raise FieldError(((), message))
+    _require_few(value)
     problems: Problems = [((name,), message) for name in value if (message := _name_problem(name))]
     known = units_of(used, reading.variables)
     names = {*reading.variables.names, *known, *value}
@@ -212,8 +209,7 @@ def read_derived(
             trees[name] = read_expression(_text(entry), names, reading.recorded)
         except ValueError as error:
             problems.append(((name,), str(error)))
-    if problems:  # an unknown name may be one of these
-        return (), problems
+    raise_field_errors(problems)  # an unknown name may be one of these
     return _checked(value, trees, known, reading.variables)
 
 
@@ -222,12 +218,9 @@ def _checked(
     trees: Mapping[str, Node],
     known: Mapping[str, str],
     table: VariableTable,
-) -> tuple[tuple[Derived, ...], Problems]:
-    """Return the quantities of trees whose dimensions and sizes are right, and other problems."""
-    try:
-        order = in_order(trees)
-    except FieldError as error:
-        return (), [*error.problems]
+) -> tuple[Derived, ...]:
+    """Return the quantities of trees; raise a FieldError unless dimensions and sizes are right."""
+    order = in_order(trees)
     problems: Problems = []
     dimensions = {name: dimension_of(unit) for name, unit in known.items()}
     sizes: dict[str, int] = {}
@@ -242,12 +235,13 @@ def _checked(
             problems.append(((name,), str(error)))
             found = ANY
         dimensions[name] = PURE if found is ANY else found  # type: ignore[assignment]
-    made = [Derived(n, _text(value[n]), trees[n], unit_of(dimensions[n])) for n in trees]
-    return tuple(made), problems
+    raise_field_errors(problems)
+    return tuple(Derived(n, _text(value[n]), trees[n], unit_of(dimensions[n])) for n in trees)
 
 
-def _too_many(value: Mapping[str, Any] | Sequence[Any]) -> Problems:
-    return [((), f"has {len(value)} entries; must be at most {MAX_ENTRIES}")]
+def _require_few(value: Mapping[str, Any] | Sequence[Any]) -> None:
+    if len(value) > MAX_ENTRIES:
+        raise FieldError(((), f"has {len(value)} entries; must be at most {MAX_ENTRIES}"))
 
 
 def _name_problem(name: str) -> str:
@@ -304,8 +298,8 @@ def check_names(node: Node, known: Container[str], table: VariableTable) -> None
 
 def read_constraints(
     value: Any, used: Sequence[str], derived: Sequence[Derived], reading: Reading = PLAIN
-) -> tuple[tuple[Comparison, ...], Problems]:
-    """Return the comparisons of the section `constraints`, and what is wrong with it.
+) -> tuple[Comparison, ...]:
+    """Return the comparisons of the section `constraints`; raise a FieldError.
 
     Parameters
     ----------
@@ -320,9 +314,8 @@ def read_constraints(
     """
     if not isinstance(value, list) or not value:
         message = "must be a list of texts like ['pressure < 0.1 * hardness']"
-        return (), [((), f"is {quoted(value)}; {message}")]
-    if len(value) > MAX_ENTRIES:
-        return (), _too_many(value)
+        raise FieldError(((), f"is {quoted(value)}; {message}"))
+    _require_few(value)
     units = units_of(used, reading.variables) | {each.name: each.unit for each in derived}
     dimensions: dict[str, Dimension] = {name: dimension_of(unit) for name, unit in units.items()}
     problems: Problems = []
@@ -332,7 +325,8 @@ def read_constraints(
             found.append(_constraint(entry, dimensions, reading))
         except ValueError as error:
             problems.append(((i,), str(error)))
-    return tuple(found), problems
+    raise_field_errors(problems)
+    return tuple(found)
 
 
 def _constraint(entry: Any, dimensions: Mapping[str, Dimension], reading: Reading) -> Comparison:

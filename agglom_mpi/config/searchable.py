@@ -14,7 +14,8 @@ from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.declaration.given_values import JAMMING_FRACTION
 from agglom_mpi.errors import MissingLibraryError, require_library
 from agglom_mpi.formatting import in_unit
-from agglom_mpi.variables import volume_fraction
+from agglom_mpi.physics import scales
+from agglom_mpi.variables import VariableTable, volume_fraction
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
@@ -33,6 +34,34 @@ def check_start(campaign: "Campaign", strings: npt.NDArray[np.float64]) -> None:
     if problems:
         source = parse(campaign.text, campaign.name)
         raise CampaignError(*(source.problem(*found) for found in problems))
+
+
+def check_given_strings(
+    strings: list[dict[str, float]], box: VariableTable
+) -> list[tuple[FieldPath, str]]:
+    """Return problems of given strings: values not searched or outside the box, duplicates.
+
+    Parameters
+    ----------
+    strings
+        Values in SI units by name.
+    box
+        The variables of the campaign with their ranges.
+    """
+    problems: list[tuple[FieldPath, str]] = []
+    for i, string in enumerate(strings):
+        if string in strings[:i]:  # equal strings have equal samples, so that nothing is learnt
+            problems.append((("start", i), "is the same string as one before it"))
+        for name, value in string.items():
+            entry, own = box[name], box.as_named(box[name])
+            path = ("start", i, own.name)
+            if not entry.is_searched:
+                problems.append((path, "is not searched; give values of variables with a range"))
+            elif not entry.lower <= value <= entry.upper:
+                [given] = own.of_components(np.array([value]))
+                message = f"is {given:g}; must be within its range, {own.lower:g} to {own.upper:g}"
+                problems.append((path, message))
+    return problems
 
 
 def check_searchable(campaign: "Campaign") -> list[Problem]:
@@ -177,3 +206,23 @@ def _problem(campaign: "Campaign", string: npt.NDArray[np.float64]) -> str:
         limit = f"random placement jams near {JAMMING_FRACTION}"
         return f"the grains fill {fraction:.3g} of the box; {limit}"
     return ""
+
+
+def check_scales(campaign: "Campaign", string: npt.NDArray[np.float64]) -> None:
+    """Raise a CampaignError if a string, (k,), gives a grain mass or end time out of range."""
+    try:
+        section, values = campaign.at(string)
+    except ValueError as error:
+        raise CampaignError(Problem(campaign.name, None, "scene", str(error))) from None
+    problems = []
+    for key, measure in (
+        (section.size_key, scales.grain_mass),
+        ("end_time", scales.end_time),
+    ):
+        try:
+            measure(section, values)
+        except ValueError as error:
+            place = ("variables" if key in campaign.variables else "scene", key)
+            problems.append(parse(campaign.text, campaign.name).problem(place, str(error)))
+    if problems:
+        raise CampaignError(*problems)

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, Final, NamedTuple, Self
 
-from agglom_mpi.config.arguments import read_fraction
+from agglom_mpi.config.arguments import mistaken_argument, read_fraction
 from agglom_mpi.errors import UserError
 from agglom_mpi.inference.tolerances import recorded_objective, tolerance_of
 from agglom_mpi.search.criteria import Band, Criterion
@@ -74,16 +74,16 @@ class CertificatePlan(NamedTuple):
         for name in robust:
             if name not in names:
                 message = f"is no searched variable; allowed: {', '.join(names)}"
-                raise _mistaken(data, f"robust {name}", message)
+                raise mistaken_argument(data.path, f"robust {name}", message)
         wobble = {name: _share(data, f"robust {name}", robust[name]) for name in sorted(robust)}
         plan = cls(**values, wobble=wobble)
         if plan.right_needed is None:
             enough = strings_needed(1.0, plan.claim, plan.confidence, DECISION_ERROR)
             if enough is None:
                 message = f"is {plan.claim:g}; no number of strings can show it"
-                raise _mistaken(data, "claim", message)
+                raise mistaken_argument(data.path, "claim", message)
             message = f"is {plan.strings}; must be at least {enough} for this claim and confidence"
-            raise _mistaken(data, "strings", message)
+            raise mistaken_argument(data.path, "strings", message)
         return plan
 
     @property
@@ -163,10 +163,4 @@ def _share(data: CampaignData, field: str, value: Any) -> float:
     try:
         return read_fraction(value)
     except ValueError as error:
-        raise _mistaken(data, field, error) from None
-
-
-def _mistaken(data: CampaignData, field: str, message: object) -> Exception:
-    from agglom_mpi.config.yaml_source import ArgumentError  # loads the reader of YAML
-
-    return ArgumentError.of(data.path, field, message)
+        raise mistaken_argument(data.path, field, error) from None

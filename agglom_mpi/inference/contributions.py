@@ -4,7 +4,6 @@ They rest on the emulator of all data. What it says of some of them is the margi
 distribution, so that nothing is fitted anew.
 """
 
-from collections.abc import Iterator
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -15,7 +14,6 @@ from agglom_mpi.inference.data_emulator import EmulatedData, log_densities
 from agglom_mpi.inference.posterior_sampling import (
     MAX_LOGARITHM_AWAY,
     PRIOR_POINTS,
-    Observed,
     WeightedStrings,
     contraction_of,
     sample_posterior,
@@ -66,22 +64,19 @@ class DataOfSome:
 
     Attributes
     ----------
-    box, coordinates, given, criterion_text
-        As of a `Measurement`.
+    box
+        The search box.
     columns
         Columns of the frame that belong to these data and are emulated.
     """
 
     def __init__(self, whole: EmulatedData, experiments: tuple[str, ...]) -> None:
-        self.box, self.coordinates = whole.box, whole.coordinates
-        self.given = f"the data of {', '.join(experiments)}"
-        self.criterion_text = self.given
-        self._whole = whole
+        self.box, self._whole = whole.box, whole
         every = np.arange(whole.frame.rank)
         own = zip(whole.data, whole.frame.columns, strict=True)
         columns = np.concatenate([every[c] for d, c in own if d.experiment in experiments])
-        exact = np.isin(columns, whole.exact_columns)
-        self.columns, self._exact = columns[~exact], columns[exact]
+        self.columns = columns[~np.isin(columns, whole.exact_columns)]
+        self._exact = np.isin(whole.exact_columns, columns)
 
     def log_density(self, strings: Floats) -> Floats:
         """Return the logarithm of the density of the data given strings, (n, k): (n,).
@@ -92,10 +87,10 @@ class DataOfSome:
         for i in range(0, len(strings), AT_ONCE):
             found.append(self._emulated(strings[i : i + AT_ONCE]))
         logarithms = np.concatenate(found)
-        if len(self._exact):
+        if self._exact.any():
             near = logarithms > logarithms.max(initial=-np.inf) - MAX_LOGARITHM_AWAY
             logarithms[~near] = -np.inf
-            logarithms[near] -= 0.5 * self._exact_squares(strings[near])
+            logarithms[near] -= 0.5 * self._whole.exact_squares(strings[near], self._exact)
         return logarithms
 
     def _emulated(self, strings: Floats) -> Floats:
@@ -106,30 +101,9 @@ class DataOfSome:
         factors = np.asarray(np.linalg.cholesky(own), np.float64)
         return log_densities(away[None][:, :, columns], factors, whole.at(strings).failing)[0]
 
-    def _exact_squares(self, strings: Floats) -> Floats:
-        """Return χ² of exact values, (n,); inf of strings that a law refuses."""
-        whole = self._whole
-        measured = (whole.left_out @ whole.left_out_measured)[self._exact]
-        of_all = whole.exact_numbers(strings)[:, np.isin(whole.exact_columns, self._exact)]
-        return np.nan_to_num(np.sum((measured - of_all) ** 2, axis=1), nan=np.inf)
-
     def near(self, strings: Floats) -> Floats:
         """Return all strings."""
         return strings
-
-    def entries(self) -> dict[str, Any]:
-        """Return nothing: the data stand with the predictions of all."""
-        return {}
-
-    def observed(self) -> Iterator[Observed]:
-        """Yield nothing."""
-        yield from ()
-
-    def measurements(
-        self, strings: Floats, random: np.random.Generator, given: bool
-    ) -> list[Floats]:
-        """Return nothing."""
-        return []
 
 
 @single_threaded

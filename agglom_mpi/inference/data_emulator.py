@@ -176,10 +176,13 @@ class EmulatedData(EmulatedBox):
                 found[i] = np.concatenate(own) @ basis
         return found
 
-    def _exact_squares(self, strings: Floats) -> Floats:
-        """Return χ² of what needs no samples, (n,); inf of strings that a law refuses."""
+    def exact_squares(self, strings: Floats, columns: Any = slice(None)) -> Floats:
+        """Return χ² of what needs no samples, (n,); inf of strings that a law refuses.
+
+        `columns` are those of `exact_columns` that count.
+        """
         measured = self.left_out_measured[len(self.left_out_measured) - len(self.exact_columns) :]
-        away = measured - self.exact_numbers(strings)
+        away = (measured - self.exact_numbers(strings))[:, columns]
         return np.nan_to_num(np.sum(away**2, axis=1), nan=math.inf)
 
     def numbers_of(self, values: Floats) -> Floats:
@@ -222,7 +225,7 @@ class EmulatedData(EmulatedBox):
             known = self.at(some)
             factors = self.factors(known.deviations)
             logarithms = log_densities(self.away(known)[None], factors, known.failing)[0]
-            found.append(logarithms - 0.5 * self._exact_squares(some))
+            found.append(logarithms - 0.5 * self.exact_squares(some))
         return np.concatenate(found)
 
     def away(self, known: EmulatedStrings) -> Floats:
@@ -266,7 +269,7 @@ class EmulatedData(EmulatedBox):
         strings = self.box.even_strings(COARSE_POINTS)
         known = self.at(strings)
         chi = chi_squares(self.away(known)[None], self.factors(known.deviations))[0]
-        best = float((chi + self._exact_squares(strings)).min())
+        best = float((chi + self.exact_squares(strings)).min())
         return best, known.deviations.max(axis=0)
 
     # What a posterior asks of what was measured

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
+from agglom_mpi.config.arguments import mistaken_argument
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.emulation.emulator import Emulator
 from agglom_mpi.emulation.gaussian_process import Floats
@@ -158,10 +159,8 @@ def _band(data: "CampaignData", tolerance: float | str | None) -> Criterion | No
     if criterion is not None and criterion.is_band and np.isfinite(criterion.bounds()).any():
         return criterion
     if tolerance is not None:
-        from agglom_mpi.config.yaml_source import ArgumentError  # loads the reader of YAML
-
         message = f"is {tolerance}; must be left out, as no set of the objective is exported"
-        raise ArgumentError.of(data.path, "tolerance", message)
+        raise mistaken_argument(data.path, "tolerance", message)
     return None
 
 

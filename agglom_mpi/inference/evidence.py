@@ -24,6 +24,7 @@ from agglom_mpi.inference.posterior_sampling import (
     SUFFICIENT_SIZE,
     WeightedStrings,
     effective_size,
+    log_density_within,
 )
 from agglom_mpi.inference.set_directions import touched_ends
 
@@ -140,7 +141,8 @@ def evidence_of(of: EmulatedData, drawn: WeightedStrings) -> Evidence:
     proposal, count = Proposal(places, drawn.weights, random), FIRST_PROPOSALS
     values, weights = np.empty(0), np.empty(0)
     while True:
-        some = _log_weights(of, proposal, proposal.draw(count, random))
+        proposed = proposal.draw(count, random)
+        some = log_density_within(of, proposed) - np.log(proposal.density(proposed))
         values = np.append(values, some)
         weights = np.exp(values - values.max())
         size = effective_size(weights)
@@ -158,18 +160,6 @@ def evidence_of(of: EmulatedData, drawn: WeightedStrings) -> Evidence:
     for name, mine in zip(of.box.names, places.T, strict=True):
         (open_ended if touched_ends(mine, drawn.weights) else inside).append(name)
     return Evidence(logarithm, relative, size, tuple(inside), tuple(open_ended))
-
-
-def _log_weights(of: EmulatedData, proposal: Proposal, places: Floats) -> Floats:
-    """Return logarithms of density over proposal, (n,); −inf for what the box does not allow."""
-    found = np.full(len(places), -np.inf)
-    inside = np.flatnonzero(((places >= 0.0) & (places <= 1.0)).all(axis=1))
-    strings = of.box.space.from_unit(places[inside])
-    allowed = of.box.allowed(strings)
-    chosen = inside[allowed]
-    density = of.log_density(strings[allowed])
-    found[chosen] = density - np.log(proposal.density(places[chosen]))
-    return found
 
 
 def _constant(of: EmulatedData) -> float:

@@ -8,6 +8,7 @@ run.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final, NamedTuple, Protocol, Self
 
 import numpy as np
@@ -68,25 +69,10 @@ class Observed(NamedTuple):
     attributes: dict[str, Any]
 
 
-class Measurement(Protocol):
-    """What was measured, data or a mean, and what strings predict for it.
-
-    Attributes
-    ----------
-    box
-        The search box.
-    coordinates
-        Those of the emulator.
-    given
-        The measurement, in a few words.
-    criterion_text
-        Measured or wanted values that draws are compatible with.
-    """
+class Sampled(Protocol):
+    """What gives strings of a search box a density; `box` is that box."""
 
     box: SearchedBox
-    coordinates: Coordinates
-    given: str
-    criterion_text: str
 
     def log_density(self, strings: Floats) -> Floats:
         """Return the logarithm of the density of the data given strings, (n, k): (n,).
@@ -96,6 +82,24 @@ class Measurement(Protocol):
 
     def near(self, strings: Floats) -> Floats:
         """Return those of strings, (n, k), that may have any weight, found at little cost."""
+
+
+class Measurement(Sampled, Protocol):
+    """What was measured, data or a mean, and what strings predict for it.
+
+    Attributes
+    ----------
+    coordinates
+        Those of the emulator.
+    given
+        The measurement, in a few words.
+    criterion_text
+        Measured or wanted values that draws are compatible with.
+    """
+
+    coordinates: Coordinates
+    given: str
+    criterion_text: str
 
     def entries(self) -> dict[str, Any]:
         """Return what was measured as plain values, unless it stands with the predictions."""
@@ -206,14 +210,12 @@ class BoxPart(NamedTuple):
         from scipy.stats import qmc
 
         even = qmc.Sobol(len(self.axes), seed=box.campaign.seed).random(count)
-        points = (self.lower + even * (self.upper - self.lower)) @ self.axes.T
-        inside = ((points >= 0.0) & (points <= 1.0)).all(axis=1)
-        strings = box.space.from_unit(points[inside])
-        return strings[box.allowed(strings)]
+        _, strings = box.of_units((self.lower + even * (self.upper - self.lower)) @ self.axes.T)
+        return strings
 
 
 def sample_posterior(
-    of: Measurement, strings: Floats, logarithms: Floats, prior: int
+    of: Sampled, strings: Floats, logarithms: Floats, prior: int
 ) -> WeightedStrings:
     """Return strings that stand for the posterior.
 
@@ -269,7 +271,15 @@ def effective_size(weights: Floats) -> float:
     return float(weights.sum()) ** 2 / squares if squares > 0.0 else 0.0
 
 
-def _chain(of: Measurement, strings: Floats, weights: Floats) -> WeightedStrings | None:
+def log_density_within(of: Sampled, points: Floats) -> Floats:
+    """Return the log-density at points in units of the box, (n, d); −inf where it allows none."""
+    found = np.full(len(points), -np.inf)
+    places, strings = of.box.of_units(points)
+    found[places] = of.log_density(strings)
+    return found
+
+
+def _chain(of: Sampled, strings: Floats, weights: Floats) -> WeightedStrings | None:
     """Return a posterior by an ensemble of Markov chains; None without the library emcee."""
     try:
         import emcee
@@ -277,18 +287,10 @@ def _chain(of: Measurement, strings: Floats, weights: Floats) -> WeightedStrings
         return None
     box, space, d = of.box, of.box.space, len(of.box.names)
     walkers = max(MIN_WALKERS, WALKERS_PER_VARIABLE * d)
-
-    def log_density(points: Floats) -> Floats:
-        inside = ((points >= 0.0) & (points <= 1.0)).all(axis=1)
-        found = np.full(len(points), -np.inf)
-        chosen = space.from_unit(np.clip(points[inside], 0.0, 1.0))
-        values = of.log_density(chosen)
-        found[inside] = np.where(box.allowed(chosen), values, -np.inf)
-        return found
-
     random = np.random.default_rng(box.campaign.seed)
     chosen = random.choice(len(weights), walkers, p=weights / weights.sum())
     starts = space.to_unit(strings[chosen]) + 1e-4 * random.normal(size=(walkers, d))
+    log_density = partial(log_density_within, of)
     sampler = emcee.EnsembleSampler(walkers, d, log_density, vectorize=True)
     sampler.run_mcmc(np.clip(starts, 1e-6, 1.0 - 1e-6), CHAIN_STEPS)
     drawn = sampler.get_chain(discard=CHAIN_STEPS // 3, flat=True)

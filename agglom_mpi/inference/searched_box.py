@@ -74,6 +74,13 @@ class SearchedBox:
         """Return which strings, (n, k), the constraints allow, (n,)."""
         return self.campaign.allowed_strings(strings)
 
+    def of_units(self, points: Floats) -> tuple[NDArray[np.int64], Floats]:
+        """Return which points in units of the box, (n, d), are allowed and in it, (m,), in SI."""
+        inside = np.flatnonzero(((points >= 0.0) & (points <= 1.0)).all(axis=1))
+        strings = self.space.from_unit(points[inside])
+        allowed = self.allowed(strings)
+        return inside[allowed], strings[allowed]
+
     def allowed_even_strings(
         self, count: int, lower: Floats | float = 0.0, upper: Floats | float = 1.0
     ) -> Floats:

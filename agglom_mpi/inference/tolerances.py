@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from agglom_mpi.config.arguments import read_amount, read_fraction, shown
+from agglom_mpi.config.arguments import mistaken_argument, read_amount, read_fraction, shown
 from agglom_mpi.config.user_function import function_of_means
 from agglom_mpi.search.objectives.objective import Objective
 from agglom_mpi.storage.recorded_campaign import allowed_function, recorded_component
@@ -45,10 +45,8 @@ def read_tolerance(objective: Objective, tolerance: float | str) -> float:
 
 def tolerance_of(data: "CampaignData", tolerance: float | str) -> float:
     """Return the tolerance of a file's objective; raise an ArgumentError if it is impossible."""
-    from agglom_mpi.config.yaml_source import ArgumentError  # loads the reader of YAML
-
     objective = recorded_objective(data)
     try:
         return read_tolerance(objective, tolerance)
     except ValueError as error:
-        raise ArgumentError.of(data.path, "tolerance", error) from None
+        raise mistaken_argument(data.path, "tolerance", error) from None

@@ -24,6 +24,7 @@ f ≤ q₊(m, n) / (1 − s·α_d). Both need one look at one number n of string
 """
 
 import math
+from bisect import bisect_left
 from collections.abc import Sequence
 from enum import IntEnum
 from typing import Final, NamedTuple
@@ -169,12 +170,9 @@ def largest_share(possible: int, strings: int, confidence: float, error: float) 
 
 def right_needed(strings: int, claim: float, confidence: float, error: float) -> int | None:
     """Return how many of n strings must be decided to be right for a claim; None: n are too few."""
-    low, high = 0, strings + 1
-    while low < high:
-        middle = (low + high) // 2
-        enough = middle > strings or least_share(middle, strings, confidence, error) >= claim
-        low, high = (low, middle) if enough else (middle + 1, high)
-    return low if low <= strings else None
+    counts = range(strings + 1)
+    right = bisect_left(counts, claim, key=lambda k: least_share(k, strings, confidence, error))
+    return right if right in counts else None
 
 
 def strings_needed(share: float, claim: float, confidence: float, error: float) -> int | None:
@@ -192,11 +190,7 @@ def strings_needed(share: float, claim: float, confidence: float, error: float) 
         high *= 2
         if high > MOST_STRINGS:
             return None
-    low = high // 2 + 1
-    while low < high:
-        middle = (low + high) // 2
-        low, high = (low, middle) if enough(middle) else (middle + 1, high)
-    return low
+    return bisect_left(range(high), True, high // 2 + 1, key=enough)
 
 
 def chance_to_show(needed: int, strings: int, shares: Floats | Sequence[float]) -> Floats:

@@ -12,7 +12,7 @@ from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.formatting import label_of
 from agglom_mpi.inference.emulated_set import BOX_POINTS
 from agglom_mpi.inference.set_points import OUTER_PROBABILITY
-from agglom_mpi.report.drawing import histogram_range, legend_below, note
+from agglom_mpi.report.drawing import histogram_range, legend_below, note, panels
 from agglom_mpi.report.figures.box_panels import (
     MAX_PLOTTED_VARIABLES,
     BoxPoints,
@@ -29,6 +29,7 @@ from agglom_mpi.report.figures.box_panels import (
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
 from agglom_mpi.report.set_summary import shown_directions
 from agglom_mpi.report.style import COLOURS, PAGE, POINT_MAP
+from agglom_mpi.search.membership import largest_share, least_share
 from agglom_mpi.storage.reader import CampaignData
 
 if TYPE_CHECKING:
@@ -198,18 +199,13 @@ def _marginals_size(count: int) -> tuple[float, float]:
 
 def draw_marginals(figure: "matplotlib.figure.Figure", shown: PlottedSet) -> Any:
     """Draw a panel for each variable, and return their axes, shape (d,)."""
-    count = len(shown.variables)
-    columns = min(count, MARGINAL_COLUMNS)
-    rows = -(-count // columns)
-    axes = figure.subplots(rows, columns, squeeze=False).ravel()
-    for unused in axes[count:]:
-        unused.remove()
-    for place, (ax, name) in enumerate(zip(axes[:count], shown.variables, strict=True)):
+    axes = panels(figure, len(shown.variables), MARGINAL_COLUMNS)
+    for place, (ax, name) in enumerate(zip(axes, shown.variables, strict=True)):
         _draw_marginal(ax, shown, name)
         scale_axis(ax.xaxis, shown.points, name, label=True)
-        if place % columns == 0:
+        if place % MARGINAL_COLUMNS == 0:
             ax.set_ylabel(DENSITY)
-    return axes[:count]
+    return axes
 
 
 def _draw_marginal(ax: Any, shown: PlottedSet, name: str) -> None:
@@ -313,17 +309,16 @@ def _combination(of: "FeasibleSet", row: dict[str, Any], strings: Floats) -> Flo
 
 def draw_reliability(ax: Any, of: "FeasibleSet") -> Any:
     """Draw observed shares against predicted probabilities, and return the axes."""
-    from scipy.stats import beta
-
     bins = of.calibration.reliability
     ax.plot([0, 1], [0, 1], color="0.5", linewidth=0.8)
     if not bins:
         note(ax, "too few strings")
         return ax
     predicted, observed, strings = (np.array(column) for column in zip(*bins, strict=True))
-    happened = observed * strings
-    lower = np.nan_to_num(beta.ppf(0.025, happened, strings - happened + 1), nan=0.0)
-    upper = np.nan_to_num(beta.ppf(0.975, happened + 1, strings - happened), nan=1.0)
+    happened = np.rint(observed * strings).astype(np.int64)
+    cases = [(*case, 0.975, 0.0) for case in zip(happened.tolist(), strings.tolist(), strict=True)]
+    lower = np.array([least_share(*case) for case in cases])
+    upper = np.array([largest_share(*case) for case in cases])
     ax.errorbar(
         predicted,
         observed,
