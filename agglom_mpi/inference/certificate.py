@@ -171,13 +171,13 @@ class Certificate(NamedTuple):
             return []
         shares = (f"{name} by up to {100 * s:.3g} %" for name, s in self.plan.wobble.items())
         most, strings = f"{100 * MOST_DEVIATIONS:.0f} %", self.least_share_of_robust
-        known = f"at least {_rounded_down(strings)} of its strings are"
+        known = f"at least {_rounded_down(strings)} of these strings are"
         if strings == 0.0:
-            known = "it follows of no string that it is"
+            known = "it is not shown that any of these strings are"
         return [
             f"deviations: {', '.join(shares)}, even, ending at the edge of the box; one was drawn "
             "for each string",
-            f"{known} right for at least {most} of its deviations (Markov's inequality)",
+            f"{known} right for at least {most} of their deviations (Markov's inequality)",
         ]
 
     @property
