@@ -29,7 +29,7 @@ from agglom_mpi.cli.common import (
     default="0.9",
     show_default=True,
     metavar="SHARE",
-    help="Share of the part that is to be right.",
+    help="Share of the part, with --robust of its pairs, that is to be right.",
 )
 @click.option(
     "--confidence", default="0.95", show_default=True, metavar="SHARE", help="Confidence of it."
@@ -46,7 +46,8 @@ from agglom_mpi.cli.common import (
     multiple=True,
     callback=read_assignments,
     metavar="NAME=SHARE",
-    help="Claim strings with a variable that wobbles evenly by up to this share of itself "
+    help="Claim pairs of a string and a deviation: each string is judged once, with this variable "
+    "off by a drawn even share of itself, at most this one, and not beyond the box "
     "(relative_speed=5%); may be repeated.",
 )
 @click.option(
@@ -82,6 +83,8 @@ def certify(**options: Any) -> None:
     the claim is expected to hold. It draws strings evenly from that part, and simulates each until
     its mean is decided to be within the tolerance or not. It then states which share of the part is
     right at least, also if that is less than was claimed. Errors of all decisions are included.
+    With --robust the share is that of pairs of a string and a deviation; which share of the strings
+    is right for at least 80 % of their deviations follows, and is stated, too.
 
     The strings and their samples are written to FILE.certificate.h5. Where that lies beside
     FILE.h5, the set of reports, JSON and Python shows it. A set is tested once: another claim needs

@@ -8,7 +8,7 @@ the part follows from. The verdict is computed from its rows here.
 import hashlib
 import math
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -19,11 +19,13 @@ from agglom_mpi.inference.certificate_plan import (
     CertificatePlan,
     PartOfSet,
 )
+from agglom_mpi.inference.stored_samples import stored_samples
 from agglom_mpi.outcome import COLUMNS, COMPLETED
 from agglom_mpi.search.membership import (
     DECISION_ERROR,
     MembershipTest,
     Verdict,
+    extreme_numbers,
     largest_share,
     least_share,
     looks_until,
@@ -33,9 +35,15 @@ from agglom_mpi.storage.reader import CampaignData, read_campaign
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
 from agglom_mpi.storage.schema import CERTIFICATE, parameters_of
 
+MOST_DEVIATIONS: Final = 0.8
+"""Share of its deviations for which a string has to be right to be called robust."""
+
 
 class Certificate(NamedTuple):
     """What fresh runs prove of a part of a feasible set.
+
+    Where values wobble, each string was judged at one drawn deviation, and what is counted are such
+    pairs of a string and a deviation.
 
     Attributes
     ----------
@@ -72,9 +80,24 @@ class Certificate(NamedTuple):
 
     @property
     def least_share(self) -> float:
-        """Lower bound of the share of the part that is right, with the confidence of the plan."""
+        """Lower bound of the share of the part that is right, with the confidence of the plan.
+
+        Where values wobble, that is the share of the pairs of a string and a deviation.
+        """
         confidence = self.plan.confidence
         return least_share(self.right, self.plan.strings, confidence, DECISION_ERROR)
+
+    @property
+    def least_share_of_robust(self) -> float:
+        """Lower bound of the share of strings right for `MOST_DEVIATIONS` of their deviations.
+
+        With the same confidence. It follows from the share c of right pairs by Markov's inequality:
+        if a share w of the strings is wrong for more than a share ε of their deviations, then
+        1 − c > w·ε. Without deviations it is the lower bound itself.
+        """
+        if not self.plan.wobble:
+            return self.least_share
+        return max(0.0, 1.0 - (1.0 - self.least_share) / (1.0 - MOST_DEVIATIONS))
 
     @property
     def largest_share(self) -> float:
@@ -115,24 +138,21 @@ class Certificate(NamedTuple):
             ]
         box = "the box" if self.part.allowed == 1.0 else "the allowed part of the box"
         part = f"{100.0 * self.part.share:.3g} % of {box}"
-        what = f"of these {part} are right"
-        if plan.wobble:
-            wobbles = " and ".join(
-                f"{n} is off by up to {100 * s:.3g} %" for n, s in plan.wobble.items()
-            )
-            what += f" where {wobbles}"
         confidence = f"with {format_percent(plan.confidence)} confidence"
-        bound = _rounded_down(self.least_share)
-        fresh = f"{self.right} of {plan.strings} fresh strings"
-        claim = format_percent(plan.claim)
-        verdict = f"the claim of {claim} is shown"
+        fresh = f"{self.right} of {plan.strings} fresh {self._unit}s"
+        what = f"of these {part}"
+        if plan.wobble:
+            what = f"of the pairs of a string of these {part} and a deviation"
+        claim = f"the claim of {format_percent(plan.claim)}" + " of the pairs" * bool(plan.wobble)
+        verdict = f"{claim} is shown"
         if self.refuted:
             most = 100.0 - 100.0 * _floor(1.0 - self.largest_share)
-            verdict = f"the claim of {claim} is refuted: at most {most:.1f} % are right"
+            verdict = f"{claim} is refuted: at most {most:.1f} % are right"
         elif not self.holds:
-            verdict = f"the claim of {claim} is not shown"
+            verdict = f"{claim} is not shown"
         return [
-            f"at least {bound} {what}, {confidence}: {fresh}",
+            f"at least {_rounded_down(self.least_share)} {what} are right, {confidence}: {fresh}",
+            *self._of_deviations,
             f"{verdict}; {self.wrong} wrong, {self.undecided} undecided, "
             f"by {self.samples:,} samples, seed {plan.seed}",
             f"the part: P ≥ {self.part.least_probability:.3g}; right: {self.criterion}",
@@ -140,14 +160,35 @@ class Certificate(NamedTuple):
         ]
 
     @property
+    def _unit(self) -> str:
+        """What is judged."""
+        return "pair" if self.plan.wobble else "string"
+
+    @property
+    def _of_deviations(self) -> list[str]:
+        """The deviations of the pairs, and what follows for strings."""
+        if not self.plan.wobble:
+            return []
+        shares = (f"{name} by up to {100 * s:.3g} %" for name, s in self.plan.wobble.items())
+        most, strings = f"{100 * MOST_DEVIATIONS:.0f} %", self.least_share_of_robust
+        known = f"at least {_rounded_down(strings)} of these strings are"
+        if strings == 0.0:
+            known = "it is not shown that any of these strings are"
+        return [
+            f"deviations: {', '.join(shares)}, even, ending at the edge of the box; one was drawn "
+            "for each string",
+            f"{known} right for at least {most} of their deviations (Markov's inequality)",
+        ]
+
+    @property
     def _more(self) -> str:
         """What more strings would give."""
         if self.holds:
             more, strings = _rounded_down(self.least_share_of_four), 4 * self.plan.strings
-            return f"{pluralise(strings, 'string')} of which as many are right would show {more}"
+            return f"{pluralise(strings, self._unit)} of which as many are right would show {more}"
         if self.strings_for_claim is None:
-            return "more strings of which as many are right would not show the claim"
-        more = pluralise(self.strings_for_claim, "string")
+            return f"more {self._unit}s of which as many are right would not show the claim"
+        more = pluralise(self.strings_for_claim, self._unit)
         return f"{more} of which as many are right would show the claim"
 
     @property
@@ -160,7 +201,11 @@ class Certificate(NamedTuple):
         found = self._asdict() | {"plan": self.plan._asdict() | {"wobble": dict(self.plan.wobble)}}
         found["part"] = self.part._asdict()
         found |= {name: getattr(self, name) for name in ("finished", "holds", "refuted")}
-        bounds = "least_share", "largest_share", "least_share_of_four", "strings_for_claim"
+        found["counted"] = f"{self._unit}s"
+        bounds = (
+            *("least_share", "largest_share", "least_share_of_four", "strings_for_claim"),
+            "least_share_of_robust",
+        )
         known = {name: getattr(self, name) if self.finished else None for name in bounds}
         return found | known | {"text": self.lines()}
 
@@ -176,7 +221,7 @@ def certificate_of(data: CampaignData) -> Certificate | None:
     Raises
     ------
     CertificateError
-        If it is that of other samples.
+        If it is that of other samples, or rows of either file are damaged.
     NotACampaign, OSError
         If it cannot be read.
     """
@@ -199,7 +244,15 @@ def read_certificate(data: CampaignData) -> CampaignData:
 
 
 def verdict_of(data: CampaignData, file: CampaignData) -> Certificate:
-    """Return what the file of a certificate proves of the set of a campaign file."""
+    """Return what the file of a certificate proves of the set of a campaign file.
+
+    Raises
+    ------
+    CertificateError
+        If rows of either file are damaged.
+    """
+    for each in (data, file):
+        refuse_damage(each)
     plan, part = CertificatePlan.of_entries(file.identity), PartOfSet.of_entries(file.identity)
     test = membership_test(data, plan, part)
     particles, verdicts = recorded_campaign(data).scene.particles, []
@@ -223,8 +276,19 @@ def verdict_of(data: CampaignData, file: CampaignData) -> Certificate:
 
 def membership_test(data: CampaignData, plan: CertificatePlan, part: PartOfSet) -> MembershipTest:
     """Return the test of a string of the set of a file."""
-    criterion = part.criterion(data, plan.tolerance)
-    return MembershipTest(criterion, looks_until(plan.max_samples))
+    criterion, rows = part.criterion(data, plan.tolerance), stored_samples(data).rows
+    numbers = criterion.numbers(rows, recorded_campaign(data).scene.particles)
+    return MembershipTest(criterion, looks_until(plan.max_samples), extreme_numbers(numbers))
+
+
+def refuse_damage(data: CampaignData) -> None:
+    """Raise a CertificateError if rows of a file have a wrong checksum."""
+    if data.damaged:
+        rows = pluralise(data.damaged, "damaged row")
+        raise CertificateError(
+            f"{data.path}: has {rows}, so nothing can be certified; agglom check {data.path} shows "
+            "which, and whether the same command as before simulates them again"
+        )
 
 
 def evidence(data: CampaignData) -> str:

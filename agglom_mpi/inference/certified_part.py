@@ -7,7 +7,6 @@ jointly from the emulator, so that it counts that a whole part may be wrong. A r
 only if its samples can decide it, so its mean must keep a distance from the bounds.
 """
 
-from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -17,7 +16,7 @@ from agglom_mpi.inference.certificate_plan import CertificateError, CertificateP
 from agglom_mpi.inference.emulated_set import EmulatedSet
 from agglom_mpi.inference.set_points import OUTER_PROBABILITY, SetPoints
 from agglom_mpi.random_streams import CERTIFICATE, search_stream
-from agglom_mpi.search.criteria import DRAWN_FUNCTIONS, Criterion
+from agglom_mpi.search.criteria import DRAWN_FUNCTIONS
 from agglom_mpi.search.membership import MembershipTest, chance_to_show, looks_until
 
 WANTED_CHANCE: Final = 0.8
@@ -41,6 +40,11 @@ class CertifiedPart(NamedTuple):
 class Wobble:
     """Values of the variables of strings that deviate evenly by up to a share of themselves.
 
+    The emulator is known in the box alone, so a deviation that would leave the box ends at its
+    edge, both in the probability that the part follows from and in the strings that are judged.
+    Near an edge, that edge is therefore judged more often than any one value inside. Deviations
+    may break the constraints; the emulator then counts them as wrong.
+
     Parameters
     ----------
     emulated
@@ -57,12 +61,15 @@ class Wobble:
         self._places = stream.uniform(-1.0, 1.0, (WOBBLED_POINTS, len(self._wobbling)))
 
     def wobbled(self, strings: Floats, places: Floats) -> Floats:
-        """Return strings, (n, k), with values at places from -1 to 1, (n, w) or (w,)."""
+        """Return strings, (n, k), with values at places from -1 to 1, (n, w) or (w,).
+
+        A value that would leave the box is at its edge.
+        """
         found = strings.copy()
         for i, (variable, share) in enumerate(self._wobbling):
             factors = 1.0 + share * np.asarray(places)[..., i]
             found[:, variable.column] *= factors ** (1.0 / variable.power)
-        return found
+        return np.asarray(self._emulated.box.space.clip(found))
 
     def drawn(self, strings: Floats, random: np.random.Generator) -> Floats:
         """Return strings, (n, k), each with drawn values."""
@@ -70,15 +77,11 @@ class Wobble:
         return self.wobbled(strings, random.uniform(-1.0, 1.0, shape)) if shape[1] else strings
 
     def probability(self, strings: Floats) -> Floats:
-        """Return the probability that strings, (n, k), are members, on average over the wobble.
-
-        Values outside the box have that of the nearest ones in it.
-        """
+        """Return the probability that strings, (n, k), are members, on average over the wobble."""
         own = self._emulated.probability(strings)
         if not self._wobbling:
             return own
-        clip = self._emulated.box.space.clip
-        shifted = (clip(self.wobbled(strings, places)) for places in self._places)
+        shifted = (self.wobbled(strings, places) for places in self._places)
         mean = np.mean([self._emulated.probability(each) for each in shifted], axis=0)
         return np.where(self._emulated.box.allowed(strings), mean, 0.0)
 
@@ -113,7 +116,7 @@ def certified_part(
             f"members with P ≥ {OUTER_PROBABILITY:g}; at least {LEAST_POINTS} are needed"
         )
     random = search_stream(plan.seed, CERTIFICATE, CHOICE_STREAM)
-    strings = emulated.box.space.clip(wobble.drawn(points.strings[order], random))
+    strings = wobble.drawn(points.strings[order], random)
     chances = _chances(emulated, strings, plan, random)
     ends = np.append(np.diff(probability[order]) < 0.0, True)  # equal points belong together
     chances[~ends | (np.arange(len(order)) < LEAST_POINTS - 1)] = 0.0
@@ -155,22 +158,21 @@ def _chances(
     at = emulated.coordinates.of_strings(strings)
     criterion = emulated.criterion
     drawn = emulated.emulator.draw(DRAWN_FUNCTIONS, random)(at)
-    margin = _margin(criterion, emulated.emulator.noise, at, plan)
+    margin = _margin(emulated, at, plan)
     right = criterion.holds(drawn - margin) & criterion.holds(drawn + margin)
     alive = 1.0 - emulated.failing(at)
     shares = np.cumsum(right * alive, axis=1) / np.arange(1, len(at) + 1)
     return np.asarray(chance_to_show(needed, plan.strings, shares).mean(axis=0))
 
 
-def _margin(
-    criterion: Criterion, noise: Callable[[Floats], Floats], at: Floats, plan: CertificatePlan
-) -> Floats:
+def _margin(emulated: EmulatedSet, at: Floats, plan: CertificatePlan) -> Floats:
     """Return how far means at points, (n, c), must be from bounds to be decided, (n, q).
 
     It is 0 where functions of means are compared, whose errors the emulator does not tell.
     """
-    own = noise(at)
-    if criterion.compared(own) is not own:
+    criterion, emulator = emulated.criterion, emulated.emulator
+    noise = emulator.noise(at)
+    if criterion.compared(noise) is not noise:
         return np.zeros((len(at), len(criterion.bands())))
-    test = MembershipTest(criterion, looks_until(plan.max_samples))
-    return test.factor(plan.max_samples) * own / np.sqrt(plan.max_samples)
+    test = MembershipTest(criterion, looks_until(plan.max_samples), emulated.extremes)
+    return test.margin(plan.max_samples, emulator.mean(at), noise)

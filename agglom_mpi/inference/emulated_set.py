@@ -12,6 +12,7 @@ from agglom_mpi.inference.searched_box import EmulatedBox, EmulatedStrings, Sear
 from agglom_mpi.inference.stored_samples import StoredSamples
 from agglom_mpi.random_streams import FEASIBLE_SET
 from agglom_mpi.search.criteria import Criterion
+from agglom_mpi.search.membership import extreme_numbers
 
 BOX_POINTS: Final = 1 << 13
 """Number of even points of the box."""
@@ -42,12 +43,15 @@ class EmulatedSet(EmulatedBox):
     ----------
     criterion : Criterion
         The criterion, with what it takes from the emulator.
+    extremes : ndarray, shape (m, k)
+        Numbers of the samples that are extreme among all.
     """
 
     def __init__(self, box: SearchedBox, criterion: Criterion, stored: StoredSamples) -> None:
         numbers = settled_numbers(criterion.numbers(stored.rows, box.campaign.scene.particles))
         given = box, stored.strings, numbers, stored, FEASIBLE_SET
         super().__init__(*given, criterion.compared, criterion.of_ratios)
+        self.extremes = extreme_numbers(numbers)
         self.criterion = criterion
         self.criterion = criterion.with_emulator(
             self.emulator,

@@ -25,6 +25,7 @@ from agglom_mpi.inference.certificate import (
     evidence,
     membership_test,
     read_certificate,
+    refuse_damage,
     verdict_of,
 )
 from agglom_mpi.inference.certificate_plan import (
@@ -99,9 +100,11 @@ class JudgedEnsemble(Ensemble):
         if outcome.completed:
             self._numbers.append(outcome.quantities)
         looks, used = self._test.looks, self.samples_used
-        if used < self.max_samples or used == looks[-1]:
+        if used < self.max_samples:
+            self.finished = False  # failures do not end it between looks
             return
-        if self._test.verdict(np.array(self._numbers), self.failed) is Verdict.UNDECIDED:
+        verdict = self._test.verdict(np.array(self._numbers), self.failed)
+        if verdict is Verdict.UNDECIDED and used < looks[-1]:
             self.max_samples, self.finished = looks[looks.index(used) + 1], False
 
 
@@ -221,6 +224,7 @@ def certification(
     plan = CertificatePlan.of_arguments(data, options.robust, **given)
     if (state := data.status().state) != "finished":
         raise CertificateError(f"{data.path}: is {state}; must be finished to be certified")
+    refuse_damage(data)
     _ = runnable_campaign(data)
     path = certificate_path(data.path)
     check_writable(path)
