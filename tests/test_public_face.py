@@ -161,7 +161,7 @@ def test_help_of_the_entry_points_is_readable():
 
 def test_the_names_in_help_of_the_package_exist(campaign):
     listed = re.findall(r"^    ( *)(\.?\w+)\(.*?\) {2,}\S", agglom_mpi.__doc__, re.MULTILINE)
-    assert len(listed) == 11
+    assert len(listed) == 12
     owners = {"load_campaign": campaign, "open_campaign": CampaignFile}
     for indent, name in listed:
         if not indent:

@@ -99,7 +99,7 @@ def without_comment(line):
 def test_what_the_text_shows_of_the_files_is_in_them():
     text = (QUESTIONS / "README.md").read_text()
     for name, block in zip(
-        ("powder", "process", "fines", "dust", "granulation"),
+        ("powder", "process", "fines", "dust", "granulation", "liquid"),
         re.findall(r"```yaml\n(.*?)```", text, re.S),
         strict=True,
     ):

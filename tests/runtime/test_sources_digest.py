@@ -72,7 +72,10 @@ def test_another_decision_is_seen(package, name, old, new):
     assert sources_digest(package) != sources_digest()
 
 
-BEGUN_BY = ("config/loading.py", "runtime/experiment.py", "runtime/task_runner.py")
+BEGUN_BY = (
+    *("config/loading.py", "runtime/experiment.py", "runtime/task_runner.py"),
+    "runtime/certify.py",
+)
 """Modules that lead a run from a text to samples and decisions."""
 LOOKED_AT_FIRST = ("analysis/warm_start.py",)
 """A counted module that the run time itself calls."""
