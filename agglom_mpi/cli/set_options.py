@@ -71,6 +71,7 @@ def read_set_request(
         raise click.UsageError("--measured and --error go together")
     if not wanted:
         return None
-    from agglom_mpi.report.set_files import DEFAULT_TOLERANCE, SetRequest
+    from agglom_mpi.inference.tolerances import DEFAULT_TOLERANCE
+    from agglom_mpi.report.set_files import SetRequest
 
     return SetRequest(tolerance or DEFAULT_TOLERANCE, measured, error, **files)

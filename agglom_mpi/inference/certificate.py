@@ -235,7 +235,7 @@ def read_certificate(data: CampaignData) -> CampaignData:
     file = read_campaign(path, data.allow_code)
     if file.attributes.get("purpose") != CERTIFICATE:
         raise CertificateError(f"{path}: is no certificate; move it away to certify {data.path}")
-    if file.identity.get(f"{ENTRY}of") != evidence(data):
+    if file.identity.get(f"{ENTRY}of") != samples_digest(data):
         raise CertificateError(
             f"{path}: certifies a set that rests on other samples than those of {data.path}; move "
             "it away to certify anew"
@@ -291,7 +291,7 @@ def refuse_damage(data: CampaignData) -> None:
         )
 
 
-def evidence(data: CampaignData) -> str:
+def samples_digest(data: CampaignData) -> str:
     """Return the digest of what the set of a file rests on, 32 hexadecimal digits.
 
     These are the campaign, its strings, and the results of their used and fresh samples.

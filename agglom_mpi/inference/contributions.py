@@ -96,10 +96,11 @@ class DataOfSome:
     def _emulated(self, strings: Floats) -> Floats:
         """Return the logarithm of the density of what is emulated, (n,)."""
         whole, columns = self._whole, self.columns
-        away, covariances = whole.framed_residuals(strings, with_exact=False)
+        known = whole.at(strings)
+        away, covariances = whole.emulated_residuals(known)
         own = covariances[:, columns[:, None], columns]
         factors = np.asarray(np.linalg.cholesky(own), np.float64)
-        return log_densities(away[None][:, :, columns], factors, whole.at(strings).failing)[0]
+        return log_densities(away[None][:, :, columns], factors, known.failing)[0]
 
     def near(self, strings: Floats) -> Floats:
         """Return all strings."""

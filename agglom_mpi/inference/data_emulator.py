@@ -232,22 +232,23 @@ class EmulatedData(EmulatedBox):
         """Return the measured less the emulated components of strings, (n, k)."""
         return np.asarray(self.measured - known.means @ self.emulator.mixing.T)
 
-    def framed_residuals(self, strings: Floats, with_exact: bool = True) -> tuple[Floats, Floats]:
+    def framed_residuals(self, strings: Floats) -> tuple[Floats, Floats]:
         """Return data less predictions of strings in the frame, and the covariances of these.
 
-        Shapes (n, p) and (n, p, p); components that are not emulated are included. Without exact
-        values, which take long, their columns have no meaning.
+        Shapes (n, p) and (n, p, p); components that are not emulated are included.
         """
-        known = self.at(strings)
+        away, covariances = self.emulated_residuals(self.at(strings))
+        away[:, self.exact_columns] -= self.exact_numbers(strings)
+        return away, covariances
+
+    def emulated_residuals(self, known: EmulatedStrings) -> tuple[Floats, Floats]:
+        """Return `framed_residuals` without exact values, whose columns have no meaning."""
         own, away = self.covariances(known.deviations), self.away(known) @ self.components.T
         rest = (self.left_out * self.left_out_variance) @ self.left_out.T + np.eye(len(self.centre))
         covariances = np.einsum(
             "ak,nkl,bl->nab", self.components, own, self.components, optimize=True
         )
-        away = away + self.left_out @ self.left_out_measured
-        if with_exact:
-            away[:, self.exact_columns] -= self.exact_numbers(strings)
-        return away, covariances + rest
+        return away + self.left_out @ self.left_out_measured, covariances + rest
 
     def near(self, strings: Floats) -> Floats:
         """Return those of strings, (n, k), that no component alone rules out."""

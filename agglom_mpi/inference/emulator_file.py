@@ -8,7 +8,7 @@ a quantity in it. `portable_emulator.py` evaluates them, and is written beside t
 from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -33,7 +33,7 @@ from agglom_mpi.inference.stored_samples import (
     string_values,
     why_not_emulated,
 )
-from agglom_mpi.inference.tolerances import recorded_objective, tolerance_of
+from agglom_mpi.inference.tolerances import DEFAULT_TOLERANCE, recorded_objective, tolerance_of
 from agglom_mpi.random_streams import FEASIBLE_SET
 from agglom_mpi.search.criteria import Criterion, NoCriterionError
 from agglom_mpi.storage.files import atomic_file, require_absent, require_writable_folder
@@ -42,9 +42,6 @@ from agglom_mpi.version import __version__
 
 if TYPE_CHECKING:
     from agglom_mpi.storage.reader import CampaignData
-
-DEFAULT_TOLERANCE: Final = 0.05
-"""Tolerance of the set whose probability is exported."""
 
 Arrays = dict[str, Any]
 

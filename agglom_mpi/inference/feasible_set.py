@@ -31,7 +31,7 @@ from agglom_mpi.inference.stored_samples import (
     stored_samples,
     why_not_emulated,
 )
-from agglom_mpi.inference.tolerances import recorded_objective, tolerance_of
+from agglom_mpi.inference.tolerances import DEFAULT_TOLERANCE, recorded_objective, tolerance_of
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
@@ -76,7 +76,7 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
         Whether a search for the best proposed some of these strings, by the results of others.
     """
 
-    def __init__(self, data: "CampaignData", tolerance: float | str = 0.05) -> None:
+    def __init__(self, data: "CampaignData", tolerance: float | str = DEFAULT_TOLERANCE) -> None:
         campaign = recorded_campaign(data)
         self.tolerance = tolerance_of(data, tolerance)
         criterion = recorded_objective(data).criterion(self.tolerance)
@@ -317,7 +317,7 @@ def _flat(values: Floats) -> Floats:
 
 
 @single_threaded
-def feasible_set(data: "CampaignData", tolerance: float | str = 0.05) -> FeasibleSet:
+def feasible_set(data: "CampaignData", tolerance: float | str = DEFAULT_TOLERANCE) -> FeasibleSet:
     """Return the feasible set of a campaign file.
 
     Raises

@@ -1,6 +1,6 @@
 """The objective that a file records, and the tolerances of its feasible set."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from agglom_mpi.config.arguments import mistaken_argument, read_amount, read_fraction, shown
 from agglom_mpi.config.user_function import function_of_means
@@ -9,6 +9,9 @@ from agglom_mpi.storage.recorded_campaign import allowed_function, recorded_comp
 
 if TYPE_CHECKING:
     from agglom_mpi.storage.reader import CampaignData
+
+DEFAULT_TOLERANCE: Final = 0.05
+"""Tolerance of a set that none is given for."""
 
 
 def recorded_objective(data: "CampaignData") -> Objective:

@@ -8,7 +8,7 @@ from typing import Any, Final
 from rich.console import Group, RenderableType
 
 from agglom_mpi.display.table import Column, Table
-from agglom_mpi.formatting import format_duration, pluralise
+from agglom_mpi.formatting import format_duration, pluralise, without_nan
 from agglom_mpi.planning.forecast import (
     MAX_SIMULATED,
     WELL_USED,
@@ -33,15 +33,11 @@ AGAIN: Final = "fresh: at the end, for fresh samples of the best strings"
 
 def to_json(report: ForecastReport) -> str:
     """Return forecasts as JSON; all times in s."""
-    measured = report.pilot.wall_over_cpu
-    slowed = measured if math.isfinite(measured) else None
-    spread = report.pilot.relative_error
-    error = spread if math.isfinite(spread) else None
     content: dict[str, Any] = {
         "campaign": report.campaign.name,
         "generations": report.campaign.stopping.generations,
         "most_strings": report.campaign.max_strings,
-        "samples": report.pilot._asdict() | {"wall_over_cpu": slowed, "relative_error": error},
+        "samples": without_nan(report.pilot._asdict()),
         "costs": report.costs._asdict(),
         "forecasts": _records(report),
         "not_forecast": report.not_forecast,

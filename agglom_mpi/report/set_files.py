@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from agglom_mpi.analysis.tables import with_units
 from agglom_mpi.emulation.blas_threads import single_threaded
@@ -11,7 +11,7 @@ from agglom_mpi.formatting import without_nan
 from agglom_mpi.inference.data_posterior import data_posterior
 from agglom_mpi.inference.feasible_set import FeasibleSet
 from agglom_mpi.inference.measured_mean import measurement_of
-from agglom_mpi.inference.tolerances import recorded_objective, tolerance_of
+from agglom_mpi.inference.tolerances import DEFAULT_TOLERANCE, recorded_objective, tolerance_of
 from agglom_mpi.report.set_summary import grid_table, set_as_dict, set_text
 from agglom_mpi.storage.files import atomic_file, require_absent, require_writable_folder
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from agglom_mpi.inference.next_measurement import NextMeasurements
     from agglom_mpi.inference.posterior import Posterior
     from agglom_mpi.storage.reader import CampaignData
-
-DEFAULT_TOLERANCE: Final = 0.05
 
 
 class SetRequest(NamedTuple):

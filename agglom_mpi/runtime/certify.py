@@ -22,10 +22,10 @@ from agglom_mpi.errors import CodeNotAllowedError
 from agglom_mpi.formatting import format_percent
 from agglom_mpi.inference.certificate import (
     certificate_path,
-    evidence,
     membership_test,
     read_certificate,
     refuse_damage,
+    samples_digest,
     verdict_of,
 )
 from agglom_mpi.inference.certificate_plan import (
@@ -133,7 +133,7 @@ class Certification(Experiment):
         self.max_seconds = campaign.stopping.max_seconds
         self._strings = found.strings
         self._test = membership_test(data, plan, found.part)
-        self._entries = plan.entries() | found.part.entries() | {f"{ENTRY}of": evidence(data)}
+        self._entries = plan.entries() | found.part.entries() | {f"{ENTRY}of": samples_digest(data)}
 
     @property
     def table_sizes(self) -> TableSizes:

@@ -54,8 +54,11 @@ def by_recorded_method(campaign: Campaign, path: Path) -> Campaign:
 
     The default method differs by version, and a file is continued by the one it was made with.
     """
-    plan, section = campaign.plan, parse(campaign.text, campaign.name).data.get("search") or {}
-    if plan is None or section.keys() - {"start"} or not path.exists():
+    plan = campaign.plan
+    if plan is None or not path.exists():
+        return campaign
+    section = parse(campaign.text, campaign.name).data.get("search") or {}
+    if section.keys() - {"start"}:
         return campaign
     method = str(read_campaign(path).identity.get("search.method"))
     stored = SearchMethod.components().get(method)

@@ -1,6 +1,5 @@
 """Simulation of one sample of all experiments of a campaign, one after the other."""
 
-from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -48,17 +47,13 @@ def experiment_scenes(
     ValueError
         If a law refuses the string.
     """
-    return tuple(_scenes(campaign, parameters, engine))
-
-
-def _scenes(
-    campaign: Campaign, parameters: NDArray[np.float64], engine: Engine | None
-) -> Iterator[ExperimentScene]:
+    found = []
     for each in campaign.experiments:
         own, layout = each.own(parameters), each.campaign.census
         assert isinstance(layout, CensusLayout)
         scene = each.campaign.at(own).build(engine)
-        yield ExperimentScene(prefix_of(each.name), each.campaign, own, scene, layout)
+        found.append(ExperimentScene(prefix_of(each.name), each.campaign, own, scene, layout))
+    return tuple(found)
 
 
 def simulate_experiments(

@@ -8,7 +8,7 @@ from storage_rows import put_status
 from agglom_mpi import open_campaign
 from agglom_mpi.analysis.file_check import check_file
 from agglom_mpi.inference import certified_part, feasible_set
-from agglom_mpi.inference.certificate import certificate_of, certificate_path, evidence
+from agglom_mpi.inference.certificate import certificate_of, certificate_path, samples_digest
 from agglom_mpi.inference.certificate_plan import CertificateError, CertificatePlan
 from agglom_mpi.outcome import SampleSummary
 from agglom_mpi.report.sections.section import plain_text
@@ -42,7 +42,7 @@ def remembered_sets(monkeypatch):
     made = certify_module.feasible_set
 
     def known(data, tolerance):
-        key = evidence(data), tolerance
+        key = samples_digest(data), tolerance
         if key not in _KNOWN:
             _KNOWN[key] = made(data, tolerance)
         return _KNOWN[key]
