@@ -1,4 +1,4 @@
-"""What samples are compared with: data, and when and in which classes these count particles."""
+"""Measured data of a campaign for samples, and times and size classes of their censuses."""
 
 import math
 from collections.abc import Iterator

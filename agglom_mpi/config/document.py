@@ -144,7 +144,7 @@ EXPERIMENTS: Final = "experiments"
 
 
 class ExperimentEntry(Declared):
-    """What an experiment has of its own.
+    """Keys of an experiment.
 
     Attributes
     ----------
@@ -235,7 +235,7 @@ class SceneDocument(Declared):
 
     @property
     def for_campaign(self) -> dict[str, Any]:
-        """What a campaign takes over as it was read, by name."""
+        """Sections that a campaign has as they were read, by name."""
         names = "title", "seed", "objective", "plan", "output", "final"
         return {name: getattr(self, name) for name in names}
 

@@ -64,7 +64,7 @@ of unequal grains bond from 0.71 of it on, and collisions hardly raise the faste
 COLLISIONS_PER_SECOND: Final = 5e5
 """Collisions that one core handles per second with the event engine, at least."""
 UNSTIRRED: Final = 1e4
-"""Collisions per grain, were all elastic, from which grains that lose energy are long at rest."""
+"""Collisions per grain, were all elastic, after which grains that lose energy are at rest."""
 LONG_SAMPLE: Final = 3600.0
 """Time of a sample in s above which it is warned of."""
 

@@ -40,7 +40,7 @@ MOST_DEVIATIONS: Final = 0.8
 
 
 class Certificate(NamedTuple):
-    """What fresh runs prove of a part of a feasible set.
+    """Bounds on the right share of a part of a feasible set, by fresh runs.
 
     Where values wobble, each string was judged at one drawn deviation, and what is counted are such
     pairs of a string and a deviation.
@@ -161,7 +161,7 @@ class Certificate(NamedTuple):
 
     @property
     def _unit(self) -> str:
-        """What is judged."""
+        """Noun for what a verdict is about."""
         return "pair" if self.plan.wobble else "string"
 
     @property
@@ -182,7 +182,7 @@ class Certificate(NamedTuple):
 
     @property
     def _more(self) -> str:
-        """What more strings would give."""
+        """Sentence on the result of more strings."""
         if self.holds:
             more, strings = _rounded_down(self.least_share_of_four), 4 * self.plan.strings
             return f"{pluralise(strings, self._unit)} of which as many are right would show {more}"

@@ -1,4 +1,4 @@
-"""What a certificate claims of a feasible set, and of which part; as entries of an identity."""
+"""Claim of a certificate and the part of a set that it is about, as entries of an identity."""
 
 import math
 from collections.abc import Mapping
@@ -23,7 +23,7 @@ class CertificateError(UserError, ValueError):
 
 
 class CertificatePlan(NamedTuple):
-    """What is claimed of a set, and how it is tested.
+    """Claim about a set, and how it is tested.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class CertificatePlan(NamedTuple):
     seed
         Seed of the strings and of their samples.
     wobble
-        By name, the share of itself by which a variable of a string wobbles at most.
+        By name, the maximum relative deviation of a variable of a string.
     """
 
     claim: float

@@ -20,7 +20,7 @@ from agglom_mpi.search.criteria import DRAWN_FUNCTIONS
 from agglom_mpi.search.membership import MembershipTest, chance_to_show, looks_until
 
 WANTED_CHANCE: Final = 0.8
-"""Probability that the claim is shown, by which the part is chosen."""
+"""Minimum probability that the claim is shown; the largest part that has it is chosen."""
 LEAST_POINTS: Final = 20
 """Minimum number of points of a part."""
 WOBBLED_POINTS: Final = 16
@@ -31,7 +31,7 @@ CHOICE_STREAM, DRAW_STREAM, WOBBLE_STREAM, SAMPLE_STREAM = range(4)
 
 
 class CertifiedPart(NamedTuple):
-    """A part of a set, and strings of it, (n, k) in SI units, as they are judged: wobbled."""
+    """A part of a set, and strings of it with their deviations, (n, k) in SI units."""
 
     part: PartOfSet
     strings: Floats

@@ -1,4 +1,4 @@
-"""What each experiment of a campaign contributes: posteriors without it, and of it alone.
+"""Contribution of each experiment of a campaign: posteriors without it, and of it alone.
 
 They rest on the emulator of all data. What it says of some of them is the marginal of its normal
 distribution, so that nothing is fitted anew.
@@ -25,7 +25,7 @@ AT_ONCE: Final = 2048
 
 
 class Contribution(NamedTuple):
-    """What the data of some experiments leave of the box.
+    """Posterior of the data of some experiments, relative to the box.
 
     Attributes
     ----------

@@ -38,7 +38,7 @@ COARSE_POINTS: Final = 1 << 11
 """Number of even points of the box that show how near to the data strings come."""
 
 MAX_PLAIN_IMPACTS: Final = 20_000
-"""Number of impacts of strings from which their law is compiled; plain Python takes seconds."""
+"""Maximum number of impacts that plain Python solves; beyond it their law is compiled."""
 
 CALIBRATION_STREAM, PREDICTIVE_STREAM = 3, 4
 """Further random streams of a posterior of data."""

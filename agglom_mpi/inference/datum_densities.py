@@ -20,7 +20,7 @@ STRINGS_AT_ONCE: Final = 512
 
 
 class DatumPoint(NamedTuple):
-    """What is left out together: a datum, with all classes of a curve; one impact of a list.
+    """Data that are left out together: a datum, with all classes of a curve; one impact of a list.
 
     Attributes
     ----------

@@ -134,7 +134,7 @@ def evidence_of(of: EmulatedData, drawn: WeightedStrings) -> Evidence:
     of
         The data and what strings predict for them.
     drawn
-        The posterior, by which strings are proposed.
+        The posterior; strings are proposed near its draws.
     """
     space, random = of.box.space, of.stream(EVIDENCE_STREAM)
     places = space.to_unit(drawn.strings)

@@ -161,7 +161,7 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
 
     @property
     def certificate(self) -> Certificate | None:
-        """What fresh runs prove of the set, by `agglom certify`; None without such a file.
+        """Certificate of the set, by `agglom certify`; None without such a file.
 
         Nor is there one of another tolerance.
 

@@ -153,7 +153,7 @@ class LawComparison:
 
     @property
     def verdict(self) -> str:
-        """What the data say, in one line without a full stop."""
+        """One-line verdict, without a full stop."""
         first, second = self.order[:2]
         best, other = self.laws[first], self.laws[second]
         stated = f"probability {self.probabilities[first]:.2g}"

@@ -292,7 +292,7 @@ class Posterior(WeightedStrings):
 
     @cached_property
     def contributions(self) -> list[Contribution]:
-        """What each experiment contributes, by the posteriors without it, and of it alone.
+        """Contribution of each experiment: posteriors without it, and of it alone.
 
         It is empty where the data are of one experiment, and takes some seconds for each.
         """

@@ -70,7 +70,7 @@ class Observed(NamedTuple):
 
 
 class Sampled(Protocol):
-    """What gives strings of a search box a density; `box` is that box."""
+    """Density of strings of a search box; `box` is that box."""
 
     box: SearchedBox
 

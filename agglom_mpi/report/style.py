@@ -50,7 +50,7 @@ STYLE: Final[dict[str, Any]] = {
     "ytick.minor.size": 1.5,
     "hatch.linewidth": 0.5,
 }
-"""What matplotlib's settings are while a figure is made."""
+"""Settings of matplotlib while a figure is made."""
 LABEL_ROOM: Final = {"x": 0.42, "y": 0.24}
 """Room that a label of a tick takes along an axis, inches."""
 PLAIN: Final = (1e-4, 1e5)

@@ -109,7 +109,7 @@ class JudgedEnsemble(Ensemble):
 
 
 class Certification(Experiment):
-    """Strings that are judged by fresh samples.
+    """Strings that fresh samples test.
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ class Certification(Experiment):
         )
 
     def stage(self, inversion: Inversion) -> StageProgress:
-        """Return how many strings are judged; all are at the same time."""
+        """Return the number of tested strings; all are simulated at the same time."""
         return StageProgress(len(inversion.results), len(self._strings), "strings")
 
     def end_reason(self, inversion: Inversion) -> str:

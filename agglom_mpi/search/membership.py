@@ -80,7 +80,7 @@ MOST_STRINGS: Final = 10**6
 
 
 class Verdict(IntEnum):
-    """What is decided of a string."""
+    """Decision on a string."""
 
     UNDECIDED = 0
     RIGHT = 1
@@ -88,7 +88,7 @@ class Verdict(IntEnum):
 
 
 def looks_until(most: int) -> tuple[int, ...]:
-    """Return the numbers of samples at which a string is judged, the last one being `most`."""
+    """Return the numbers of samples at which a string is tested, the last one being `most`."""
     looks, count = [], FIRST_LOOK
     while count < most:
         looks.append(count)
@@ -104,7 +104,7 @@ class MembershipTest(NamedTuple):
     criterion
         What makes a string right.
     looks
-        Numbers of samples at which it is judged, ascending.
+        Numbers of samples at which it is tested, ascending.
     extremes
         Numbers of the samples that are extreme among all that are known, shape (m, k).
     """
@@ -175,7 +175,7 @@ class MembershipTest(NamedTuple):
         return np.asarray(EXTRA_SAMPLES * away / n + self.factor(completed) * error)
 
     def factor(self, completed: int) -> float:
-        """Return Student's t of the one-sided intervals of so many completed samples."""
+        """Return Student's t of the one-sided intervals, by the number of completed samples."""
         return t_quantile(completed - 1, 1.0 - 2.0 * TEST_ERROR / len(self.looks))
 
     def error_at(self, look: int) -> float:
@@ -287,7 +287,7 @@ def strings_needed(share: float, claim: float, confidence: float, error: float) 
 
 
 def chance_to_show(needed: int, strings: int, shares: Floats | Sequence[float]) -> Floats:
-    """Return the probability that at least so many of n strings come out right, by their share."""
+    """Return the probability that at least `needed` of n strings come out right, by their share."""
     from scipy.special import betainc
 
     return np.asarray(betainc(needed, strings - needed + 1, np.asarray(shares, np.float64)))

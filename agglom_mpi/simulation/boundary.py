@@ -77,7 +77,7 @@ class Boundary(Law):
         return 0.0
 
     def shift_time(self, shifts: int, per_axis: int) -> float:
-        """Time in s at which the image above is ahead by so many cells of the box's `per_axis`."""
+        """Time in s at which the image above is ahead by `shifts` cells of the box's `per_axis`."""
         return math.inf
 
 

@@ -62,7 +62,7 @@ def put_back(scene, particle, ledger, images, time):
 
 @inlined
 def plus_images(escape, value, images, each):
-    """Return a value plus what `each` of so many images up adds to it."""
+    """Return a value plus `images` times what `each` image up adds to it."""
     return value + images * each if is_sheared(escape) else value
 
 

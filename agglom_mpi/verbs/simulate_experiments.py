@@ -16,7 +16,7 @@ from agglom_mpi.verbs.simulate import random_numbers
 
 
 class ExperimentScene(NamedTuple):
-    """What the samples of a string have in common in one experiment.
+    """Campaign, string and scene of the samples of a string in one experiment.
 
     Attributes
     ----------

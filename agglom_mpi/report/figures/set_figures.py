@@ -45,7 +45,7 @@ PLOTTED_POINTS: Final = 1 << 15
 PAIR_CELLS: Final = 32
 """Number of cells of a pair's panel along each side."""
 SMOOTHING: Final = 0.8
-"""Standard deviation by which a pair's panel is smoothed, in its cells."""
+"""Standard deviation of the smoothing of a pair's panel, in its cells."""
 FRACTION: Final = "fraction of strings in the set"
 DENSITY: Final = "density over prior"
 MARGINAL_COLUMNS: Final = 3
