@@ -31,11 +31,11 @@ FIRST = np.array([[1.0, 0.0], [1.0, 1.0], [0.5, -0.5], [0.0, 1.0], [0.3, 0.7]])
 SECOND = np.array([[1.0, 0.2], [0.7, 1.0], [0.3, -0.2], [0.2, 0.6], [0.5, 0.8]])
 THIRD = np.array([[-0.5, 0.9], [0.9, -0.6], [0.9, 0.9], [-0.9, 0.5], [1.2, -0.9]])
 TRUTH = np.array([0.45, 0.6])
-COUNT = 10
-ERRORS = np.tile([0.05, 0.04, 0.06, 0.05, 0.05], 2)
+COUNT = 60
+ERRORS = np.tile([0.05, 0.04, 0.06, 0.05, 0.05], COUNT // 5)
 CORRELATIONS = np.eye(COUNT) + 0.4 * (np.eye(COUNT, k=1) + np.eye(COUNT, k=-1))
-TWICE = np.vstack([FIRST, FIRST])
-"""With twice as many data, no single one matters so much that its weights have heavy tails."""
+REPEATED = np.vstack([FIRST] * (COUNT // 5))
+"""With so many data, no single one matters so much that its weights have heavy tails."""
 
 
 def law_of(name, logarithm, p_value=0.5, error=0.01, inside=("u",), size=2000.0):
@@ -168,17 +168,17 @@ def first(tmp_path_factory):
     """Posterior of correlated data of the first law, which it fits well."""
     random = np.random.default_rng(4)
     root = np.linalg.cholesky(CORRELATIONS * np.outer(ERRORS, ERRORS))
-    values = 1.0 + TWICE @ TRUTH + root @ random.normal(size=COUNT)
+    values = 1.0 + REPEATED @ TRUTH + root @ random.normal(size=COUNT)
     data = correlated(measurements(values, ERRORS), CORRELATIONS)
     folder = tmp_path_factory.mktemp("first")
-    return single_threaded(posterior_of)(linear_emulator(folder, TWICE, data, noise=1e-3))
+    return single_threaded(posterior_of)(linear_emulator(folder, REPEATED, data, noise=1e-3))
 
 
 @pytest.fixture(scope="module")
 def second(first, tmp_path_factory):
     folder = tmp_path_factory.mktemp("second")
     return single_threaded(posterior_of)(
-        linear_emulator(folder, np.vstack([SECOND, SECOND]), first.of.data, noise=1e-3)
+        linear_emulator(folder, np.vstack([SECOND] * (COUNT // 5)), first.of.data, noise=1e-3)
     )
 
 
@@ -202,7 +202,7 @@ def test_data_left_out_have_the_density_of_generalised_least_squares(first):
     """With P = C⁻¹ − C⁻¹X(XᵀC⁻¹X)⁻¹XᵀC⁻¹ the residual is (P r)_i/P_ii, of variance 1/P_ii."""
     pytest.importorskip("arviz")
     found = compared_law("first", first).left_out
-    slopes, inverse = TWICE / ERRORS[:, None], np.linalg.inv(CORRELATIONS)
+    slopes, inverse = REPEATED / ERRORS[:, None], np.linalg.inv(CORRELATIONS)
     gained = inverse @ slopes
     precision = inverse - gained @ np.linalg.solve(slopes.T @ gained, gained.T)
     residuals = (np.array([datum.values[0] for datum in first.of.data]) - 1.0) / ERRORS
@@ -211,7 +211,7 @@ def test_data_left_out_have_the_density_of_generalised_least_squares(first):
     assert found.unreliable == 0
     # Smoothed weights of a thousand draws; each density errs by a few percent.
     assert found.densities == pytest.approx(expected, abs=0.15)
-    assert found.total == pytest.approx(expected.sum(), abs=0.4)
+    assert found.total == pytest.approx(expected.sum(), abs=0.5)
 
 
 def test_arviz_compares_files_of_draws_as_we_do(first, second):
