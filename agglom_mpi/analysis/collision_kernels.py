@@ -73,8 +73,8 @@ class BlockSums(NamedTuple):
 def new_sums(counts: CollisionCounts, blocks: int = BLOCKS) -> BlockSums:
     """Return sums of no samples yet."""
     arrays = counts.impacts, counts.exposure, counts.pairs, counts.pieces
-    sums = [np.zeros((blocks, *each.shape)) for each in arrays]
-    return BlockSums(*sums, np.zeros(blocks, np.int64))
+    impacts, exposure, pairs, pieces = (np.zeros((blocks, *each.shape)) for each in arrays)
+    return BlockSums(impacts, exposure, pairs, pieces, np.zeros(blocks, np.int64))
 
 
 def add_sample(sums: BlockSums, block: int, counts: CollisionCounts) -> None:
