@@ -16,6 +16,7 @@ from agglom_mpi.config.yaml_source import ArgumentError
 from agglom_mpi.simulation.engines import Engine
 
 if TYPE_CHECKING:
+    from agglom_mpi.analysis.collision_kernels import CollisionKernels
     from agglom_mpi.campaign_file import CampaignFile
     from agglom_mpi.simulation.sample import Outcome
     from agglom_mpi.verbs.estimate import StringEstimate
@@ -134,6 +135,43 @@ class RunnableCampaign(Campaign):
         from agglom_mpi.verbs.estimate import estimate
 
         return estimate(self, parameters, samples, engine)
+
+    def collision_kernels(
+        self,
+        parameters: Mapping[str, float | str] | npt.ArrayLike,
+        samples: int = 200,
+        bins: int = 12,
+        times: Sequence[float] = (),
+    ) -> "CollisionKernels":
+        """Count collisions in samples of a string: the kernels of population balances.
+
+        Parameters
+        ----------
+        parameters
+            As for `simulate`.
+        samples
+            Number of samples, at least 2; samples 0, 1, … of the string are simulated again.
+        bins
+            Bins a decade of mass.
+        times
+            Between 0 and the end time in s, ascending: windows in which counts are kept apart.
+
+        Returns
+        -------
+        CollisionKernels
+            Rate coefficients, collision efficiencies, sticking and breakage probabilities by pairs
+            of masses, each with its standard error.
+
+        Raises
+        ------
+        CampaignError
+            If an argument is not possible, or the box is sheared.
+        RuntimeError
+            If samples fail, and less than two blocks of them are left.
+        """
+        from agglom_mpi.analysis.counted_samples import collision_kernels
+
+        return collision_kernels(self, parameters, samples, bins, times)
 
     def simulate_many(
         self,

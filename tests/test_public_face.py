@@ -44,7 +44,10 @@ METHODS_OF_CAMPAIGN = {
     *("allowed", "describe", "description", "identity", "parameters", "sha256"),
     *("in_volume", "warnings"),
 }
-VERBS = {"simulate", "simulate_many", "estimate", "run", "searcher", "experiment"}
+VERBS = {
+    *("simulate", "simulate_many", "estimate", "run", "searcher", "experiment"),
+    "collision_kernels",
+}
 CAMPAIGN = {*METHODS_OF_CAMPAIGN, *VERBS, "title", "seed", "text", "name"}
 METHODS_OF_SET = {
     *("bounds", "deviation", "directions", "expected_error", "failing", "inner", "maximum"),

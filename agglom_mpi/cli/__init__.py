@@ -20,6 +20,7 @@ COMMANDS: Final = {
     "doctor": "Check this machine: MPI, libraries, storage, batch system",
     "explain": "Explain the keys and laws of a campaign file",
     "export": "Write a compact copy, CSV, netCDF or files for ParaView",
+    "kernels": "Count collisions by mass, for population balances",
     "pareto": "Show the trade-off of two numbers over several campaign files",
     "plan": "Estimate run time for different numbers of ranks",
     "report": "Print the best strings, write figures, or follow a run",

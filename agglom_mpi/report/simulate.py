@@ -97,9 +97,7 @@ def simulate_string(
     if request.out is not None:
         require_output(request.out)
         request = request._replace(sample=request.sample or 0)
-    campaign, parameters, first, recorded, version = (
-        _recorded_string(request) if is_hdf5(request.source) else _set_string(request, show)
-    )
+    campaign, parameters, first, recorded, version = selected_string(request, show)
     if request.experiment is not None:
         own = campaign.of_experiment(request.experiment)
         campaign, parameters = own.campaign, own.own(parameters)
@@ -168,6 +166,11 @@ Selected = tuple[Campaign, npt.NDArray[np.float64], int, np.void | None, int]
 """A string to simulate: its campaign, its parameters, (k,), in SI units, the number of its first
 sample in the random streams, and the row of the recorded sample that is simulated again with the
 format version of its file; None and 0 without one."""
+
+
+def selected_string(request: SimulationRequest, show: Callable[[str], None]) -> Selected:
+    """Return the string that a request names; raises a CampaignError, see `simulate_string`."""
+    return _recorded_string(request) if is_hdf5(request.source) else _set_string(request, show)
 
 
 def _set_string(request: SimulationRequest, show: Callable[[str], None]) -> Selected:

@@ -27,6 +27,7 @@ from agglom_mpi.launcher import python_command
 from agglom_mpi.physics.pair import ContactPair
 from agglom_mpi.simulation import census, initial_state, sample_kernels, sample_range, trajectory
 from agglom_mpi.simulation.census import EXAMPLE_LAYOUT
+from agglom_mpi.simulation.collision_counts import new_collision_counts
 from agglom_mpi.simulation.event_driven.prefetching import new_winners
 from agglom_mpi.simulation.event_driven.state import rebuild
 from agglom_mpi.simulation.impact import solve_impact
@@ -51,6 +52,9 @@ FRAMES: Final = "frames"
 COUNTED_RANGE: Final = "sequence with censuses"
 """Kernels of a scene; `RANGE` calls the first three for one sample after another, `FRAMES` is for
 frames at set times."""
+
+COUNTING_ENGINE: Final = "engine that counts collisions"
+"""Kernel of the engine for `CollisionCounts`."""
 
 STREAMS: Final = "streams"
 """Kernel that seeds random generators, one for all scenes."""
@@ -167,6 +171,16 @@ READY: Final[set[tuple[str, bool, bool]]] = set()
 """Kinds of scenes, whether with frames and with censuses, that this process has found compiled."""
 
 
+def ensure_counting_compiled(scene: Scene) -> None:
+    """Compile the engine that counts collisions where it is not in the cache, and log it."""
+    mark = mark_of(scene, COUNTING_ENGINE)
+    if runs_compiled() and not mark.exists():
+        LOG.info("compiling 1 kernel of a new kind of scene: %s", COUNTING_ENGINE)
+        _compile(COUNTING_ENGINE, scene)
+        with suppress(OSError):
+            mark.touch()
+
+
 def _example(name: str, scene: Scene) -> tuple[Any, tuple[Any, ...]]:
     """Return a kernel and arguments of the types that it is called with."""
     if name == STREAMS:
@@ -191,6 +205,10 @@ def _example(name: str, scene: Scene) -> tuple[Any, tuple[Any, ...]]:
         random = np.random.default_rng()
         results = new_results(1, EXAMPLE_LAYOUT if name == COUNTED_RANGE else None)
         return simulate_range, (scene, room, random, new_draws(), watch, results)
+    if name == COUNTING_ENGINE:
+        counts = new_collision_counts(scene.mass, 1.0, 1, np.ones(1))
+        room = room._replace(ledger=room.ledger._replace(collisions=counts))
+        name = ENGINE
     return called_kernels(scene, room)[name]
 
 

@@ -46,11 +46,15 @@ SPIN_CAPS: Final = 8
 
 
 class Ledger(NamedTuple):
-    """What a sample adds up: energies in J, counts, and the largest solver residual."""
+    """What a sample adds up: energies in J, counts, and the largest solver residual.
+
+    `collisions` are `CollisionCounts` where collisions are counted by mass.
+    """
 
     energy: np.ndarray
     counts: np.ndarray
     residual: np.ndarray
+    collisions: Any = None
 
 
 class Particles(NamedTuple):

@@ -13,10 +13,12 @@ from agglom_mpi.outcome import FinalParticles
 from agglom_mpi.physics.size_distributions import draw_radii
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.simulation.census import CensusRoom
+from agglom_mpi.simulation.collision_counts import CollisionCounts, end_counts
 from agglom_mpi.simulation.frames import Frames
 from agglom_mpi.simulation.initial_state import DifferentSizes, EqualSizes, scatter
 from agglom_mpi.simulation.particles import (
     BREAKUPS,
+    EXHAUSTED,
     MERGES,
     Ledger,
     Particles,
@@ -188,7 +190,7 @@ def _alone(
 def _keep(wanted: Ledger | None, ledger: Ledger) -> None:
     """Copy a ledger to the one that was asked for."""
     if wanted is not None:
-        for target, source in zip(wanted, ledger, strict=True):
+        for target, source in zip(wanted[:3], ledger[:3], strict=True):
             target[:] = source
 
 
@@ -256,6 +258,25 @@ def initial_radii(
     if scene.sizes is None:
         return np.ones(scene.particles)
     return draw_radii(scene.sizes, new_random(), scene.particles)
+
+
+def count_collisions(
+    scene: Scene, random: np.random.Generator, counts: CollisionCounts
+) -> result.FailureReason | None:
+    """Simulate a sample to its end and add its collisions to `counts`, from those of `scene`.
+
+    The sample is that of `simulate_scene` with the same stream. Returns why it failed, if it did;
+    its collisions are in the counts then, too.
+    """
+    particles, abort = new_particles(scene, capacity_of(scene)), np.zeros(1, np.uint8)
+    if not place_grains(scene, random, particles, abort):
+        return result.FailureReason.PLACEMENT_JAMMED
+    ledger = new_ledger()._replace(collisions=counts)
+    state, initial = kept_engine_state(scene, particles.records.size), np.zeros(1, INITIAL)
+    run = without_law(scene), particles, ledger, state, initial
+    end_counts(counts, run_engine(*run, scene.end_time, abort))
+    exhausted = ledger.counts[EXHAUSTED] > 0
+    return result.FailureReason.BUDGET_EXCEEDED if exhausted else None
 
 
 def count_changes(scene: Scene, random: np.random.Generator, until: float) -> int:

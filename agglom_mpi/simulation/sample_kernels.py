@@ -9,6 +9,7 @@ import agglom_mpi.simulation.event_driven.engine
 import agglom_mpi.simulation.time_driven.steppers  # noqa: F401  (all register their engines)
 from agglom_mpi import outcome as result
 from agglom_mpi.compilation.kernels import kernel
+from agglom_mpi.simulation.collision_counts import begin_counts
 from agglom_mpi.simulation.measurement import (
     is_finite,
     measure,
@@ -55,6 +56,7 @@ def run_engine(scene, particles, ledger, engine_state, initial, until, abort):
                 finish(scene.engine, scene, particles, ledger, engine_state, time)
             return time
         measure_initial(scene, particles, to_mass_frame(scene, particles), initial[0])
+        begin_counts(ledger.collisions, particles)
         begin(scene.engine, scene, particles, engine_state)
         begun = initial[0]["begun"]
 

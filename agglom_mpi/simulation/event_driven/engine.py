@@ -11,6 +11,7 @@ import numpy as np
 from agglom_mpi.compilation.stages import inlined, not_inlined
 from agglom_mpi.simulation.boundary import clamped_position
 from agglom_mpi.simulation.collision import BONDED, merge, resolve_contact
+from agglom_mpi.simulation.collision_counts import count_bounce, count_change, pair_before
 from agglom_mpi.simulation.engines import EventDriven
 from agglom_mpi.simulation.event_driven.cell_crossing import cross_cell, schedule_crossing
 from agglom_mpi.simulation.event_driven.cells import copy_if_oversize, insert, remove
@@ -213,23 +214,28 @@ def process_collision(scene, particles, ledger, events, i, j, now):
     synchronise_particle(scene, particles, ledger, flights, i, now)
     synchronise_particle(scene, particles, ledger, flights, j, now)
     images = bring_together(scene, particles.records[i], particles.records[j], ledger, now)
-    size = particles.size[0]
+    size, one, other = particles.size[0], particles.records[i], particles.records[j]
+    before = pair_before(ledger.collisions, scene, one, other)
     kind = resolve_contact(scene, particles, ledger, i, j, now)
     events.due[0], events.due[1] = i, j
     if kind != BONDED and particles.size[0] == size:
+        count_bounce(ledger.collisions, before, one, other, kind, now)
         put_back(scene, particles.records[j], ledger, images, now)
         load_velocity(flights, particles, i)
         load_velocity(flights, particles, j)
         copy_if_oversize(events.cells, flights, i)
         copy_if_oversize(events.cells, flights, j)
         return Event(2, RANGE, kind, i, j, True, False)
-    due = predict_again(scene, particles, ledger, events, i, j, kind, size, now)
+    due = predict_again(scene, particles, ledger, events, i, j, kind, size, before, now)
     return Event(due, RANGE, kind, i, j, False, True)
 
 
 @inlined
-def predict_again(scene, particles, ledger, events, i, j, kind, size, now):
-    """Merge i and j, or take in the pieces appended after `size`; return how many are due."""
+def predict_again(scene, particles, ledger, events, i, j, kind, size, before, now):
+    """Merge i and j, or take in the pieces appended after `size`; return how many are due.
+
+    `before` is that of `pair_before`.
+    """
     flights, cells = events.flights, events.cells
     remove(cells, flights, i)
     remove(cells, flights, j)
@@ -239,6 +245,7 @@ def predict_again(scene, particles, ledger, events, i, j, kind, size, now):
         invalidate_prediction(flights.next_event[j])
         set_time(events.event_queue, j, np.inf)
         due = 1
+    count_change(ledger.collisions, before, particles, i, j, kind, size, now)
     for k in range(2, due):
         events.due[k] = size + k - 2
     for k in range(due):

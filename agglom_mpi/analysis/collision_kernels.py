@@ -1,0 +1,242 @@
+"""Kernels of population balances, with standard errors, from counts of collisions.
+
+Each coefficient is a ratio of sums over samples, so its error is that of a jackknife: blocks of
+samples are left out one by one. A pair of bins with too few collisions has no coefficient.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from agglom_mpi.physics.kinetic_theory import mixture_contact_values
+from agglom_mpi.simulation.collision_counts import (
+    BREAKS,
+    ENERGY,
+    HITS,
+    LOST,
+    MASS,
+    NUMBER,
+    SPEED,
+    SQUARED_SPEED,
+    STICKS,
+    CollisionCounts,
+)
+
+Floats = npt.NDArray[np.float64]
+
+BLOCKS: Final = 20
+"""Blocks of samples that the jackknife leaves out one by one."""
+
+LEAST_HITS: Final = 30
+"""Collisions without which a pair of bins has no coefficient: its error would be 1/5 or more."""
+
+
+COEFFICIENTS: Final = (
+    *("rate", "efficiency", "sticking", "breakage"),
+    *("speed", "squared_speed", "loss"),
+)
+"""Names of the coefficients of `CollisionKernels`."""
+
+
+class Coefficient(NamedTuple):
+    """A coefficient of each pair of bins with its standard error, shapes (windows, bins, bins).
+
+    Both are nan where there are too few collisions, and below the diagonal.
+    """
+
+    value: Floats
+    error: Floats
+
+
+class BlockSums(NamedTuple):
+    """Counts of collisions added up over the samples of each block.
+
+    Attributes
+    ----------
+    impacts, exposure, pairs, pieces
+        As in `CollisionCounts`, with the blocks as first axis.
+    samples
+        Number of samples, shape (blocks,).
+    """
+
+    impacts: Floats
+    exposure: Floats
+    pairs: Floats
+    pieces: Floats
+    samples: npt.NDArray[np.int64]
+
+
+def new_sums(counts: CollisionCounts, blocks: int = BLOCKS) -> BlockSums:
+    """Return sums of no samples yet."""
+    arrays = counts.impacts, counts.exposure, counts.pairs, counts.pieces
+    impacts, exposure, pairs, pieces = (np.zeros((blocks, *each.shape)) for each in arrays)
+    return BlockSums(impacts, exposure, pairs, pieces, np.zeros(blocks, np.int64))
+
+
+def add_sample(sums: BlockSums, block: int, counts: CollisionCounts) -> None:
+    """Add the counts of a sample to a block."""
+    for name in BlockSums._fields[:-1]:
+        getattr(sums, name)[block] += getattr(counts, name)
+    sums.samples[block] += 1
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CollisionKernels:
+    """Kernels of a string by bins of mass and windows of time.
+
+    Attributes
+    ----------
+    sums
+        Of the blocks of samples.
+    masses : array, shape (bins,), kg
+        In the middle of the bins, by logarithm.
+    times : array, shape (windows + 1,), s
+        Where windows begin and end.
+    volume
+        Of the box, m³.
+    density
+        Of the grains, kg/m³.
+    grain_mass
+        Of a mean grain, kg.
+    """
+
+    sums: BlockSums
+    masses: Floats
+    times: Floats
+    volume: float
+    density: float
+    grain_mass: float
+
+    @property
+    def hits(self) -> Floats:
+        """Number of collisions, shape (windows, bins, bins)."""
+        return np.asarray(self.sums.impacts.sum(axis=0)[..., HITS])
+
+    @cached_property
+    def rate(self) -> Coefficient:
+        """Rate coefficient K in m³/s: K n_i n_j V collisions of unlike bins happen in a second."""
+        return self._of_blocks(self._rates)
+
+    @cached_property
+    def efficiency(self) -> Coefficient:
+        """Rate coefficient over that of two Maxwellian gases in Enskog's approximation.
+
+        π(r_i + r_j)²√(8/π (T_i/m_i + T_j/m_j)) χ_ij with the partial temperatures of the window,
+        T = m⟨v²⟩/3, and the contact values of Boublik, Mansoori, Carnahan, Starling and Leland.
+        """
+        return self._of_blocks(lambda sums: self._rates(sums) / self._maxwellian(sums))
+
+    @cached_property
+    def sticking(self) -> Coefficient:
+        """Share of the collisions after which there is one particle."""
+        return self._share(STICKS)
+
+    @cached_property
+    def breakage(self) -> Coefficient:
+        """Share of the collisions that break a particle."""
+        return self._share(BREAKS)
+
+    @cached_property
+    def speed(self) -> Coefficient:
+        """Mean normal speed of the collisions in m/s."""
+        return self._share(SPEED)
+
+    @cached_property
+    def squared_speed(self) -> Coefficient:
+        """Mean square of the normal speed of the collisions in m²/s²."""
+        return self._share(SQUARED_SPEED)
+
+    @cached_property
+    def loss(self) -> Coefficient:
+        """Mean kinetic energy that a collision loses, J."""
+        return self._share(LOST)
+
+    @cached_property
+    def numbers(self) -> Floats:
+        """Mean number of particles of each bin in a sample, shape (windows, bins)."""
+        duration = np.diff(self.times)[:, None] * self.sums.samples.sum()
+        return np.asarray(self.sums.exposure.sum(axis=0)[..., NUMBER] / duration)
+
+    @cached_property
+    def temperatures(self) -> Floats:
+        """Partial granular temperatures m⟨v²⟩/3 in J, shape (windows, bins); nan without any."""
+        return _temperatures(self.sums.exposure.sum(axis=0))
+
+    def records(self) -> list[dict[str, Any]]:
+        """Return a record for each window and pair of bins that has coefficients.
+
+        A coefficient is a pair of value and standard error.
+        """
+        found = []
+        for w, i, j in np.argwhere(np.isfinite(self.rate.value)).tolist():
+            place = w, i, j
+            record: dict[str, Any] = {"from": self.times[w], "to": self.times[w + 1]}
+            for name, k in (("first", i), ("second", j)):
+                record[f"{name}_mass"] = self.masses[k]
+                record[f"{name}_particles"] = self.numbers[w, k]
+                record[f"{name}_temperature"] = self.temperatures[w, k]
+            record["collisions"] = int(self.hits[place])
+            for name in COEFFICIENTS:
+                value, error = getattr(self, name)
+                record[name] = float(value[place]), float(error[place])
+            found.append(record)
+        return found
+
+    def _share(self, place: int) -> Coefficient:
+        return self._of_blocks(
+            lambda sums: _over(sums.impacts[..., place], sums.impacts[..., HITS])
+        )
+
+    def _of_blocks(self, function: Any) -> Coefficient:
+        """Return the coefficient of all samples, and its error by the jackknife."""
+        used = np.flatnonzero(self.sums.samples)
+        whole = BlockSums(*(each[used].sum(axis=0) for each in self.sums))
+        value = function(whole)
+        without = np.array(
+            [
+                function(BlockSums(*(a - b[k] for a, b in zip(whole, self.sums, strict=True))))
+                for k in used
+            ]
+        )
+        count = len(used)
+        spread = without - without.mean(axis=0)
+        error = np.sqrt((count - 1) / count * np.sum(spread**2, axis=0))
+        few = whole.impacts[..., HITS] < LEAST_HITS
+        return Coefficient(np.where(few, np.nan, value), np.where(few, np.nan, error))
+
+    def _rates(self, sums: BlockSums) -> Floats:
+        return self.volume * _over(sums.impacts[..., HITS], sums.pairs)
+
+    def _maxwellian(self, sums: BlockSums) -> Floats:
+        """Rate coefficients of Maxwellian gases in m³/s, shape (windows, bins, bins)."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            masses = np.where(
+                sums.exposure[..., NUMBER] > 0.0,
+                sums.exposure[..., MASS] / sums.exposure[..., NUMBER],
+                self.masses,
+            )
+        radii = np.cbrt(3.0 * masses / (4.0 * math.pi * self.density))
+        per_mass = np.nan_to_num(_temperatures(sums.exposure)) / masses
+        duration = np.diff(self.times)[:, None] * sums.samples * self.volume
+        densities = sums.exposure[..., NUMBER] / duration
+        found = np.empty((*radii.shape, radii.shape[1]))
+        for w, (r, n, t) in enumerate(zip(radii, densities, per_mass, strict=True)):
+            speed = np.sqrt(8.0 / math.pi * np.add.outer(t, t))
+            chi = mixture_contact_values(n, 2.0 * r)
+            found[w] = math.pi * np.add.outer(r, r) ** 2 * speed * chi
+        return found
+
+
+def _temperatures(exposure: Floats) -> Floats:
+    return _over(2.0 / 3.0 * exposure[..., ENERGY], exposure[..., NUMBER])
+
+
+def _over(sums: Floats, weights: Floats) -> Floats:
+    """Return ratios, nan where there is nothing to divide by."""
+    found = np.full(sums.shape, np.nan)
+    np.divide(sums, weights, out=found, where=weights > 0.0)
+    return found

@@ -1,0 +1,67 @@
+"""`agglom kernels`: rates of collision, sticking and breakage by mass, for population balances."""
+
+from typing import Any
+
+import click
+
+from agglom_mpi.cli.common import ALLOW_CODE, JSON, PATH, SETTINGS, examples, exit_with, say
+
+
+@click.command(
+    epilog=examples(
+        "agglom kernels jobs/accretion_2003.yaml --samples 400 --csv kernels.csv",
+        "agglom kernels accretion_2003.h5 --string 107 --time 0.05 --time 0.1",
+    )
+)
+@click.argument("source", type=PATH)
+@SETTINGS
+@click.option("--string", type=click.IntRange(0), help="String of FILE.h5.")
+@click.option(
+    "--samples",
+    default=200,
+    show_default=True,
+    type=click.IntRange(2, 10**6),
+    help="Number of samples to simulate.",
+)
+@click.option(
+    "--bins",
+    default=12,
+    show_default=True,
+    type=click.IntRange(1, 100),
+    help="Bins a decade of mass.",
+)
+@click.option(
+    "--time",
+    "times",
+    multiple=True,
+    type=float,
+    metavar="S",
+    help="Time in s at which a window ends and the next begins; may be repeated.",
+)
+@click.option("--csv", type=PATH, metavar="FILE", help="Write all pairs as CSV, with units.")
+@ALLOW_CODE
+@JSON
+@exit_with
+def kernels(as_json: bool, **options: Any) -> int:
+    """Count collisions by mass in samples of a string of CAMPAIGN.yaml, or of FILE.h5.
+
+    Shown for each pair of bins of mass: the rate coefficient; the collision efficiency, which is
+    that over the rate of Maxwellian grains of the same partial temperatures; the shares that stick
+    and break; mean normal speed and loss of energy. Each has its standard error, by a jackknife
+    over samples. Population balances take these as kernels.
+    """
+    from agglom_mpi.display.run_display import print_wide
+    from agglom_mpi.report.kernel_table import (
+        KernelRequest,
+        kernel_json,
+        kernel_text,
+        string_kernels,
+    )
+
+    request = KernelRequest(**options)
+    found = string_kernels(request, show=lambda line: say(line, error=True))
+    if as_json:
+        say(kernel_json(found))
+    else:
+        print_wide(kernel_text(found))
+    return 0

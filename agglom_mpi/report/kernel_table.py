@@ -1,0 +1,120 @@
+"""Kernels of a string as a table for the terminal, as JSON and as CSV."""
+
+import csv
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from rich.console import Group, RenderableType
+
+from agglom_mpi.analysis.collision_kernels import COEFFICIENTS, LEAST_HITS, CollisionKernels
+from agglom_mpi.analysis.counted_samples import collision_kernels
+from agglom_mpi.display.table import Column, Table
+from agglom_mpi.report.simulate import SimulationRequest, selected_string
+from agglom_mpi.storage.files import atomic_file, require_absent
+
+UNITS: Final = {
+    **{"from": "s", "to": "s", "rate": "m^3/s", "loss": "J"},
+    **{"speed": "m/s", "squared_speed": "m^2/s^2"},
+    **{f"{one}_mass": "kg" for one in ("first", "second")},
+    **{f"{one}_temperature": "J" for one in ("first", "second")},
+}
+"""Units of what has one."""
+
+SHOWN: Final = 40
+"""Most pairs that the terminal shows, those with the most collisions."""
+
+COLUMNS: Final = (
+    Column("pair", "masses (grains)"),
+    Column("window", unit="s"),
+    Column("collisions", format=",d"),
+    *(Column(name, unit=UNITS.get(name, "")) for name in COEFFICIENTS if name != "squared_speed"),
+)
+
+
+class KernelRequest(NamedTuple):
+    """Options of `agglom kernels`, as `cli/kernels.py` declares them."""
+
+    source: Path
+    settings: dict[str, float | str]
+    string: int | None
+    samples: int
+    bins: int
+    times: tuple[float, ...]
+    csv: Path | None
+    allow_code: bool
+
+
+def string_kernels(request: KernelRequest, show: Callable[[str], None]) -> CollisionKernels:
+    """Count the collisions of a string, and write its table if asked for.
+
+    Raises
+    ------
+    CampaignError
+        If the campaign, an option or a variable is wrong.
+    FileExistsError
+        If there is a file of the table's name already.
+    """
+    if request.csv is not None:
+        require_absent(request.csv)
+    options = request.source, request.settings, request.samples, None, request.string, None
+    chosen = selected_string(SimulationRequest(*options, request.allow_code), show)
+    found = collision_kernels(*chosen[:2], request.samples, request.bins, request.times)
+    if request.csv is not None:
+        write_kernels(found, request.csv)
+    return found
+
+
+def kernel_text(found: CollisionKernels) -> RenderableType:
+    """Return the pairs with the most collisions as a table."""
+    records, grain = found.records(), found.grain_mass
+    most = sorted(records, key=lambda record: -record["collisions"])[:SHOWN]
+    rows = [
+        record
+        | {
+            "pair": f"{record['first_mass'] / grain:.3g}, {record['second_mass'] / grain:.3g}",
+            "window": f"{record['from']:.3g}–{record['to']:.3g}",
+        }
+        for record in records
+        if record in most
+    ]
+    samples = int(found.sums.samples.sum())
+    notes = [
+        f"{samples} samples; efficiency: the rate over that of Maxwellian grains with the same "
+        "partial temperatures; speed: normal to the contact",
+        f"pairs of bins with fewer than {LEAST_HITS} collisions are left out",
+    ]
+    if len(most) < len(records):
+        notes.append(f"{len(records) - len(most)} more pairs: --csv and --json have all")
+    return Group(Table(COLUMNS, rows), *notes)
+
+
+def kernel_json(found: CollisionKernels) -> str:
+    """Return all pairs as JSON, in SI units."""
+    records = [_separate(record, "_error") for record in found.records()]
+    samples = int(found.sums.samples.sum())
+    return json.dumps({"samples": samples, "units": UNITS, "kernels": records}, indent=2)
+
+
+def write_kernels(found: CollisionKernels, path: Path) -> None:
+    """Write all pairs as CSV, with units in the headings."""
+    records = [_separate(record, "_error") for record in found.records()]
+    names = list(records[0]) if records else ["from", "to"]
+    units = {name: UNITS.get(name.removesuffix("_error"), "") for name in names}
+    headings = [f"{name} ({units[name]})" if units[name] else name for name in names]
+    with atomic_file(path) as temporary, temporary.open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(headings)
+        writer.writerows([[record[name] for name in names] for record in records])
+
+
+def _separate(record: dict[str, Any], suffix: str) -> dict[str, Any]:
+    """Return a record with values and errors as numbers of their own."""
+    found: dict[str, Any] = {}
+    for name, value in record.items():
+        if isinstance(value, tuple):
+            found[name], found[name + suffix] = value
+        else:
+            found[name] = float(value) if not isinstance(value, int) else value
+    return found

@@ -1,0 +1,207 @@
+"""Collisions counted by mass: sums, rates of kinetic theory, sticking, and refusals."""
+
+import csv
+import json
+import math
+
+import numpy as np
+import pytest
+from plain_python import PLAIN
+
+from agglom_mpi import load_campaign
+from agglom_mpi.analysis.collision_kernels import (
+    BlockSums,
+    CollisionKernels,
+)
+from agglom_mpi.analysis.counted_samples import collision_kernels
+from agglom_mpi.config.yaml_source import CampaignError
+from agglom_mpi.report.kernel_table import KernelRequest, kernel_json, string_kernels
+from agglom_mpi.simulation.collision_counts import (
+    BREAKS,
+    ENERGY,
+    HITS,
+    LOST,
+    MASS,
+    NUMBER,
+    STICKS,
+    new_collision_counts,
+)
+from agglom_mpi.simulation.sample import count_collisions
+from agglom_mpi.verbs.simulate import random_numbers
+
+GAS = """\
+scene: {particles: 1000, velocities: {law: spread, mean: [0, 0, 0], transverse: 1}, heating: none,
+  SCENE, end_time: END}
+variables: {relative_speed: 1, volume_fraction: FRACTION, density: 2500}
+"""
+REACTING = """\
+scene:
+  {particles: 30, grain_radius: 1 um, heating: none, end_time: 40 us,
+   velocities: {law: spread, mean: [0, 0, 0], transverse: 1},
+   fragmentation: {law: contact_breaking, youngs_modulus: 70 GPa},
+   restitution: {law: adhesive, dry: {law: constant, value: 0.5}, youngs_modulus: 70 GPa}}
+variables: {relative_speed: 3, volume_fraction: 0.1, density: 2500, surface_energy: 0.2}
+"""
+
+
+def gas(folder, scene, fraction, end, surface_energy=None):
+    path = folder / "gas.yaml"
+    text = GAS.replace("SCENE", scene).replace("FRACTION", str(fraction)).replace("END", end)
+    if surface_energy is not None:
+        text = text.replace("2500}", f"2500, surface_energy: {surface_energy}}}")
+    path.write_text(text)
+    return load_campaign(path)
+
+
+def small(folder, scene="grain_radius: 1 mm", end="20 ms"):
+    path = folder / "gas.yaml"
+    elastic = f"{scene}, restitution: {{law: constant, value: 0.8}}"
+    text = GAS.replace("SCENE", elastic).replace("FRACTION", "0.1").replace("END", end)
+    path.write_text(text.replace("1000", "20"))
+    return load_campaign(path)
+
+
+@PLAIN
+def test_counts_are_those_of_the_samples_and_exposures_their_integrals(tmp_path):
+    (tmp_path / "reacting.yaml").write_text(REACTING)
+    campaign, end = load_campaign(tmp_path / "reacting.yaml"), 40e-6
+    string, times = campaign.parameters(), np.array([0.0, 8e-6, 20e-6, end])
+    found = collision_kernels(campaign, string, samples=2, times=times[1:-1])
+    outcomes = [campaign.simulate(string, sample, frames=times) for sample in range(2)]
+    sums, impacts = found.sums, found.sums.impacts.sum(axis=(1, 2, 3))
+    assert impacts[:, HITS].tolist() == [each.collisions for each in outcomes]
+    assert impacts[:, STICKS].tolist() == [each.merges for each in outcomes]
+    assert 0 < impacts[:, BREAKS].sum() <= sum(each.breakups for each in outcomes)
+    frames = [each.frames for each in outcomes]
+    energies = np.array([[kinetic_energy(each, f) for f in range(4)] for each in frames])
+    lost = sums.impacts[..., LOST].sum(axis=(2, 3))
+    assert lost == pytest.approx(-np.diff(energies, axis=1))
+    masses = np.nansum(frames[0].masses[0]) * np.diff(times)
+    assert sums.exposure[..., MASS].sum(axis=2) == pytest.approx(np.tile(masses, (2, 1)))
+    held = sums.exposure[..., ENERGY].sum(axis=2) / np.diff(times)
+    assert np.all(energies[:, 1:] <= held)
+    assert np.all(held <= energies[:, :-1])
+    number = sums.exposure[..., NUMBER].sum(axis=2)
+    assert np.all(number >= np.diff(times))  # one particle at least
+    assert sums.pairs.sum(axis=(2, 3)).max() < 435.0 * end
+
+
+def kinetic_energy(frames, f):
+    """Kinetic energy of a frame in J, in the centre-of-mass frame."""
+    there = np.isfinite(frames.masses[f])
+    masses, velocities = frames.masses[f, there], frames.velocities[f, there]
+    motion = velocities - masses @ velocities / masses.sum()
+    return 0.5 * float(masses @ np.sum(motion**2, axis=1))
+
+
+@PLAIN
+def test_counting_changes_no_bit_of_a_sample(tmp_path):
+    campaign = small(tmp_path)
+    scene = campaign.at(campaign.parameters()).build(campaign.engine(None))
+    counts = new_collision_counts(scene.mass, 12, 20, np.array([scene.end_time]))
+    random = random_numbers(campaign, campaign.parameters(), 5)
+    assert count_collisions(scene, random, counts) is None
+    outcome = campaign.simulate(campaign.parameters(), 5)
+    hits = int(counts.impacts[..., HITS].sum())
+    assert hits == outcome.collisions
+    energy = kinetic_energy(campaign.simulate(campaign.parameters(), 5, frames=2).frames, 1)
+    assert counts.present[:, ENERGY].sum() == pytest.approx(energy, rel=1e-12)
+
+
+def test_errors_are_those_of_a_mean_where_all_blocks_have_as_many_pairs():
+    random = np.random.default_rng(2)
+    impacts = np.zeros((20, 1, 1, 1, 6))
+    impacts[..., HITS] = random.poisson(400.0, (20, 1, 1, 1))
+    pairs, exposure = np.full((20, 1, 1, 1), 5.0), np.ones((20, 1, 1, 3))
+    sums = BlockSums(impacts, exposure, pairs, np.zeros((20, 1, 1, 1)), np.ones(20, np.int64))
+    found = CollisionKernels(sums, np.ones(1), np.array([0.0, 1.0]), 3.0, 2500.0, 1.0)
+    rates = 3.0 * impacts[:, 0, 0, 0, HITS] / 5.0
+    assert found.rate.value[0, 0, 0] == pytest.approx(rates.mean())
+    assert found.rate.error[0, 0, 0] == pytest.approx(rates.std(ddof=1) / math.sqrt(20))
+    [record] = found.records()
+    assert record["collisions"] == impacts[..., HITS].sum()
+    impacts[..., HITS] = 1.0
+    few = CollisionKernels(sums, np.ones(1), np.array([0.0, 1.0]), 3.0, 2500.0, 1.0)
+    assert few.records() == []
+
+
+@PLAIN
+def test_tables_as_json_and_csv_hold_all_pairs_and_replace_no_file(tmp_path):
+    small(tmp_path)
+    options = {"string": None, "times": (), "csv": tmp_path / "k.csv", "allow_code": False}
+    request = KernelRequest(tmp_path / "gas.yaml", {}, samples=3, bins=4, **options)
+    found = string_kernels(request, print)
+    [record] = json.loads(kernel_json(found))["kernels"]
+    [row] = csv.DictReader((tmp_path / "k.csv").read_text().splitlines())
+    assert float(row["rate (m^3/s)"]) == record["rate"] == found.rate.value[0, 0, 0]
+    assert float(row["efficiency_error"]) == record["efficiency_error"]
+    assert record["first_mass"] == pytest.approx(4.0 / 3.0 * math.pi * 1e-9 * 2500.0)
+    with pytest.raises(FileExistsError):
+        string_kernels(request, print)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fraction", [0.05, 0.1])
+def test_elastic_grains_of_two_sizes_in_equilibrium_collide_as_in_enskogs_theory(
+    tmp_path, fraction
+):
+    """Within 1 %, and 4.5 standard errors."""
+    sizes = [*[1.0] * 9, 3.0]
+    (tmp_path / "two.csv").write_text("\n".join(["diameter (mm)", *map(str, sizes)]))
+    scene = "sizes: {law: file, file: two.csv}, restitution: {law: constant, value: 1}"
+    campaign = gas(tmp_path, scene, fraction, "300 ms")
+    # The large grains, as fast as the others at first, take some 100 ms to cool.
+    found = collision_kernels(campaign, campaign.parameters(), samples=40, times=[0.2])
+    present = np.flatnonzero(found.numbers[1])
+    assert len(present) == 2
+    for i, j in ((0, 0), (0, 1), (1, 1)):
+        value, error = (each[1, present[i], present[j]] for each in found.efficiency)
+        assert value == pytest.approx(1.0, abs=0.01 + 4.5 * error)
+    small_one, large = found.temperatures[1, present]
+    assert large == pytest.approx(small_one, rel=0.1)
+
+
+@pytest.mark.slow
+def test_grains_stick_as_often_as_impacts_are_slower_than_the_sticking_speed(tmp_path):
+    """At first velocities are as drawn: P = ⟨g min(1, v²/g²)⟩/⟨g⟩ over pairs of them."""
+    scene = "grain_radius: 1 um, restitution: {law: adhesive, dry: {law: constant, value: 0.9}, "
+    campaign = gas(tmp_path, scene + "youngs_modulus: 70 GPa}", 0.01, "1 us", 0.2)
+    found = collision_kernels(campaign, campaign.parameters(), samples=1000)
+    value, error = (each[0, 0, 0] for each in found.sticking)
+    random = np.random.default_rng(1)
+    g = np.linalg.norm(np.diff(random.uniform(-1.0, 1.0, (2, 400_000, 3)), axis=0)[0], axis=1)
+    sticking = campaign.at(campaign.parameters()).build(campaign.engine(None))
+    limit = sticking_speed(sticking)
+    expected = np.mean(g * np.minimum(1.0, (limit / g) ** 2)) / g.mean()
+    assert value == pytest.approx(expected, abs=4.5 * error)
+
+
+def sticking_speed(scene):
+    """Speed below which two grains bond, found by bisection of the law."""
+    from agglom_mpi.physics.pair import ContactPair
+    from agglom_mpi.simulation.impact import solve_impact
+
+    low, high = 0.0, 1.0
+    for _ in range(40):
+        speed, mass = 0.5 * (low + high), scene.mass
+        pair = ContactPair(
+            *(speed, 0.0, mass, mass, 0.5 * mass, scene.radius, scene.radius, scene.radius),
+            *(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf),
+        )
+        low, high = (speed, high) if solve_impact(scene.laws, pair).bonds else (low, speed)
+    return low
+
+
+@pytest.mark.parametrize("times", [[0.03], [0.0], [0.01, 0.005]])
+def test_windows_beyond_the_sample_are_refused(tmp_path, times):
+    campaign = small(tmp_path)
+    with pytest.raises(CampaignError) as error:
+        collision_kernels(campaign, campaign.parameters(), times=times)
+    assert "times" in str(error.value)
+
+
+def test_a_sheared_box_is_refused(tmp_path):
+    campaign = small(tmp_path, "grain_radius: 1 mm, escape: {law: shear, rate: 10}")
+    with pytest.raises(CampaignError) as error:
+        collision_kernels(campaign, campaign.parameters())
+    assert "scene.escape" in str(error.value)
