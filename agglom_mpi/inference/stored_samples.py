@@ -22,7 +22,8 @@ from agglom_mpi.measurements.layout import CensusLayout, census_names
 from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.search.proposals import MODEL, OFFSPRING
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
-from agglom_mpi.storage.schema import parameters_of
+from agglom_mpi.storage.schema import LEARNED_FAVOURS_LOW, LEARNED_STRING, parameters_of
+from agglom_mpi.storage.table import fitted
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
@@ -55,26 +56,62 @@ class StoredSamples(NamedTuple):
     failed: NDArray[np.bool_]
 
 
-def stored_samples(data: "CampaignData") -> StoredSamples:
-    """Return the counted samples of a file, each once: equal strings have the same samples."""
+class CountedSamples(NamedTuple):
+    """The counted samples of a file, each once, also those that failed.
+
+    Attributes
+    ----------
+    strings
+        Different strings, those without samples, too, shape (m, k).
+    rows
+        The samples, shape (n,).
+    place
+        Places of their strings, shape (n,).
+    of_string
+        Place of each string of the file, shape (s,).
+    """
+
+    strings: Floats
+    rows: NDArray[np.void]
+    place: NDArray[np.int64]
+    of_string: NDArray[np.int64]
+
+
+def counted_samples(data: "CampaignData") -> CountedSamples:
+    """Return the counted samples of a file, and those it learned, each once.
+
+    Equal strings have the same samples, but those that were learned have other random numbers.
+    """
     campaign, rows = recorded_campaign(data), data.counted_samples
     strings = data.string_rows()
     rows = rows[np.isin(rows["string"], strings["string"])]
     order = np.argsort(strings["string"], kind="stable")
     of_row = order[np.searchsorted(strings["string"][order], rows["string"])]
     parameters = parameters_of(strings)
-    keys = np.nan_to_num(parameters)  # nan: a variable that the scene does not use
-    _, one, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-    different = parameters[one]
     # A sample of equal strings is the same where its random stream, hence its number, is the same.
     first = np.array([campaign.first_sample(int(i)) for i in strings["string"]], np.int64)
-    samples = np.column_stack((which.ravel()[of_row], first[of_row] + rows["sample"]))
+    numbers = first[of_row] + rows["sample"]
+    if (learned := data.learned_rows()) is not None:
+        more = np.arange(len(learned))
+        parameters = np.vstack((parameters, learned[LEARNED_STRING]))
+        of_row = np.concatenate((of_row, len(strings) + more))
+        numbers = np.concatenate((numbers, -1 - more))  # no number of a sample of the file's own
+        rows = np.concatenate((rows, fitted(learned, rows.dtype)))
+    keys = np.nan_to_num(parameters)  # nan: a variable that the scene does not use
+    _, one, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    samples = np.column_stack((which.ravel()[of_row], numbers))
     _, once = np.unique(samples, axis=0, return_index=True)
-    rows, place = rows[once], samples[once, 0]
+    of_string = which.ravel()[: len(strings)]
+    return CountedSamples(parameters[one], rows[once], samples[once, 0], of_string)
+
+
+def stored_samples(data: "CampaignData") -> StoredSamples:
+    """Return the samples that an emulator of a file rests on."""
+    different, rows, place, of_string = counted_samples(data)
     completed = rows["state"] == COMPLETED
     count = np.bincount(place, minlength=len(different))
     bad = np.bincount(place[~completed], minlength=len(different))
-    late = _late(data, strings, which.ravel(), len(different))
+    late = _late(data, data.string_rows(), of_string, len(different))
     tried = count + late > 0
     failed = bad + late > MAX_FAILED_SHARE * (count + late)
     good = completed & ~failed[place]
@@ -98,8 +135,9 @@ def favours_low_objectives(data: "CampaignData") -> bool:
     """Return whether a search for the best proposed some strings by the results of others."""
     strings, search = data.string_rows(), recorded_campaign(data).search
     by_results = np.isin(strings["origin"], (OFFSPRING, MODEL))
-    by_results &= strings["generation"] >= search.lag
-    return search.favours_low_objectives and bool(by_results.any())
+    by_results &= strings["generation"] >= (0 if data.sizes.learned else search.lag)
+    own = search.favours_low_objectives and bool(by_results.any())
+    return own or bool(data.attributes.get(LEARNED_FAVOURS_LOW, False))
 
 
 def _late(
