@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.own_components import permitted_modules
 from agglom_mpi.formatting import pluralise
-from agglom_mpi.inference.stored_samples import counted_samples, favours_low_objectives
 from agglom_mpi.outcome import COMPLETED, FAILED
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.proposals import Evaluations
@@ -84,6 +83,9 @@ def learn_from(campaign: Campaign, path: Path, given: NDArray[np.float64]) -> Le
     NotACampaign, OSError
         If the file is no campaign, or cannot be read.
     """
+    # Imported here: it loads SciPy, which other campaigns do not need at their start.
+    from agglom_mpi.inference.stored_samples import counted_samples, favours_low_objectives
+
     data = read_inversion(path, permitted_modules(campaign))
     if data.altered:
         raise ValueError(f"is damaged ({', '.join(data.altered)} altered)")

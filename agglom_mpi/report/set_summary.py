@@ -61,7 +61,8 @@ def set_text(of: FeasibleSet, posterior: "Posterior | None" = None) -> Renderabl
 
 
 def _rests_on(of: FeasibleSet) -> str:
-    return f"from an emulator of {of.samples:,} samples of {of.strings:,} strings"
+    learned = f", {of.learned:,} of them learned from {of.learned_from}" if of.learned else ""
+    return f"from an emulator of {of.samples:,} samples of {of.strings:,} strings{learned}"
 
 
 def _shares(of: FeasibleSet) -> Facts:
@@ -253,6 +254,7 @@ def set_as_dict(of: FeasibleSet, posterior: "Posterior | None" = None) -> dict[s
         "tolerance": of.tolerance,
         "samples": of.samples,
         "strings": of.strings,
+        "learned_samples": of.learned,
         "calibration": of.calibration.as_dict(),
     }
     if not of.calibration.passed:
