@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.own_components import permitted_modules
 from agglom_mpi.formatting import pluralise
-from agglom_mpi.outcome import COMPLETED, FAILED
+from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.proposals import Evaluations
 from agglom_mpi.search.stopping import FixedNumber
@@ -46,28 +46,26 @@ class Learned(NamedTuple):
     """
 
     rows: NDArray[np.void]
-    attributes: Mapping[str, Any]
+    attributes: Mapping[str, Any] = {}
     sources: str = ""
 
 
-def stored_learning(output: Path | None) -> Learned | None:
-    """Return the samples that an existing file has of another campaign; None if it has none.
+def stored_learning(output: Path) -> Learned | None:
+    """Return the samples that a file has of another campaign; None if it has none.
 
     Raises
     ------
     DamagedCampaign
         If some of them are lost.
     """
-    if output is None or not output.exists():
-        return None
     data = read_campaign(output)
     rows = data.learned_rows()
     if rows is None:
         return None
-    if len(rows) != data.sizes.learned:
-        lost = pluralise(data.sizes.learned - len(rows), "row")
-        raise DamagedCampaign(f"{output}: a damaged campaign file: {lost} of /learned lost")
-    return Learned(rows, {})
+    if lost := data.sizes.learned - len(rows):
+        what = f"a damaged campaign file: {pluralise(lost, 'row')} of /learned lost"
+        raise DamagedCampaign(f"{output}: {what}")
+    return Learned(rows)
 
 
 def learn_from(campaign: Campaign, path: Path, given: NDArray[np.float64]) -> Learned:
@@ -90,25 +88,17 @@ def learn_from(campaign: Campaign, path: Path, given: NDArray[np.float64]) -> Le
     if data.altered:
         raise ValueError(f"is damaged ({', '.join(data.altered)} altered)")
     if different := list(_differences(campaign, data)):
-        more = len(different) - MAX_DIFFERENCES
-        rest = [f"and {more} more"] if more > 0 else []
-        shown = "; ".join(different[:MAX_DIFFERENCES] + rest)
-        raise ValueError(f"must have the same scene and searched variables; different: {shown}")
+        shown = "; ".join(different[:MAX_DIFFERENCES])
+        what = f"has {pluralise(len(different), 'difference')} from this campaign in what samples"
+        raise ValueError(f"{what} rest on; must have none: {shown}")
     if code_note(data):
         what = "needs code of one's own, which runs only if this campaign names the same module"
         raise ValueError(what)
-    counted = counted_samples(data)
-    rows, strings = counted.rows, counted.strings[counted.place]
-    if late := sorted({*data.judged_timed_out} | data.fresh_timed_out):  # they have no rows
-        numbers, failed = np.array(late), np.zeros(len(late), rows.dtype)
-        failed["state"], failed["string"], failed["sample"] = FAILED, *numbers.T
-        own = np.searchsorted(data.string_rows()["string"], numbers[:, 0])
-        strings = np.vstack((strings, counted.strings[counted.of_string[own]]))
-        rows = np.concatenate((rows, failed))
+    different, rows, place = counted_samples(data)
     variables = campaign.variables
     schema = learned_schema(variables, campaign.objective.quantity_units, campaign.census)
     found = fitted(rows, schema.dtype)
-    found[LEARNED_STRING] = variables.of_other(strings, data.variables)
+    found[LEARNED_STRING] = variables.of_other(different, data.variables)[place]
     begun = {string.tobytes() for string in np.nan_to_num(given)}
     kept = [each.tobytes() not in begun for each in np.nan_to_num(found[LEARNED_STRING])]
     found = found[np.array(kept, np.bool_)]

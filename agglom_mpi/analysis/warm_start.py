@@ -72,7 +72,7 @@ def warm_start(campaign: Campaign, output: Path | None = None) -> WarmStart:
     name = campaign.search.learns_from
     if name is None:
         return start
-    learned = stored_learning(output)
+    learned = stored_learning(output) if output is not None and output.exists() else None
     if learned is None:
         with _named(campaign, "learn_from", name) as path:
             learned = learn_from(campaign, path, start.strings)

@@ -17,6 +17,7 @@ from agglom_mpi.declaration.field_types import NotEmpty
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.random_streams import SURROGATE, search_stream
 from agglom_mpi.search.acquisition import (
+    CANDIDATES,
     PROMISING,
     STARTS,
     SetAim,
@@ -226,9 +227,11 @@ class SurrogateSearch(EvaluatedStrings):
         """
         if self._aim is not None and len(self) >= GROWTH * self._judged:
             self._judged = len(self)
-            strings, objectives, deviations, samples = self._known(self._count(self.generation))
-            means = np.where(np.isfinite(objectives), deviations, np.nan)
-            self._error = self._aim.expected_error(strings, means, samples, self.space)
+            known = self._count(self.generation)
+            objectives = self._known("objectives", known)
+            means = np.where(np.isfinite(objectives), self._known("deviations", known), np.nan)
+            data = self._known("parameters", known), means, self._known("samples", known)
+            self._error = self._aim.expected_error(*data, self.space)
         return self._error
 
     @single_threaded
@@ -289,10 +292,11 @@ class SurrogateSearch(EvaluatedStrings):
         """
         if self._aim is not None:
             return self._aim.batch(model, count, random, self.space)
-        points, mean = self._points_in_box(known, model.mean_at_points)
-        if not len(points):
-            points = self.space.sample_points(random, PROMISING)
-            mean = model.mean(points)
+        points = self.space.to_unit(self._known("parameters", known))[self._learned_count :]
+        mean = model.mean_at_points[self._learned_count :]
+        if self._learned is not None:  # learned strings may be outside of what is allowed
+            more = self.space.sample_points(random, CANDIDATES)
+            points, mean = np.vstack((points, more)), np.append(mean, model.mean(more))
         order = np.argsort(abs(mean) if self._magnitude else mean, kind="stable")
         candidates = candidates_about(points[order[:PROMISING]], random, self.space)
         functions = model.draw(candidates, count - 1, random)
@@ -303,20 +307,6 @@ class SurrogateSearch(EvaluatedStrings):
     def _count(self, generations: int) -> int:
         """Return the number of strings that are known after so many generations."""
         return self._learned_count + self.method.strings(max(generations, 0))
-
-    def _points_in_box(
-        self, known: int, means: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return known points that the box allows, (m, d), and their means of those of all, (m,).
-
-        Strings that the search has learned may be outside.
-        """
-        points = self.space.to_unit(self._known(known)[0])
-        if self._learned is None:
-            return points, means
-        inside = np.all((points >= 0.0) & (points <= 1.0), axis=1) & self.space.allows(points)
-        inside[self._learned_count :] = True
-        return points[inside], means[inside]
 
     def _model(self, fitted: int, generation: int) -> "GaussianProcess | None":
         """Return the process through all strings before a generation; None if they are too few.
@@ -345,7 +335,7 @@ class SurrogateSearch(EvaluatedStrings):
         """Return the covariance fitted to the first strings; None if they are too few."""
         from agglom_mpi.emulation.likelihood_fit import fit_covariance
 
-        objectives = self._known(fitted)[1]
+        objectives = self._known("objectives", fitted)
         if np.isfinite(objectives).sum() < 2:
             return None
         if fitted not in self._covariances:
@@ -356,29 +346,25 @@ class SurrogateSearch(EvaluatedStrings):
             self._covariances[fitted] = fit_covariance(*data, jumps)
         return self._covariances[fitted]
 
-    def _known(self, count: int) -> tuple[NDArray[Any], ...]:
-        """Return strings, (n, k), objectives, deviations and samples of the first known strings."""
-        names = "parameters", "objectives", "deviations", "samples"
-        own = [getattr(self, name) for name in names]
+    def _known(self, name: str, count: int) -> NDArray[Any]:
+        """Return an attribute of the first known strings, as in `EvaluatedStrings`."""
+        own: NDArray[Any] = getattr(self, name)
         if self._learned is not None:
-            learned = (getattr(self._learned, name) for name in names)
-            own = [
-                np.concatenate((of, mine)) if len(mine) else of
-                for of, mine in zip(learned, own, strict=True)
-            ]
-        return tuple(column[:count] for column in own)
+            learned = getattr(self._learned, name)
+            own = np.concatenate((learned, own)) if len(own) else learned
+        return own[:count]
 
     def _data(
         self, known: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
         """Return points, (n, d), deviations and samples, (n,); a failed string gets the worst."""
-        strings, objectives, deviations, samples = self._known(known)
+        objectives, deviations = self._known("objectives", known), self._known("deviations", known)
         finite = np.isfinite(objectives)
         worst = deviations[finite][np.argmax(objectives[finite])]
         return (
-            self.space.to_unit(strings),
+            self.space.to_unit(self._known("parameters", known)),
             np.where(finite, deviations, worst),
-            np.maximum(samples, 1),
+            np.maximum(self._known("samples", known), 1),
         )
 
 
