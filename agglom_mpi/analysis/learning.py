@@ -94,11 +94,11 @@ def learn_from(campaign: Campaign, path: Path, given: NDArray[np.float64]) -> Le
     if code_note(data):
         what = "needs code of one's own, which runs only if this campaign names the same module"
         raise ValueError(what)
-    different, rows, place = counted_samples(data)
+    strings, rows, place = counted_samples(data)
     variables = campaign.variables
     schema = learned_schema(variables, campaign.objective.quantity_units, campaign.census)
     found = fitted(rows, schema.dtype)
-    found[LEARNED_STRING] = variables.of_other(different, data.variables)[place]
+    found[LEARNED_STRING] = variables.of_other(strings, data.variables)[place]
     begun = {string.tobytes() for string in np.nan_to_num(given)}
     kept = [each.tobytes() not in begun for each in np.nan_to_num(found[LEARNED_STRING])]
     found = found[np.array(kept, np.bool_)]

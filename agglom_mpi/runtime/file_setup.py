@@ -112,7 +112,8 @@ def prepare(path: Path, experiment: Experiment, accept_code_change: bool) -> Cam
         box = campaign.variables.lower, campaign.variables.upper
         rows, learned = None, experiment.learned
         if learned is not None:
-            rows, description = learned.rows, description | learned.attributes
+            rows = learned.rows
+            description.update(learned.attributes)
         create_campaign_file(path, description, box, sizes, rows)
         return read_campaign(path, allow_code=True)  # the campaign has leave already
     stored = read_campaign(path, allow_code=True)

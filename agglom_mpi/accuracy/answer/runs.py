@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.analysis.warm_start import warm_start
 from agglom_mpi.config.answer_study import AnswerStudy, Setting
 from agglom_mpi.display.progress import RunProgress
 from agglom_mpi.display.run_display import Display
@@ -48,7 +49,8 @@ class AnswerRun(NamedTuple):
 
     def request(self, accept_code_change: bool) -> RunRequest:
         """Return what is to be run."""
-        experiment = InversionExperiment(self.setting.with_seed(self.seed))
+        campaign = self.setting.with_seed(self.seed)
+        experiment = InversionExperiment(campaign, warm_start(campaign, self.path))
         return RunRequest(experiment, self.path, accept_code_change)
 
     def is_finished(self, request: RunRequest) -> bool:
