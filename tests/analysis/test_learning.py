@@ -161,6 +161,12 @@ def test_the_name_is_relative_to_the_folder_of_the_campaign(earlier, tmp_path, m
     assert "search.learn_from" in done.stderr
 
 
+def test_a_search_of_ones_own_loop_learns_too(earlier, tmp_path):
+    next_text(tmp_path, earlier)
+    strings = load_campaign(tmp_path / "next.yaml").searcher().ask()
+    assert set(strings["origin"].tolist()) == {"model"}
+
+
 def test_samples_of_other_sources_need_leave(earlier, tmp_path, monkeypatch):
     monkeypatch.setattr("agglom_mpi.runtime.invert.sources_digest", lambda: "other")
     next_text(tmp_path, earlier)
