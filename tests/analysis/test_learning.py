@@ -7,6 +7,7 @@ from campaign_runs import finish
 from click.testing import CliRunner
 from search_runs import write_search
 
+import agglom_mpi
 from agglom_mpi.analysis.file_check import check_file
 from agglom_mpi.analysis.learning import evaluated
 from agglom_mpi.analysis.warm_start import warm_start
@@ -163,7 +164,7 @@ def test_the_name_is_relative_to_the_folder_of_the_campaign(earlier, tmp_path, m
 
 def test_a_search_of_ones_own_loop_learns_too(earlier, tmp_path):
     next_text(tmp_path, earlier)
-    strings = load_campaign(tmp_path / "next.yaml").searcher().ask()
+    strings = agglom_mpi.load_campaign(tmp_path / "next.yaml").searcher().ask()
     assert set(strings["origin"].tolist()) == {"model"}
 
 
