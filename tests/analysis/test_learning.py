@@ -1,8 +1,11 @@
 """Samples of another campaign with the same scene are data of a search and of its emulator."""
 
+import re
+
 import h5py
 import numpy as np
 import pytest
+from analysis_answers import write_data
 from campaign_runs import finish
 from click.testing import CliRunner
 from search_runs import write_search
@@ -160,6 +163,30 @@ def test_the_name_is_relative_to_the_folder_of_the_campaign(earlier, tmp_path, m
     done = CliRunner().invoke(main, ["check", "campaigns/next.yaml"])
     assert done.exit_code == 2
     assert "search.learn_from" in done.stderr
+
+
+def measured_text(folder, *replaced):
+    """Return the text of a campaign that learns from one with measured data."""
+    text = (folder / "measured.yaml").read_text()
+    search = "search: {method: surrogate, learn_from: measured.h5}"
+    text = re.sub(r"(?m)^search: .*$", search, text)
+    for old, new in replaced:
+        assert old in text
+        text = text.replace(old, new)
+    (folder / "next.yaml").write_text(text)
+    return folder / "next.yaml"
+
+
+def test_censuses_are_learned_with_other_measured_values_but_not_at_other_times(tmp_path):
+    finish(tmp_path, write_data(tmp_path))
+    campaign = load_campaign(measured_text(tmp_path, ("value: 130 um", "value: 140 um")))
+    rows = warm_start(campaign).learned.rows
+    found = evaluated(campaign, rows)
+    string = found.parameters[0]
+    own = rows[(np.nan_to_num(rows["learned_string"]) == np.nan_to_num(string)).all(axis=1)]
+    assert found.objectives[0] == campaign.objective_at(string).of_rows(own)[0]
+    with pytest.raises(CampaignError, match="data: "):
+        warm_start(load_campaign(measured_text(tmp_path, ("time: 2 ms", "time: 3 ms"))))
 
 
 def test_a_search_of_ones_own_loop_learns_too(earlier, tmp_path):
