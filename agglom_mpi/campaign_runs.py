@@ -333,13 +333,16 @@ class RunnableCampaign(Campaign):
         >>> searcher.generation, searcher.is_finished
         (1, False)
         """
+        from agglom_mpi.analysis.learning import evaluated
         from agglom_mpi.analysis.warm_start import warm_start
         from agglom_mpi.config.searchable import check_search_library, log_narrow
         from agglom_mpi.verbs.searcher import Searcher
 
         log_narrow(self)
         check_search_library(self)
-        return Searcher(self, warm_start(self).strings)
+        start = warm_start(self)
+        learned = None if start.learned is None else evaluated(self, start.learned.rows)
+        return Searcher(self, start.strings, learned)
 
     @property
     def _has_code(self) -> bool:

@@ -6,6 +6,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.analysis.learning import evaluated
 from agglom_mpi.analysis.resimulation import samples_that_differ
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.inversion import inversion_of
@@ -140,7 +141,8 @@ def _rerun_decisions(campaign: Campaign, report: VerificationReport) -> tuple[Re
         log.batches.append((np.arange(first, first + len(batch.parameters)), batch))
         return report.data.restore(batch, first)
 
-    inversion = inversion_of(campaign, _given(campaign, report), restore)
+    learned = evaluated(campaign, report.data.learned_rows())
+    inversion = inversion_of(campaign, _given(campaign, report), restore, learned=learned)
     log.record(inversion.start())
     stored = report.data.searched_samples
     # A run may have simulated strings ahead of their generation.

@@ -1,12 +1,14 @@
-"""Warm starts: the best strings of an earlier campaign, which a search begins with."""
+"""Warm starts: what a search begins with of earlier campaigns, best strings or all samples."""
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.analysis.learning import Learned, learn_from, stored_learning
 from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.own_components import permitted_modules
@@ -29,7 +31,7 @@ END_ROUNDING: Final = 1e-9
 
 
 class WarmStart(NamedTuple):
-    """Strings that a search begins with, and what to warn of.
+    """Strings that a search begins with, what it learns from, and what to warn of.
 
     Attributes
     ----------
@@ -37,14 +39,17 @@ class WarmStart(NamedTuple):
         Shape (n, k), in SI units.
     warnings
         On better strings of the earlier campaign that are left out.
+    learned
+        Samples of another campaign; None: there is none.
     """
 
     strings: Floats
     warnings: tuple[Problem, ...] = ()
+    learned: Learned | None = None
 
 
 def warm_start(campaign: Campaign, output: Path | None = None) -> WarmStart:
-    """Return the strings that a campaign is given to begin with, in its box.
+    """Return the strings that a campaign is given to begin with, in its box, and what it learns.
 
     Strings of an earlier campaign that are not in the box, break a constraint or repeat one that
     ranks before them are left out, and those that follow take their places. Of code of one's own
@@ -53,16 +58,28 @@ def warm_start(campaign: Campaign, output: Path | None = None) -> WarmStart:
     Parameters
     ----------
     campaign
-        The campaign. The name of the earlier file is relative to its own file.
+        The campaign. The names of earlier files are relative to its own file.
     output
-        Its own file. If it holds those strings already, the earlier file is not read.
+        Its own file. If it holds what they give already, the earlier files are not read.
 
     Raises
     ------
     CampaignError
-        If the earlier file is no campaign, cannot be read, has too few strings, or is needed for
-        a lost row and has other best strings by now.
+        If an earlier file is no campaign, cannot be read, has too few strings or another scene, or
+        is needed for a lost row and has other best strings by now.
     """
+    start = _given_strings(campaign, output)
+    name = campaign.search.learns_from
+    if name is None:
+        return start
+    learned = stored_learning(output) if output is not None and output.exists() else None
+    if learned is None:
+        with _named(campaign, "learn_from", name) as path:
+            learned = learn_from(campaign, path, start.strings)
+    return start._replace(learned=learned)
+
+
+def _given_strings(campaign: Campaign, output: Path | None) -> WarmStart:
     earlier = campaign.search.earlier
     if earlier is None:
         return WarmStart(campaign.given_strings())
@@ -71,21 +88,37 @@ def warm_start(campaign: Campaign, output: Path | None = None) -> WarmStart:
         begun = given_strings(read_campaign(output).string_rows())
         if len(begun) == earlier.strings:
             return WarmStart(parameters_of(begun))
-    source, place = parse(campaign.text, campaign.name), ("search", "start")
-    path = Path(campaign.name).parent / earlier.file
-    try:
+    with _named(campaign, "start", earlier.file) as path:
         ranked = _ranked_strings(campaign, path)
         strings, left_out = _chosen(campaign, earlier.strings, *ranked)
         if begun is not None:
             _check_begun(begun, strings)
+    warning = _problem(campaign, "start", f"leaves out strings of {path}: {left_out}")
+    return WarmStart(strings, (warning,) if left_out else ())
+
+
+@contextmanager
+def _named(campaign: Campaign, key: str, name: str) -> Iterator[Path]:
+    """Yield the path of an earlier file; what is wrong with it is a problem of a key of `search`.
+
+    Raises
+    ------
+    CampaignError
+    """
+    path = Path(campaign.name).parent / name
+    try:
+        yield path
     except (NotACampaign, OSError, ValueError) as error:
         said = (isinstance(error, OSError) and error.strerror) or str(error)
         message = said if isinstance(error, NotACampaign) else f"{path}: {said}"
-        if not path.exists() and Path(earlier.file).exists():
+        if not path.exists() and Path(name).exists():
             message += "; the name is relative to the folder of the campaign file"
-        raise CampaignError(source.problem(place, message)) from None
-    message = f"leaves out strings of {path}: {left_out}"
-    return WarmStart(strings, (source.problem(place, message),) if left_out else ())
+        raise CampaignError(_problem(campaign, key, message)) from None
+
+
+def _problem(campaign: Campaign, key: str, message: str) -> Problem:
+    """Return a problem of a key of `search`."""
+    return parse(campaign.text, campaign.name).problem(("search", key), message)
 
 
 def _ranked_strings(campaign: Campaign, path: Path) -> tuple[NDArray[np.int64], Floats]:
@@ -118,7 +151,7 @@ def _chosen(
     usable &= ~faults["the same as one before"]
     taken = np.flatnonzero(usable)[:wanted]
     looked_at = len(numbers) if len(taken) < wanted else int(taken[-1]) + 1
-    left_out = ", ".join(_named(numbers[:looked_at], faults))
+    left_out = ", ".join(_faults_of(numbers[:looked_at], faults))
     if len(taken) < wanted:
         judged = pluralise(len(numbers), "judged string")
         if left_out:
@@ -127,7 +160,7 @@ def _chosen(
     return strings[taken], left_out
 
 
-def _named(numbers: NDArray[np.int64], faults: dict[str, NDArray[np.bool_]]) -> Iterator[str]:
+def _faults_of(numbers: NDArray[np.int64], faults: dict[str, NDArray[np.bool_]]) -> Iterator[str]:
     """Yield texts on strings that have a fault, the first of several alone."""
     known = np.zeros(len(numbers), np.bool_)
     for fault, strings in faults.items():

@@ -54,13 +54,15 @@ def check(file: str, allow_code: bool, strict: bool, as_json: bool) -> int:
     else:
         narrow = check_searchable(loaded)
         sizes = table_sizes(loaded)
+        if loaded.search.earlier is not None or loaded.search.learns_from is not None:
+            from agglom_mpi.analysis.warm_start import warm_start
+
+            start = warm_start(loaded, Path(loaded.file_name))  # as a run reads it
+            narrow = [*narrow, *start.warnings]
+            sizes = sizes._replace(learned=len(start.learned.rows) if start.learned else 0)
         check_room(loaded, sizes)
         size = sizes.file_bytes()
     warnings = [*loaded.warnings(), *narrow]
-    if loaded.plan is not None and loaded.search.earlier is not None:
-        from agglom_mpi.analysis.warm_start import warm_start
-
-        warnings += warm_start(loaded, Path(loaded.file_name)).warnings  # as a run reads it
     warn(warnings, strict, lambda line: say(line, error=True))
     promises = promises_of(loaded, allow_code)
     tried = None

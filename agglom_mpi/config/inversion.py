@@ -15,7 +15,7 @@ from agglom_mpi.search.decisions import Decision, StringsProposed
 from agglom_mpi.search.ensemble import Ensemble, EnsembleResult
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.methods.method import RunningSearch, SearchInputs
-from agglom_mpi.search.proposals import Proposals
+from agglom_mpi.search.proposals import Evaluations, Proposals
 
 
 class OwnInversion(Inversion):
@@ -67,7 +67,10 @@ def own_sections(campaign: Campaign) -> list[str]:
 
 
 def search_of(
-    campaign: Campaign, given: NDArray[np.float64], background: bool = False
+    campaign: Campaign,
+    given: NDArray[np.float64],
+    background: bool = False,
+    learned: Evaluations | None = None,
 ) -> RunningSearch:
     """Return the search of a campaign before its first generation; arguments of `inversion_of`."""
     coordinates = coordinates_of(campaign)
@@ -79,6 +82,7 @@ def search_of(
         background=background,
         coordinates=coordinates.of_strings,
         groups=len(coordinates.groups),
+        learned=learned,
     )
     with users_code(campaign.search.name) if own_sections(campaign) else nullcontext():
         return campaign.search.build(inputs)
@@ -89,6 +93,7 @@ def inversion_of(
     given: NDArray[np.float64],
     restore: Restore | None,
     background: bool = False,
+    learned: Evaluations | None = None,
 ) -> Inversion:
     """Return the inversion of a campaign before its first generation.
 
@@ -102,6 +107,8 @@ def inversion_of(
         Replaces proposals by those an earlier leg has stored; None keeps them.
     background
         Whether long computations of the search may run in a thread.
+    learned
+        Results of strings of another campaign, by the objective of this one; None: there are none.
     """
     ensemble = campaign.ensemble
     particles = campaign.scene.particles
@@ -114,7 +121,7 @@ def inversion_of(
     own = own_sections(campaign)
     kind = partial(OwnInversion, own) if own else Inversion
     return kind(
-        search_of(campaign, given, background),
+        search_of(campaign, given, background, learned),
         lambda string: Ensemble(ensemble, campaign.objective_at(string), particles),
         campaign.stopping.ending,
         restore=restore,

@@ -33,7 +33,7 @@ from agglom_mpi.search.membership import (
 )
 from agglom_mpi.storage.reader import CampaignData, read_campaign
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
-from agglom_mpi.storage.schema import CERTIFICATE, parameters_of
+from agglom_mpi.storage.schema import CERTIFICATE, LEARNED_STRING, parameters_of
 
 MOST_DEVIATIONS: Final = 0.8
 """Share of its deviations for which a string has to be right to be called robust."""
@@ -294,7 +294,8 @@ def refuse_damage(data: CampaignData) -> None:
 def samples_digest(data: CampaignData) -> str:
     """Return the digest of what the set of a file rests on, 32 hexadecimal digits.
 
-    These are the campaign, its strings, and the results of their used and fresh samples.
+    These are the campaign, its strings, and the results of their used and fresh samples; then the
+    same of what it learned.
     """
     found = hashlib.blake2b(data.attributes["campaign_sha256"].encode(), digest_size=16)
     rows = data.all_sample_rows()
@@ -303,9 +304,10 @@ def samples_digest(data: CampaignData) -> str:
     strings = strings[np.isin(strings["string"], rows["string"])]  # without those proposed ahead
     found.update(parameters_of(strings).astype("<f8").tobytes())
     names = {"string", "sample", *(column.name for column in COLUMNS), *data.sizes.quantities}
-    for name in rows.dtype.names or ():
-        if name in names:
-            found.update(rows[name].astype(rows[name].dtype.newbyteorder("<")).tobytes())
+    for part in (rows,) if (learned := data.learned_rows()) is None else (rows, learned):
+        for name in part.dtype.names or ():
+            if name in names | {LEARNED_STRING}:
+                found.update(part[name].astype(part[name].dtype.newbyteorder("<")).tobytes())
     return found.hexdigest()
 
 

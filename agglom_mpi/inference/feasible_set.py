@@ -10,6 +10,7 @@ from agglom_mpi.config.given_strings import Parameters
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.errors import UserError, require_library
+from agglom_mpi.formatting import printable
 from agglom_mpi.inference.calibration import Calibration, calibrate
 from agglom_mpi.inference.certificate import Certificate, certificate_of
 from agglom_mpi.inference.emulated_set import VOLUME_STREAM, EmulatedSet
@@ -34,6 +35,7 @@ from agglom_mpi.inference.stored_samples import (
 from agglom_mpi.inference.tolerances import DEFAULT_TOLERANCE, recorded_objective, tolerance_of
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
+from agglom_mpi.storage.schema import LEARNED_FROM
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -72,6 +74,9 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
         Share of the box that the constraints allow.
     samples, strings
         Numbers that the emulator rests on.
+    learned, learned_from
+        Number of samples of another campaign that the search has learned, failed ones included, and
+        the name of its file.
     favours_low_objectives
         Whether a search for the best proposed some of these strings, by the results of others.
     """
@@ -85,6 +90,8 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
         stored = stored_samples(data)
         self.samples = len(stored.rows)
         self.strings = len(np.unique(np.nan_to_num(stored.strings), axis=0))
+        self.learned = data.sizes.learned
+        self.learned_from = printable(data.attributes.get(LEARNED_FROM, ""))
         self.favours_low_objectives = favours_low_objectives(data)
         if self.strings < MIN_STRINGS:
             raise NoFeasibleSetError(

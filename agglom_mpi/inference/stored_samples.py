@@ -19,10 +19,11 @@ from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.measurements.census import Census, ExperimentCensuses
 from agglom_mpi.measurements.datum import Datum, data_times, experiments_of, predictions
 from agglom_mpi.measurements.layout import CensusLayout, census_names
-from agglom_mpi.outcome import COMPLETED
+from agglom_mpi.outcome import COMPLETED, FAILED
 from agglom_mpi.search.proposals import MODEL, OFFSPRING
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
-from agglom_mpi.storage.schema import parameters_of
+from agglom_mpi.storage.schema import LEARNED_FAVOURS_LOW, LEARNED_STRING, parameters_of
+from agglom_mpi.storage.table import concatenated, fitted
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
@@ -55,28 +56,48 @@ class StoredSamples(NamedTuple):
     failed: NDArray[np.bool_]
 
 
-def stored_samples(data: "CampaignData") -> StoredSamples:
-    """Return the counted samples of a file, each once: equal strings have the same samples."""
-    campaign, rows = recorded_campaign(data), data.counted_samples
-    strings = data.string_rows()
+def counted_samples(data: "CampaignData") -> tuple[Floats, NDArray[np.void], NDArray[np.int64]]:
+    """Return the counted samples of a file, and those it learned, each once, also failed ones.
+
+    Equal strings have the same samples, but those that were learned have other random numbers.
+
+    Returns
+    -------
+    tuple
+        Different strings, (m, k), with or without samples; the samples, (n,), those that took too
+        long as failed ones; and the places of their strings, (n,).
+    """
+    campaign, strings = recorded_campaign(data), data.string_rows()
+    rows = data.counted_samples
+    if len(late := _late(data)):
+        rows = concatenated((rows, late), rows.dtype)
     rows = rows[np.isin(rows["string"], strings["string"])]
     order = np.argsort(strings["string"], kind="stable")
     of_row = order[np.searchsorted(strings["string"][order], rows["string"])]
     parameters = parameters_of(strings)
-    keys = np.nan_to_num(parameters)  # nan: a variable that the scene does not use
-    _, one, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-    different = parameters[one]
     # A sample of equal strings is the same where its random stream, hence its number, is the same.
     first = np.array([campaign.first_sample(int(i)) for i in strings["string"]], np.int64)
-    samples = np.column_stack((which.ravel()[of_row], first[of_row] + rows["sample"]))
+    numbers = first[of_row] + rows["sample"]
+    if (learned := data.learned_rows()) is not None:
+        more = np.arange(len(learned))
+        parameters = np.vstack((parameters, learned[LEARNED_STRING]))
+        of_row = np.concatenate((of_row, len(strings) + more))
+        numbers = np.concatenate((numbers, -1 - more))  # no number of a sample of the file's own
+        rows = concatenated((rows, fitted(learned, rows.dtype)), rows.dtype)
+    keys = np.nan_to_num(parameters)  # nan: a variable that the scene does not use
+    _, one, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    samples = np.column_stack((which.ravel()[of_row], numbers))
     _, once = np.unique(samples, axis=0, return_index=True)
-    rows, place = rows[once], samples[once, 0]
+    return parameters[one], rows[once], samples[once, 0]
+
+
+def stored_samples(data: "CampaignData") -> StoredSamples:
+    """Return the samples that an emulator of a file rests on."""
+    different, rows, place = counted_samples(data)
     completed = rows["state"] == COMPLETED
     count = np.bincount(place, minlength=len(different))
     bad = np.bincount(place[~completed], minlength=len(different))
-    late = _late(data, strings, which.ravel(), len(different))
-    tried = count + late > 0
-    failed = bad + late > MAX_FAILED_SHARE * (count + late)
+    tried, failed = count > 0, bad > MAX_FAILED_SHARE * count
     good = completed & ~failed[place]
     return StoredSamples(different[place[good]], rows[good], different[tried], failed[tried])
 
@@ -98,19 +119,19 @@ def favours_low_objectives(data: "CampaignData") -> bool:
     """Return whether a search for the best proposed some strings by the results of others."""
     strings, search = data.string_rows(), recorded_campaign(data).search
     by_results = np.isin(strings["origin"], (OFFSPRING, MODEL))
-    by_results &= strings["generation"] >= search.lag
-    return search.favours_low_objectives and bool(by_results.any())
+    by_results &= strings["generation"] >= (0 if data.sizes.learned else search.lag)
+    own = search.favours_low_objectives and bool(by_results.any())
+    return own or bool(data.attributes.get(LEARNED_FAVOURS_LOW, False))
 
 
-def _late(
-    data: "CampaignData", strings: NDArray[np.void], which: NDArray[np.int64], count: int
-) -> NDArray[np.int64]:
-    """Return the number of samples of each different string that took too long and have no row."""
-    of_string = dict(zip(strings["string"].tolist(), which.tolist(), strict=True))
+def _late(data: "CampaignData") -> NDArray[np.void]:
+    """Return failed samples, (n,), in place of those that took too long and have no row."""
     counted = {*data.judged_timed_out} | data.fresh_timed_out
-    timed_out = data.timed_out if data.with_unused else counted
-    late = [of_string[string] for string, _ in timed_out if string in of_string]
-    return np.bincount(np.array(late, np.int64), minlength=count)
+    numbers = sorted(data.timed_out if data.with_unused else counted)
+    late = np.zeros(len(numbers), data.counted_samples.dtype)
+    late["state"] = FAILED
+    late["string"], late["sample"] = np.reshape(numbers, (-1, 2)).T
+    return late
 
 
 class StringValues(NamedTuple):

@@ -72,9 +72,7 @@ def plan(
         campaign = campaign.with_generations(generations)
     log_narrow(campaign)
     check_search_library(campaign)
-    experiment = InversionExperiment(
-        campaign, warm_start(campaign, Path(campaign.file_name)).strings
-    )
+    experiment = InversionExperiment(campaign, warm_start(campaign, Path(campaign.file_name)))
     console = Console(stderr=True)
     with console.status("") as status:  # only a terminal shows it
         if source is not None:

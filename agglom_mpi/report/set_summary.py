@@ -61,7 +61,8 @@ def set_text(of: FeasibleSet, posterior: "Posterior | None" = None) -> Renderabl
 
 
 def _rests_on(of: FeasibleSet) -> str:
-    return f"from an emulator of {of.samples:,} samples of {of.strings:,} strings"
+    learned = f", {of.learned:,} of them learned from {of.learned_from}" if of.learned else ""
+    return f"from an emulator of {of.samples:,} samples of {of.strings:,} strings{learned}"
 
 
 def _shares(of: FeasibleSet) -> Facts:
@@ -233,8 +234,9 @@ def set_as_dict(of: FeasibleSet, posterior: "Posterior | None" = None) -> dict[s
     """Return a set as plain values for JSON; without a set where it is not calibrated.
 
     Keys at the top are `criterion`, `tolerance`, the numbers of `samples` and `strings` of the
-    emulator, its `calibration`, the `set`, or None and the `reason`, and the `posterior` if a
-    measured mean is given (`Posterior.as_dict`). Those of the set:
+    emulator and of `learned_samples` among them, its `calibration`, the `set`, or None and the
+    `reason`, and the `posterior` if a measured mean is given (`Posterior.as_dict`). Those of the
+    set:
 
     - `measure`: in what volumes are uniform; `allowed`: share of the box by the constraints.
     - `volume`, `volume_error`, `inner`, `outer`: shares of what is allowed; inner and outer are
@@ -253,6 +255,7 @@ def set_as_dict(of: FeasibleSet, posterior: "Posterior | None" = None) -> dict[s
         "tolerance": of.tolerance,
         "samples": of.samples,
         "strings": of.strings,
+        "learned_samples": of.learned,
         "calibration": of.calibration.as_dict(),
     }
     if not of.calibration.passed:

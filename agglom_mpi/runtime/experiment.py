@@ -8,6 +8,8 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.analysis.learning import Learned, evaluated
+from agglom_mpi.analysis.warm_start import WarmStart
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.inversion import Restore, inversion_of
 from agglom_mpi.formatting import pluralise
@@ -87,6 +89,8 @@ class Experiment(ABC):
         What the strings are for, as text.
     noted_beside
         The campaign file beside which ranks note what runs code of the user's; None: nowhere.
+    learned
+        Samples of another campaign that the search learns from; None: there are none.
     """
 
     campaign: Campaign
@@ -95,6 +99,7 @@ class Experiment(ABC):
     top: int
     purpose: str
     noted_beside: Path | None = None
+    learned: Learned | None = None
 
     @property
     def variables(self) -> VariableTable:
@@ -163,15 +168,16 @@ class InversionExperiment(Experiment):
     ----------
     campaign
         The campaign.
-    given
-        Strings to begin with, shape (n, k); by default those that the campaign gives.
+    start
+        What to begin with; by default the strings that the campaign gives.
     """
 
     purpose = INVERSION
 
-    def __init__(self, campaign: Campaign, given: NDArray[np.float64] | None = None) -> None:
+    def __init__(self, campaign: Campaign, start: WarmStart | None = None) -> None:
         self.campaign = campaign
-        self.given = campaign.given_strings() if given is None else given
+        self._start = WarmStart(campaign.given_strings()) if start is None else start
+        self.learned = self._start.learned
         self.max_failures = campaign.stopping.max_failures
         self.max_seconds = campaign.stopping.max_seconds
         self.top = campaign.stopping.ending.best_strings or campaign.search.kept
@@ -180,13 +186,14 @@ class InversionExperiment(Experiment):
     @property
     def table_sizes(self) -> TableSizes:
         """Sizes for all generations that the campaign allows."""
-        return table_sizes(self.campaign)
+        learned = 0 if self.learned is None else len(self.learned.rows)
+        return table_sizes(self.campaign)._replace(learned=learned)
 
     def continuing(self, generations: int) -> Self:
         """Return the experiment with at least the generations that are there."""
         if generations <= self.campaign.stopping.generations:
             return self
-        return type(self)(self.campaign.with_generations(generations), self.given)
+        return type(self)(self.campaign.with_generations(generations), self._start)
 
     def identity(self) -> dict[str, object]:
         """Return the campaign's own."""
@@ -214,7 +221,8 @@ class InversionExperiment(Experiment):
 
     def inversion(self, restore: Restore | None, background: bool = False) -> Inversion:
         """Return the search with its ensembles."""
-        return inversion_of(self.campaign, self.given, restore, background)
+        learned = None if self.learned is None else evaluated(self.campaign, self.learned.rows)
+        return inversion_of(self.campaign, self._start.strings, restore, background, learned)
 
     def stage(self, inversion: Inversion) -> StageProgress:
         """Count the generations."""

@@ -110,7 +110,11 @@ def prepare(path: Path, experiment: Experiment, accept_code_change: bool) -> Cam
             **recorded_texts(campaign),
         }
         box = campaign.variables.lower, campaign.variables.upper
-        create_campaign_file(path, description, box, sizes)
+        rows, learned = None, experiment.learned
+        if learned is not None:
+            rows = learned.rows
+            description.update(learned.attributes)
+        create_campaign_file(path, description, box, sizes, rows)
         return read_campaign(path, allow_code=True)  # the campaign has leave already
     stored = read_campaign(path, allow_code=True)
     if stored.altered:
@@ -119,7 +123,7 @@ def prepare(path: Path, experiment: Experiment, accept_code_change: bool) -> Cam
     check_same_campaign(path, stored.identity, experiment.identity())
     if stored.fresh_from != sizes.max_samples:  # or decisions would see other samples
         raise DamagedCampaign(f"{path}: a damaged campaign file (attribute fresh_from is altered)")
-    if last_sources(stored) != sources_digest() and not accept_code_change:
+    if stored.last_sources != sources_digest() and not accept_code_change:
         raise OutputError(
             f"{path}: was computed by other simulation sources (version "
             f"{stored.attributes['code_version']}, this is {__version__}); samples would not be "
@@ -145,14 +149,6 @@ def kept_as_it_was(path: Path, file: CampaignData, experiment: Experiment) -> li
             "(--output)"
         )
     return lines
-
-
-def last_sources(stored: CampaignData) -> str:
-    """Return the digest of the sources of the last leg, or of the creation of the file."""
-    legs = stored.legs()
-    if len(legs):
-        return str(legs[-1]["sources_sha256"].decode())
-    return str(stored.attributes["sources_sha256"])
 
 
 def check_same_campaign(path: Path, stored: dict[str, Any], wanted: dict[str, Any]) -> None:

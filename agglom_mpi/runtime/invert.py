@@ -9,12 +9,13 @@ from agglom_mpi.analysis.warm_start import warm_start
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.searchable import check_search_library, check_searchable
-from agglom_mpi.config.yaml_source import warn
+from agglom_mpi.config.yaml_source import CampaignError, parse, warn
 from agglom_mpi.contracts.promises import promises_of
 from agglom_mpi.display.run_display import Display
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import by_recorded_method, output_path
 from agglom_mpi.runtime.leg import RunRequest
+from agglom_mpi.runtime.provenance import sources_digest
 from agglom_mpi.runtime.run import run_on_all_ranks
 from agglom_mpi.storage.reader import read_campaign
 
@@ -88,5 +89,13 @@ def request_for(
             show(line)
     start = warm_start(campaign, path)
     warn(start.warnings, options.strict, show)
-    experiment = InversionExperiment(campaign, start.strings)
+    learned = "" if start.learned is None else start.learned.sources
+    if learned and learned != sources_digest() and not options.accept_code_change:
+        message = (
+            f"{campaign.search.learns_from}: was computed by other simulation sources; samples "
+            "would not be comparable. --accept-code-change learns from them all the same"
+        )
+        source = parse(campaign.text, campaign.name)
+        raise CampaignError(source.problem(("search", "learn_from"), message))
+    experiment = InversionExperiment(campaign, start)
     return RunRequest(experiment, path, options.accept_code_change, options.database)

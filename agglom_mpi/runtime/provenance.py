@@ -67,8 +67,10 @@ DECIDING: Final = (
     "runtime/experiment.py",
     # What a search begins with, and which strings are estimated again.
     "analysis/estimates.py",
+    "analysis/learning.py",
     "analysis/ranking.py",
     "analysis/warm_start.py",
+    "inference/stored_samples.py",
 )
 """Files of the package that decide the results of samples and the decisions made from them."""
 NOT_DECIDING: Final = (

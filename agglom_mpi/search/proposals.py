@@ -72,11 +72,15 @@ def as_proposals(
 
 
 def begun_with(
-    given: NDArray[np.float64], random: NDArray[np.float64], generation: int = 0
+    given: NDArray[np.float64],
+    others: NDArray[np.float64],
+    generation: int = 0,
+    origin: int = RANDOM,
 ) -> Proposals:
-    """Return given strings, shape (n, k), and random ones in the slots after as proposals."""
+    """Return given strings, shape (n, k), and others of an origin in the slots after."""
     return joined_proposals(
-        as_proposals(generation, given, GIVEN), as_proposals(generation, random, RANDOM, len(given))
+        as_proposals(generation, given, GIVEN),
+        as_proposals(generation, others, origin, len(given)),
     )
 
 

@@ -14,7 +14,7 @@ from agglom_mpi.storage.checksums import CHECKSUMS, checksum_ok, write_checksums
 from agglom_mpi.storage.files import CheckedFile, atomic_file, new_file
 from agglom_mpi.storage.room import TableSizes
 from agglom_mpi.storage.rows import Rows
-from agglom_mpi.storage.schema import TableSchema, volume_table
+from agglom_mpi.storage.schema import LEARNED, TableSchema, volume_table
 from agglom_mpi.storage.table import REWRITE_SECONDS
 
 CHUNK_BYTES: Final = 1 << 18
@@ -94,6 +94,7 @@ def final_places(file: h5py.File, path: Path) -> tuple[dict[str, np.ndarray], di
     for name in map(volume_table, sizes.volumes):
         read(name, strings * sizes.fresh)
     read("frames")
+    read(LEARNED, sizes.learned)
     return found, length
 
 

@@ -19,6 +19,7 @@ from agglom_mpi.storage.schema import (
     BY_SAMPLE,
     FORMAT,
     IN_VOLUME,
+    LEARNED,
     STATUS,
     VARIABLE_TABLE,
     TableSchema,
@@ -36,6 +37,7 @@ def create_campaign_file(
     description: Mapping[str, Any],
     box: tuple[np.ndarray, np.ndarray],
     sizes: TableSizes,
+    learned: np.ndarray | None = None,
 ) -> None:
     """Create the file of a campaign; the caller holds its `CampaignLock`.
 
@@ -50,6 +52,8 @@ def create_campaign_file(
         nan where it is unused.
     sizes
         Sizes of its tables. The attribute `max_samples` of the file counts fresh samples, too.
+    learned
+        Rows of `/learned`, which has as many; None: there is no such table.
 
     Raises
     ------
@@ -77,6 +81,8 @@ def create_campaign_file(
         now = datetime.now(UTC).timestamp()
         status = make_row(STATUS.dtype, state="stopped", updated=now, reason="not started yet")
         Rows(file[STATUS.name], path).write(0, sealed(status))
+        if learned is not None:
+            Table(file, LEARNED, path).write(0, learned)
         write_checksums(file)
 
 

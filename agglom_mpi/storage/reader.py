@@ -18,7 +18,7 @@ from agglom_mpi.storage.attributes import identity_of
 from agglom_mpi.storage.checksums import altered_parts
 from agglom_mpi.storage.particle_tables import StoredParticles
 from agglom_mpi.storage.room import TableSizes
-from agglom_mpi.storage.schema import INVERSION, TOOK_TOO_LONG, parameters_of, volume_table
+from agglom_mpi.storage.schema import INVERSION, LEARNED, TOOK_TOO_LONG, parameters_of, volume_table
 from agglom_mpi.storage.snapshot import Status, TableSnapshot, read_only, status_of
 from agglom_mpi.storage.table import REWRITE_SECONDS, Table, are_used, rows_at
 from agglom_mpi.variables import VariableTable
@@ -198,6 +198,10 @@ class CampaignData:
         """Return the strings stored so far, by number."""
         return self.rows("strings")
 
+    def learned_rows(self) -> np.ndarray | None:
+        """Return the samples of another campaign that the search learns from; None: of none."""
+        return self.rows(LEARNED) if self.sizes.learned else None
+
     def result_rows(self) -> np.ndarray:
         """Return the results of strings so far, by string."""
         return self.rows("results")
@@ -209,6 +213,14 @@ class CampaignData:
     def legs(self) -> np.ndarray:
         """Return the starts of the program, in order."""
         return self.rows("legs")
+
+    @property
+    def last_sources(self) -> str:
+        """Digest of the sources of the last leg, or of the creation of the file."""
+        legs = self.legs()
+        if len(legs):
+            return str(legs[-1]["sources_sha256"].decode())
+        return str(self.attributes["sources_sha256"])
 
     def failures(self) -> np.ndarray:
         """Return the exceptions of failed samples, in order of arrival."""

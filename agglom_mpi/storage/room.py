@@ -17,6 +17,7 @@ from agglom_mpi.storage.schema import (
     FAILURE_CAPACITY,
     FAILURES,
     FORMAT_VERSION,
+    LEARNED,
     LEG_CAPACITY,
     LEGS,
     RESULTS,
@@ -24,6 +25,7 @@ from agglom_mpi.storage.schema import (
     final_particles_schema,
     frames_schema,
     generations_schema,
+    learned_schema,
     samples_schema,
     strings_schema,
     variables_schema,
@@ -76,6 +78,8 @@ class TableSizes(NamedTuple):
     """Layout of the censuses of a sample, or that of each experiment; None: none are taken."""
     version: int = FORMAT_VERSION
     """Format version of the file."""
+    learned: int = 0
+    """Samples of another campaign that the search learns from."""
 
     @classmethod
     def of(cls, attributes: Mapping[str, Any], generations: int = 0) -> Self:
@@ -97,6 +101,7 @@ class TableSizes(NamedTuple):
             _volumes(get(VOLUMES, "")),
             _census(get(CENSUS, "")),
             int(get("format_version", FORMAT_VERSION)),
+            int(get(LEARNED, 0)),
         )
 
     @property
@@ -111,6 +116,7 @@ class TableSizes(NamedTuple):
             FURTHER_VARIABLES: json.dumps(further) if further else "",
             QUANTITIES: json.dumps(dict(self.quantities), sort_keys=True) * bool(self.quantities),
             CENSUS: _census_text(self.census) if self.census else "",
+            LEARNED: self.learned,
         }
         return self.counts() | {name: text for name, text in texts.items() if text}
 
@@ -136,12 +142,14 @@ class TableSizes(NamedTuple):
     def tables(self) -> tuple[TableSchema, ...]:
         """Return the schemas of all tables, in the version of the file.
 
-        `/final_particles`, `/frames` and samples of larger volumes are there if the campaign asks
-        for them.
+        `/final_particles`, `/frames`, samples of larger volumes and those of another campaign are
+        there if the campaign asks for them.
         """
         bulk = [final_particles_schema(self.grains)] if self.final_particles else []
         bulk += [frames_schema(self.grains)] if self.frames else []
         bulk += [volume_schema(each, self.quantities, self.census) for each in self.volumes]
+        columns = self.variables, self.quantities, self.census
+        bulk += [learned_schema(*columns)] if self.learned else []
         tables = (
             *(variables_schema(self.variables), STATUS, LEGS, strings_schema(self.variables)),
             *(RESULTS, generations_schema(self.population), FAILURES),
@@ -164,6 +172,7 @@ class TableSizes(NamedTuple):
             "samples": samples,
             "final_particles": samples,
             "frames": self.frames,
+            LEARNED: self.learned,
         } | {volume_table(volume): self.strings * self.fresh for volume in self.volumes}
 
     def table_bytes(self) -> dict[str, int]:

@@ -203,6 +203,34 @@ def volume_schema(
     )
 
 
+LEARNED: Final = "learned"
+"""Name of the table of samples of other campaigns that a search learns from."""
+LEARNED_FROM: Final = "learned_from"
+"""Attribute with the name of that campaign's file, as the campaign gives it."""
+LEARNED_SHA256: Final = "learned_from_sha256"
+"""Attribute with the `campaign_sha256` of that file."""
+LEARNED_FAVOURS_LOW: Final = "learned_favours_low"
+"""Attribute: 1 if a search for the best proposed some of its strings by the results of others."""
+LEARNED_STRING: Final = "learned_string"
+"""Column of that table with the string of a sample."""
+
+
+def learned_schema(
+    variables: VariableTable, quantities: Mapping[str, str], census: Layouts | None = None
+) -> TableSchema:
+    """Return the schema of `/learned`: the string of a sample, and the columns of `/samples`."""
+    meaning = "its string in SI units, in the order of /variables"
+    string = Column(LEARNED_STRING, "f8", "the variables'", meaning, (variables.count,))
+    samples = samples_schema(quantities, census)
+    return samples._replace(
+        name=LEARNED,
+        meaning="samples of the campaign that `learned_from` names, with their numbers and "
+        "objectives there: data of emulators, no results of this campaign",
+        row="row = sample, by string",
+        fields=(string, *samples.fields),
+    )
+
+
 FAILURES: Final = TableSchema(
     "failures",
     "exceptions of failed samples; when the table is full the last row is overwritten, unless that "

@@ -27,7 +27,7 @@ from agglom_mpi.storage.checksums import altered_parts, checksum_ok
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.recorded_campaign import recorded_search
 from agglom_mpi.storage.rows import Rows
-from agglom_mpi.storage.schema import CAMPAIGN_STATES, volume_table
+from agglom_mpi.storage.schema import CAMPAIGN_STATES, LEARNED, volume_table
 from agglom_mpi.storage.snapshot import read_status, status_of
 from agglom_mpi.storage.table import Table, ValidRows, rows_at
 
@@ -170,8 +170,11 @@ def _verify(file: h5py.File, path: Path, allow_code: bool) -> VerificationReport
     tables: dict[str, np.ndarray] = {"status": status}
     report = VerificationReport(CampaignData.of_rows(path, attributes, tables, allow_code))
     report.room = {schema.name: len(file[schema.name]) for schema in report.data.sizes.tables()}
-    for name in (*_READ, *report.volume_tables):
+    learned = [LEARNED] if report.data.sizes.learned else []
+    for name in (*_READ, *report.volume_tables, *learned):
         tables[name] = _valid_rows(Table(file, name, path), report)
+    if learned and len(tables[LEARNED]) + len(report.lost[LEARNED]) < report.data.sizes.learned:
+        report.faults.append("learned: rows are absent, on which the search rests")
     tables["variables"] = Rows(file["variables"], path).read_all()
     report.data = CampaignData.of_rows(path, attributes, tables, allow_code)
     if altered := altered_parts(file):

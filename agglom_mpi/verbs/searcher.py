@@ -118,12 +118,14 @@ class Searcher(metaclass=PublicFace):
     (6, True)
     """
 
-    def __init__(self, campaign: Campaign, given: Floats) -> None:
+    def __init__(
+        self, campaign: Campaign, given: Floats, learned: Evaluations | None = None
+    ) -> None:
         self._campaign = campaign
         self._is_magnitude = campaign.objective.is_magnitude
         self._own = ", ".join(own_sections(campaign))
         with self._users_code():
-            self._search = search_of(campaign, given)
+            self._search = search_of(campaign, given, learned=learned)
         self._ending = campaign.stopping.ending
         self._ended_by: EndingCriterion | None = None
         self._strings: list[Floats] = []

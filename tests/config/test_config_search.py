@@ -238,7 +238,13 @@ def test_what_is_not_said_has_a_default() -> None:
     assert searches["genetic"].pop("more_samples") is None
     assert searches == {
         "genetic": {"population": 20, "parents": 6, "blend": (0.0, 1.0), "rescale": None},
-        "surrogate": {"initial": 48, "batch": 24, "aim": "best", "tolerance": None},
+        "surrogate": {
+            "initial": 48,
+            "batch": 24,
+            "aim": "best",
+            "tolerance": None,
+            "learn_from": None,
+        },
         "cmaes": {"population": 20, "sigma": 0.3},
         "random": {"population": 20},
         "sobol": {"population": 20},

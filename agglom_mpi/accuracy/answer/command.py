@@ -13,6 +13,7 @@ from agglom_mpi.accuracy.answer.sets import box_points, sets_of
 from agglom_mpi.accuracy.report import require_report
 from agglom_mpi.accuracy.study import Stages, StudyOptions, run_stages
 from agglom_mpi.analysis.damage import blame_damage
+from agglom_mpi.analysis.warm_start import warm_start
 from agglom_mpi.config.answer_study import AnswerStudy, load_answer_study
 from agglom_mpi.display.run_display import Display, StudyDisplay
 from agglom_mpi.errors import BAD_INPUT, FINISHED, STOPPED, UserError, error_text
@@ -118,7 +119,7 @@ class _Runner:
         self._rehearsed.add(run.setting.stem)
         campaign = run.setting.campaign
         count = min(REHEARSED, campaign.stopping.generations)
-        experiment = InversionExperiment(campaign.with_generations(count))
+        experiment = InversionExperiment(campaign.with_generations(count), warm_start(campaign))
         with TemporaryDirectory() as folder:
             request = RunRequest(experiment, Path(folder) / run.path.name, False)
             run_alone(request, Display(quiet=True), lambda request: None, stop)

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.analysis.warm_start import warm_start
 from agglom_mpi.config.answer_study import AnswerStudy, Setting
 from agglom_mpi.display.progress import RunProgress
 from agglom_mpi.display.run_display import Display
 from agglom_mpi.runtime.experiment import InversionExperiment
-from agglom_mpi.runtime.file_setup import last_sources
 from agglom_mpi.runtime.leg import RunRequest
 from agglom_mpi.runtime.provenance import sources_digest
 from agglom_mpi.storage.reader import CampaignData, read_inversion
@@ -49,7 +49,8 @@ class AnswerRun(NamedTuple):
 
     def request(self, accept_code_change: bool) -> RunRequest:
         """Return what is to be run."""
-        experiment = InversionExperiment(self.setting.with_seed(self.seed))
+        campaign = self.setting.with_seed(self.seed)
+        experiment = InversionExperiment(campaign, warm_start(campaign, self.path))
         return RunRequest(experiment, self.path, accept_code_change)
 
     def is_finished(self, request: RunRequest) -> bool:
@@ -58,7 +59,7 @@ class AnswerRun(NamedTuple):
             return False
         file = read_inversion(self.path, allow_code=True)
         is_same = file.identity == request.experiment.identity()
-        is_current = request.accept_code_change or last_sources(file) == sources_digest()
+        is_current = request.accept_code_change or file.last_sources == sources_digest()
         return is_same and is_current and file.status().state == "finished"
 
 

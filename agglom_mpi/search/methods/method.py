@@ -79,6 +79,8 @@ class SearchInputs(NamedTuple):
         Returns the coordinates in which strings, (n, k), are emulated.
     groups
         Number of groups of variables among the coordinates, the last ones.
+    learned
+        Results of strings of another campaign, also outside of the box; None: there are none.
     """
 
     space: SearchSpace
@@ -88,6 +90,7 @@ class SearchInputs(NamedTuple):
     background: bool = False
     coordinates: Callable[[NDArray[np.float64]], NDArray[np.float64]] = np.asarray
     groups: int = 0
+    learned: Evaluations | None = None
 
 
 class SearchMethod(Component):
@@ -187,6 +190,11 @@ class SearchMethod(Component):
         return self.start if isinstance(self.start, EarlierCampaign) else None
 
     @property
+    def learns_from(self) -> str | None:
+        """Name of the campaign file whose samples the search learns from; None: there is none."""
+        return None
+
+    @property
     def listed(self) -> list[dict[str, float]]:
         """Strings to begin with that the file lists: searched values by name in SI units."""
         return self.start if isinstance(self.start, list) else []
@@ -210,6 +218,8 @@ class SearchMethod(Component):
             lines.append(f"begins with: the best {self.given} of {self.earlier.file}")
         elif self.given:
             lines.append(f"begins with: {pluralise(self.given, 'given string')}")
+        if self.learns_from is not None:
+            lines.append(f"learns from: all samples of {self.learns_from}")
         return lines
 
     @property

@@ -6,16 +6,18 @@ string is the optimum of another function drawn from the posterior.
 """
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.declaration.components import In, Whole
-from agglom_mpi.declaration.declared import LATER, FieldPath
+from agglom_mpi.declaration.declared import LATER, FieldPath, Meaning
+from agglom_mpi.declaration.field_types import NotEmpty
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.random_streams import SURROGATE, search_stream
 from agglom_mpi.search.acquisition import (
+    CANDIDATES,
     PROMISING,
     STARTS,
     SetAim,
@@ -34,7 +36,6 @@ from agglom_mpi.search.proposals import (
     Evaluations,
     Proposals,
     Ranked,
-    as_proposals,
     begun_with,
 )
 
@@ -67,6 +68,9 @@ class Surrogate(SearchMethod):
         Whether the best string or the set of strings that meet the target is searched for.
     tolerance
         Tolerance of the set, relative to the target.
+    learn_from
+        Campaign file of the same scene whose samples the model learns from; it then proposes from
+        the start.
     """
 
     lag: ClassVar[int] = 2
@@ -77,6 +81,7 @@ class Surrogate(SearchMethod):
     aim: Annotated[Literal["best", "set"], LATER] = "best"
     SUPPLIED: ClassVar[Mapping[str, str]] = {"tolerance": f"{SET_TOLERANCE:g}"}
     tolerance: Annotated[Annotated[float, In("1", above=0, below=1)] | None, LATER] = None
+    learn_from: Annotated[NotEmpty | None, LATER, Meaning("a campaign file")] = None
 
     def build(self, inputs: SearchInputs) -> "SurrogateSearch":
         """Return the search before its first generation."""
@@ -109,6 +114,11 @@ class Surrogate(SearchMethod):
         return self.aim == "set"
 
     @property
+    def learns_from(self) -> str | None:
+        """Name of the campaign file whose samples the model learns from; None: there is none."""
+        return self.learn_from
+
+    @property
     def set_tolerance(self) -> float:
         """Tolerance of the set."""
         return self.tolerance or SET_TOLERANCE
@@ -128,18 +138,19 @@ class Surrogate(SearchMethod):
                 "half even around the target, half where it is unsure which strings are within "
                 f"{self.set_tolerance:g} of it"
             )
-        return (
-            f"Gaussian process through all samples, {self.initial} Sobol points first, then "
-            f"batches of {self.batch} {batches}"
-        )
+        first = f"{self.initial} Sobol points first, then batches of {self.batch}"
+        if self.learn_from is not None:
+            first = f"{self.initial} strings in two generations, then batches of {self.batch},"
+        return f"Gaussian process through all samples, {first} {batches}"
 
 
 class SurrogateSearch(EvaluatedStrings):
     """The samples and processes of a search by `Surrogate`.
 
-    A generation learns from the results of all but the one before it, so that it is known, and may
-    be simulated, while that one still runs: neither a slow sample nor a fit of the covariance makes
-    the ranks wait.
+    The process is through the strings learned from another campaign, then the search's own; numbers
+    of known strings count both. A generation learns from the results of all but the one before it,
+    so that it is known, and may be simulated, while that one still runs: neither a slow sample nor
+    a fit of the covariance makes the ranks wait.
 
     Parameters
     ----------
@@ -158,6 +169,8 @@ class SurrogateSearch(EvaluatedStrings):
         self.space = inputs.space
         self.seed = inputs.seed
         self.given = inputs.given
+        self._learned = inputs.learned
+        self._learned_count = 0 if inputs.learned is None else len(inputs.learned.ids)
         self._sobol = SobolStrings(inputs.space, inputs.seed)
         self._magnitude = inputs.magnitude
         self._aim: SetAim | None = None
@@ -214,19 +227,22 @@ class SurrogateSearch(EvaluatedStrings):
         """
         if self._aim is not None and len(self) >= GROWTH * self._judged:
             self._judged = len(self)
-            means = np.where(np.isfinite(self.objectives), self.deviations, np.nan)
-            self._error = self._aim.expected_error(self.parameters, means, self.samples, self.space)
+            known = self._count(self.generation)
+            objectives = self._known("objectives", known)
+            means = np.where(np.isfinite(objectives), self._known("deviations", known), np.nan)
+            data = self._known("parameters", known), means, self._known("samples", known)
+            self._error = self._aim.expected_error(*data, self.space)
         return self._error
 
     @single_threaded
     def _rank(self) -> list[Ranked]:
         """Rank all strings, by a covariance that is fitted already."""
-        model = self._model(self.method.strings(self.generation - 1), self.generation)
+        model = self._model(self._count(self.generation - 1), self.generation)
         if model is None:
             return EvaluatedStrings.best(self, len(self))
-        points = self.space.to_unit(self.parameters)
-        errors = model.deviation_at_points
-        expected = expected_objective(model.mean_at_points, errors, self._magnitude)
+        points, own = self.space.to_unit(self.parameters), slice(self._learned_count, None)
+        errors = model.deviation_at_points[own]
+        expected = expected_objective(model.mean_at_points[own], errors, self._magnitude)
         order = np.argsort(expected, kind="stable")
         evaluated = np.isfinite(self.objectives)
         ranked = [
@@ -238,7 +254,7 @@ class SurrogateSearch(EvaluatedStrings):
     def _fit_in_background(self, generation: int) -> "Future[Proposals]":
         """Begin to compute the proposals of a generation, unless that was begun before."""
         if generation not in self._pending:
-            if self._thread is None or generation < 2:
+            if self._thread is None or (generation < 2 and self._learned is None):
                 from concurrent.futures import Future
 
                 pending: Future[Proposals] = Future()
@@ -252,20 +268,20 @@ class SurrogateSearch(EvaluatedStrings):
     @single_threaded
     def _propose(self, generation: int) -> Proposals:
         first, end = map(self.method.strings, (generation, generation + 1))
-        if generation < 2:
-            given = self.given[: end - first] if generation == 0 else self.space.no_strings
-            first += len(given)
+        given = self.given[: end - first] if generation == 0 else self.space.no_strings
+        first += len(given)
+        if generation < 2 and self._learned is None:
             drawn = self._sobol.strings(first, end - first)
             return begun_with(given, drawn, generation)
-        known = self.method.strings(generation - 1)
+        known = self._count(generation - 1)
         random = search_stream(self.seed, SURROGATE, generation)
         model = self._model(known, generation - 1)
-        if model is None:
+        if model is None or first == end:
             points, origin = self.space.sample_points(random, end - first), RANDOM
         else:
             points, origin = self._proposed_by(model, known, end - first, random), MODEL
         strings = self.space.from_unit(perturbed(points, random, self.space))
-        return as_proposals(generation, strings, origin)
+        return begun_with(given, strings, generation, origin)
 
     def _proposed_by(
         self, model: "GaussianProcess", known: int, count: int, random: np.random.Generator
@@ -276,14 +292,21 @@ class SurrogateSearch(EvaluatedStrings):
         """
         if self._aim is not None:
             return self._aim.batch(model, count, random, self.space)
-        points = self.space.to_unit(self.parameters[:known])
-        mean = model.mean_at_points
+        points = self.space.to_unit(self._known("parameters", known))[self._learned_count :]
+        mean = model.mean_at_points[self._learned_count :]
+        if self._learned is not None:  # learned strings may be outside of what is allowed
+            more = self.space.sample_points(random, CANDIDATES)
+            points, mean = np.vstack((points, more)), np.append(mean, model.mean(more))
         order = np.argsort(abs(mean) if self._magnitude else mean, kind="stable")
         candidates = candidates_about(points[order[:PROMISING]], random, self.space)
         functions = model.draw(candidates, count - 1, random)
         objectives = abs(functions) if self._magnitude else functions
         best = best_expected(model, points[order[:STARTS]], self._magnitude, self.space)
         return np.vstack((best, candidates[np.argmin(objectives, axis=1)]))
+
+    def _count(self, generations: int) -> int:
+        """Return the number of strings that are known after so many generations."""
+        return self._learned_count + self.method.strings(max(generations, 0))
 
     def _model(self, fitted: int, generation: int) -> "GaussianProcess | None":
         """Return the process through all strings before a generation; None if they are too few.
@@ -294,15 +317,15 @@ class SurrogateSearch(EvaluatedStrings):
         """
         from agglom_mpi.emulation.gaussian_process import GaussianProcess
 
-        fitted = milestone(fitted, self.method.first_generation)
+        fitted = milestone(fitted, max(self.method.first_generation, self._learned_count))
         covariance = self._covariance(fitted)
         if covariance is None:
             return None
         model = self._models.get((fitted, generation))
         if model is None:
-            grows = self.method.strings(generation - 1) >= fitted
+            grows = generation > 0 and self._count(generation - 1) >= fitted
             earlier = self._model(fitted, generation - 1) if grows else None
-            data = self._data(self.method.strings(generation))
+            data = self._data(self._count(generation))
             model = GaussianProcess(covariance, *data, earlier)
             recent = {key: m for key, m in self._models.items() if key[1] >= generation - 1}
             self._models = {**recent, (fitted, generation): model}
@@ -312,26 +335,36 @@ class SurrogateSearch(EvaluatedStrings):
         """Return the covariance fitted to the first strings; None if they are too few."""
         from agglom_mpi.emulation.likelihood_fit import fit_covariance
 
-        if np.isfinite(self.objectives[:fitted]).sum() < 2:
+        objectives = self._known("objectives", fitted)
+        if np.isfinite(objectives).sum() < 2:
             return None
         if fitted not in self._covariances:
             points, values, samples = self._data(fitted)
-            some = best_and_spread(self.objectives[:fitted], FITTED)
-            jumps = not np.isfinite(self.objectives[some]).all()
+            some = best_and_spread(objectives, FITTED)
+            jumps = not np.isfinite(objectives[some]).all()
             data = points[some], values[some], samples[some]
             self._covariances[fitted] = fit_covariance(*data, jumps)
         return self._covariances[fitted]
+
+    def _known(self, name: str, count: int) -> NDArray[Any]:
+        """Return an attribute of the first known strings, as in `EvaluatedStrings`."""
+        own: NDArray[Any] = getattr(self, name)
+        if self._learned is not None:
+            learned = getattr(self._learned, name)
+            own = np.concatenate((learned, own)) if len(own) else learned
+        return own[:count]
 
     def _data(
         self, known: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
         """Return points, (n, d), deviations and samples, (n,); a failed string gets the worst."""
-        deviations, finite = self.deviations[:known], np.isfinite(self.objectives[:known])
-        worst = deviations[finite][np.argmax(self.objectives[:known][finite])]
+        objectives, deviations = self._known("objectives", known), self._known("deviations", known)
+        finite = np.isfinite(objectives)
+        worst = deviations[finite][np.argmax(objectives[finite])]
         return (
-            self.space.to_unit(self.parameters[:known]),
+            self.space.to_unit(self._known("parameters", known)),
             np.where(finite, deviations, worst),
-            np.maximum(self.samples[:known], 1),
+            np.maximum(self._known("samples", known), 1),
         )
 
 
