@@ -483,6 +483,12 @@ def test_a_campaign_reports_the_spins_of_its_samples(tmp_path):
     assert abs(outcome.ledger["energy_error"]) < 1e-13
 
 
+SHARE = """
+def share(sample):
+    turning, moving = sample.rotational_temperature, sample.granular_temperature
+    return turning / (turning + moving)
+"""
+
 SEARCHED = """
 objective: {law: function, call: "shape:share"}
 search: {population: 4, parents: 2}
@@ -494,13 +500,12 @@ output: {final_particles: true, frames: {strings: 1, samples: 1, count: 2}}
 
 
 def test_rows_of_spinning_grains_have_their_temperatures_and_what_merging_left(tmp_path):
-    text = CAMPAIGN.replace("particles: 30", "particles: 12").replace("10, v", "[5, 9], v")
+    text = CAMPAIGN.replace("particles: 30", "particles: 8").replace("10, v", "[5, 9], v")
     plastic = "restitution: {law: pressure}\n  duration: mean_speed\n  hardness: constant"
     text = text.replace("restitution: {law: constant, value: 0.9}", plastic)
     text = text.replace("5000}", "5000, hardness: 1e7}").replace("action: 0.1", "action: 0.25")
     (tmp_path / "rough.yaml").write_text(text + SEARCHED)
-    both = "sample.rotational_temperature, sample.granular_temperature"
-    (tmp_path / "shape.py").write_text(f"def share(sample):\n    r, g = {both}\n    return r / (r + g)\n")
+    (tmp_path / "shape.py").write_text(SHARE)
     campaign = load_campaign(tmp_path / "rough.yaml", allow_code=True)
     file = campaign.run(tmp_path / "rough.h5", progress=False)
     samples, strings = file.samples, file.strings
