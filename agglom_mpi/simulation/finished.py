@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +12,6 @@ from agglom_mpi.outcome import FinalParticles
 
 if TYPE_CHECKING:
     from agglom_mpi.simulation.scene import Scene
-
-
-TEMPERATURES: Final = ("granular_temperature", "rotational_temperature")
-"""Columns of a sample whose grains spin that a function receives."""
 
 
 class Sample(NamedTuple):
@@ -100,7 +96,7 @@ def finished_sample(
         breakups=int(record["breakups"]),
         initial_radii=_read_only(initial),
         spins=None if final.spins is None else _read_only(final.spins),
-        **{name: float(record[name]) for name in TEMPERATURES if final.spins is not None},
+        **{name: float(record[name]) for name in Sample._fields[-2:] if final.spins is not None},
     )
 
 

@@ -127,9 +127,6 @@ SAMPLE_KEY: Final = (
 )
 """Columns of tables of samples that state which sample a row is of."""
 
-SPIN_MEANINGS: Final = {column.name: column.meaning for column in SPIN_COLUMNS}
-"""Meanings of the quantities that samples of grains that spin have."""
-
 SAMPLES: Final = TableSchema(
     "samples",
     "one simulated configuration of one string; those with sample < samples_used are used",
@@ -171,10 +168,10 @@ def samples_schema(quantities: Mapping[str, str], census: Layouts | None = None)
     """
     if not quantities and census is None:
         return SAMPLES
-    usual = "quantity of the sample by the objective's function"
-    columns = []
+    usual, columns = "quantity of the sample by the objective's function", []
+    of_spins = {column.name: column.meaning for column in SPIN_COLUMNS}
     for name, unit in sorted(quantities.items()):
-        meaning = SPIN_MEANINGS.get(name.rpartition(".")[2], usual)
+        meaning = of_spins.get(name.rpartition(".")[2], usual)
         columns.append(Column(name, "f8", unit, f"{meaning}; 0 if it failed", since=4))
     columns += census_columns(census)
     at = [field.name for field in SAMPLES.fields].index("objective") + 1

@@ -516,6 +516,7 @@ def test_rows_of_spinning_grains_have_their_temperatures_and_what_merging_left(t
     np.testing.assert_array_equal(samples["objective"], turning / (turning + moving))
     mean = samples.groupby("string")["rotational_temperature"].mean()
     np.testing.assert_allclose(strings["rotational_temperature"], mean, rtol=1e-14)
+    assert campaign.simulate_many(file.best(1)).failed.shape == (1, 1)  # no column is a variable
     many = campaign.simulate_many([campaign.parameters()], samples=2)
     for row in samples.itertuples():
         left = file.final_particles(row.string, row.sample)
