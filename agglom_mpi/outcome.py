@@ -88,6 +88,34 @@ COLUMNS: Final = (
 OUTCOME: Final = np.dtype([(column.name, column.dtype) for column in COLUMNS])
 """One sample as a structured scalar, fields in the order of `COLUMNS`."""
 
+SPIN_COLUMNS: Final = (
+    OutcomeColumn(
+        "angular_momentum_left", "f8", "kg*m^2/s", "angular momentum that no rotation has taken up"
+    ),
+    OutcomeColumn(
+        *("granular_temperature", "f8", "m^2/s^2"),
+        "2/3 of the kinetic energy of the motion at the end, about the mean flow, over the mass",
+    ),
+    OutcomeColumn(
+        *("rotational_temperature", "f8", "m^2/s^2"),
+        "2/3 of the kinetic energy of the rotation at the end, over the mass",
+    ),
+    OutcomeColumn("spin_caps", "f8", "1", "merges and breakups that left angular momentum"),
+)
+"""Further columns of a sample whose grains spin, by name; other samples have none of them."""
+
+SPIN_UNITS: Final = {column.name: column.unit for column in SPIN_COLUMNS}
+"""Their units: a campaign file has them among the quantities of a sample."""
+
+# They come first: Numba takes a record for another that begins with all of its fields.
+_SPINNING: Final = np.dtype([*((c.name, c.dtype) for c in SPIN_COLUMNS), *OUTCOME.descr])
+
+
+def outcome_type(spins: bool) -> np.dtype[np.void]:
+    """Return the type of the result of a sample: `OUTCOME`, and `SPIN_COLUMNS` with `spins`."""
+    return _SPINNING if spins else OUTCOME
+
+
 LEDGER: Final = (
     "momentum_error",
     "energy_error",
@@ -227,7 +255,7 @@ class FinalParticles(NamedTuple):
     radii, masses, temperatures : array, shape (n,), m, kg and K
     grains : array of int64, shape (n,), original grains in each
     spins : array, shape (n, 3), rad/s
-        None where grains do not spin, and of particles that a campaign file stores.
+        None where grains do not spin.
     """
 
     radii: npt.NDArray[np.float64]

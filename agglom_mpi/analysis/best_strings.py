@@ -140,7 +140,7 @@ def collect_best(file: CampaignData, count: int) -> list[dict[str, Any]]:
 
     Each has a `reestimate` on its fresh samples, None if it has none. It has `moments` if the
     objective has targets of them, `drawn_volume_fraction` if grains differ in size, `quantities` if
-    the objective's function returns some, and a `finite_size` if there are larger volumes.
+    samples have some, and a `finite_size` if there are larger volumes.
     """
     rows, estimates, order = rank_strings(file)
     again = {estimate.string: estimate for estimate in estimates}

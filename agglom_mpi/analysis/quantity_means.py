@@ -1,4 +1,4 @@
-"""Means over samples of the quantities that an objective's function returns, of each string."""
+"""Means over samples of the quantities of functions and of spins, of each string."""
 
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, Final

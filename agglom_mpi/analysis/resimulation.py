@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from agglom_mpi.config.yaml_source import CampaignError, Problem
 from agglom_mpi.measurements.layout import prefix_of
-from agglom_mpi.outcome import COLUMNS, COMPLETED, OUTCOME
+from agglom_mpi.outcome import COLUMNS, COMPLETED, SPIN_COLUMNS, SPIN_UNITS, outcome_type
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
@@ -45,10 +45,11 @@ def recorded_sample(data: "CampaignData", string: int, sample: int) -> np.void:
 
 
 def row_of_experiment(row: np.void, experiment: str) -> np.void:
-    """Return what a row of `/samples` has of one experiment, as `OUTCOME`."""
-    found = np.zeros(1, OUTCOME)
-    for name in OUTCOME.names or ():
-        found[name] = row[f"{prefix_of(experiment)}{name}"]
+    """Return what a row of `/samples` has of one experiment, by `outcome_type`."""
+    prefix, names = prefix_of(experiment), {*(row.dtype.names or ())}
+    found = np.zeros(1, outcome_type({f"{prefix}{name}" for name in SPIN_UNITS} <= names))
+    for name in found.dtype.names or ():
+        found[name] = row[f"{prefix}{name}"]
     return found[0]
 
 
@@ -76,10 +77,11 @@ def is_same(stored: np.void, computed: np.void, version: int) -> bool:
 
     Only columns that files of the stored row's format `version` have are compared.
     """
+    names = {*(stored.dtype.names or ())} & {*(computed.dtype.names or ())}
     return all(
         stored[column.name].tobytes() == computed[column.name].tobytes()
-        for column in COLUMNS
-        if column.since <= version
+        for column in (*COLUMNS, *SPIN_COLUMNS)
+        if column.since <= version and column.name in names
     )
 
 

@@ -86,8 +86,7 @@ def trade_off(
 def axis_of(files: "Sequence[CampaignData]", name: str, maximised: bool) -> TradeOffAxis:
     """Return the axis of a number that every file has.
 
-    It is `objective`, `mean_radius_ratio`, a quantity of the objective's function, a variable or a
-    derived quantity.
+    It is `objective`, `mean_radius_ratio`, a quantity of samples, a variable or a derived quantity.
 
     Raises
     ------

@@ -14,7 +14,7 @@ from agglom_mpi.cli.common import ALLOW_CODE, examples, exit_with, say
     required=True,
     metavar="NAME",
     help="Number that strings are compared by: objective, mean_radius_ratio, a variable, a derived "
-    "quantity, or one that the objective's function returns.",
+    "quantity, or one of samples: of the objective's function, or of grains that spin.",
 )
 @click.option(
     "--y",

@@ -34,7 +34,8 @@ from agglom_mpi.config.user_function import UserFunction, function_of_means
 from agglom_mpi.config.yaml_source import ArgumentError, CampaignError, Problem, parse, with_seed
 from agglom_mpi.declaration.reading import PLAIN, Reading
 from agglom_mpi.measurements.datum import Datum
-from agglom_mpi.measurements.layout import CensusLayout, ExperimentLayouts
+from agglom_mpi.measurements.layout import CensusLayout, ExperimentLayouts, prefix_of
+from agglom_mpi.outcome import SPIN_UNITS
 from agglom_mpi.physics.impact_tests import ImpactTests, impact_tests
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.search.methods.method import SearchMethod
@@ -53,7 +54,7 @@ CAMPAIGN_INTERNALS: Final = (
     *("derived_values", "function_error", "check_scales"),
     *("search_error", "required_plan", "engine", "file_name", "from_text"),
     *("count", "with_generations", "with_seed"),
-    "require_one_scene",
+    *("require_one_scene", "sample_quantities"),
     *("data", "data_entries", "census", "experiments", "has_layout", "of_experiment"),
 )
 """Names of a campaign for the package's own modules: sections, and what builds or checks a run."""
@@ -336,6 +337,16 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
     def census(self) -> CensusLayout | ExperimentLayouts | None:
         """When samples are counted by size, and in which classes; None without data."""
         return census_layout(self)
+
+    @property
+    def sample_quantities(self) -> dict[str, str]:
+        """SI units of what samples have beside the columns of all: by a function, and of spins."""
+        scenes = {prefix_of(each.name): each.campaign.scene for each in self.experiments}
+        found = dict(self.objective.quantity_units)
+        for prefix, scene in (scenes or {"": self.scene}).items():
+            if scene.has_spins:
+                found |= {f"{prefix}{name}": unit for name, unit in SPIN_UNITS.items()}
+        return found
 
     @property
     def search(self) -> SearchMethod:

@@ -29,9 +29,11 @@ from agglom_mpi.declaration.declared import (
     Meaning,
     Problems,
     Reads,
+    raise_field_errors,
 )
 from agglom_mpi.declaration.field_types import NONE, Line
 from agglom_mpi.declaration.reading import PLAIN, Reading
+from agglom_mpi.outcome import SPIN_UNITS, quantity_columns
 from agglom_mpi.physics.sizes import READ_KEYS, reads_file
 from agglom_mpi.search.methods.method import SearchMethod
 from agglom_mpi.search.methods.surrogate import Surrogate
@@ -53,8 +55,12 @@ def _variables_fit_scene(entries: Any, reading: Reading) -> Problems:
 def _derived_quantities(entries: Any, reading: Reading) -> Any:
     if "scene" not in reading.earlier:
         return ()
-    used = tuple(required_variables(reading.earlier["scene"], reading.variables))
-    return read_derived(entries, used, reading)
+    scene = reading.earlier["scene"]
+    if scene.has_spins and isinstance(entries, dict):
+        taken = {column for name in SPIN_UNITS for column in quantity_columns(name)}
+        message = "is the name of a column of samples of grains that spin; choose another"
+        raise_field_errors([((name,), message) for name in entries if name in taken])
+    return read_derived(entries, tuple(required_variables(scene, reading.variables)), reading)
 
 
 def _comparisons(entries: Any, reading: Reading) -> Any:
@@ -86,7 +92,8 @@ def _objective_fits(objective: Objective, reading: Reading) -> Problems:
             message = f"is {ratio:g}; {particles} grains in one give {largest:.4g}"
             yield path, f"{message}, which is the most"
     names = list(objective.quantity_units)
-    for below, message in quantity_problems(names, earlier.get("derived", ())):
+    spins = SPIN_UNITS if "scene" in earlier and earlier["scene"].has_spins else ()
+    for below, message in quantity_problems(names, earlier.get("derived", ()), spins):
         yield ("quantities", *below), message
     data = earlier.get("data")
     if data is not None and objective.needs_data and not data:

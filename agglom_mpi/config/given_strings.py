@@ -12,6 +12,7 @@ from agglom_mpi.config.relations import COLUMNS
 from agglom_mpi.config.yaml_source import ArgumentError, CampaignError, Problem
 from agglom_mpi.declaration.given_values import FRACTIONS, component_of, read_variable
 from agglom_mpi.formatting import in_unit
+from agglom_mpi.outcome import quantity_columns
 from agglom_mpi.variables import VOLUME_FRACTION, VariableTable, size_ratio
 
 if TYPE_CHECKING:
@@ -104,6 +105,7 @@ def without_results(campaign: "Campaign", parameters: Any) -> dict[str, Any]:
     if "string" not in values:
         return values
     others = {*TABLE_COLUMNS, *(each.name for each in campaign.relations.derived)}
+    others |= {each for name in campaign.sample_quantities for each in quantity_columns(name)}
     others -= set(campaign.variables.further_names)
     if "size_ratio" not in values:  # as in strings of `Searcher.ask`
         others.discard(VOLUME_FRACTION.name)

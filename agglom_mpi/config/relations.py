@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -256,7 +256,9 @@ def _name_problem(name: str) -> str:
     return f"is the name of a {of}; choose another" if of else ""
 
 
-def quantity_problems(names: Sequence[str], derived: Sequence[Derived]) -> Problems:
+def quantity_problems(
+    names: Sequence[str], derived: Sequence[Derived], others: Iterable[str] = ()
+) -> Problems:
     """Return problems of quantities of samples whose columns would have the names of others.
 
     Each has a column of its mean, and of the standard error; so have its estimates.
@@ -267,9 +269,11 @@ def quantity_problems(names: Sequence[str], derived: Sequence[Derived]) -> Probl
         Names of the quantities.
     derived
         Derived quantities, which have columns, too.
+    others
+        Further quantities of the same samples.
     """
     taken, problems = Counter(each.name for each in derived), Problems()
-    taken.update(column for name in names for column in quantity_columns(name))
+    taken.update(column for name in (*names, *others) for column in quantity_columns(name))
     for name in names:
         message = _name_problem(name)
         twice = [column for column in quantity_columns(name) if taken[column] > 1]

@@ -305,6 +305,11 @@ class SceneSection(Declared):
             sizes=self.size_law,
         )
 
+    @property
+    def has_spins(self) -> bool:
+        """Whether grains spin."""
+        return isinstance(self.friction, SpinningFriction)
+
     def impact_laws(self, value: Values) -> ImpactLaws:
         """Return the laws of an impact; None where restitution needs no contact pressure."""
         pressure = self.restitution.uses_contact_pressure
@@ -379,7 +384,7 @@ class SceneSection(Declared):
                 "allowed: exact, or euler with engine fixed or adaptive",
             )
         own = (("heating", self.heating), ("fragmentation", self.fragmentation))
-        for key, of_one in own if isinstance(self.friction, SpinningFriction) else ():
+        for key, of_one in own if self.has_spins else ():
             if of_one.is_frame_dependent():
                 yield (
                     (key,),

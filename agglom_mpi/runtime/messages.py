@@ -187,10 +187,10 @@ def unpacked_results(
     return packed[begin:end].view(PART), packed[end:].view(result)
 
 
-def record_types(grains: int) -> dict[int, np.dtype]:
+def record_types(grains: int, spins: bool = False) -> dict[int, np.dtype]:
     """Return the types of records that rank 0 receives, by tag.
 
-    `grains` is the largest number of particles of a sample.
+    `grains` is the largest number of particles of a sample; with `spins`, they spin.
     """
     return {
         RESULTS: np.dtype(np.uint8),
@@ -199,8 +199,8 @@ def record_types(grains: int) -> dict[int, np.dtype]:
         WRITTEN: np.dtype(np.int64),
         ALIVE: HEARTBEAT,
         STOP: GOODBYE,
-        FINALS: final_particles_schema(grains).dtype,
-        FRAMES: frames_schema(grains).dtype,
+        FINALS: final_particles_schema(grains, spins).dtype,
+        FRAMES: frames_schema(grains, spins).dtype,
     }
 
 

@@ -5,7 +5,7 @@ import time
 import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from agglom_mpi.config.own_components import permitted_modules
 from agglom_mpi.judge import Judge, decides, new_judge
 from agglom_mpi.measurements.layout import CensusLayout
-from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, FailureReason, final_particles
+from agglom_mpi.outcome import COMPLETED, FAILED, FailureReason, final_particles, outcome_type
 from agglom_mpi.random_streams import key_words
 from agglom_mpi.runtime.abort_flag import AbortFlag
 from agglom_mpi.runtime.experiment import Experiment, SampleSetup
@@ -79,8 +79,12 @@ class SampleRunner:
         Ends samples early.
     grains
         Largest number of particles of a sample whose particles are stored.
+    spins
+        Whether their rows have what samples of grains that spin have.
+    outcome
+        Type of the results of the kernels, as far as rows have them.
     quantities
-        SI units of the quantities that the objective's function returns, by name.
+        SI units of the quantities of a sample, by name.
     census
         Layout of the censuses of samples of one scene; None: none are taken.
     further_columns
@@ -97,6 +101,8 @@ class SampleRunner:
         self.rank = rank
         self.stores_particles = experiment.table_sizes.final_particles
         self.grains = experiment.table_sizes.grains
+        self.spins = experiment.table_sizes.spins
+        self.outcome = outcome_type(self.spins)
         self.quantities = dict(experiment.table_sizes.quantities)
         layouts = experiment.table_sizes.census
         self.counts = layouts is not None
@@ -125,6 +131,11 @@ class SampleRunner:
             return FrameTask(self, task)
         kind = ExperimentsTask if self.experiment.campaign.experiments else SampleTask
         return kind(self, task)
+
+    def in_row(self, records: Any) -> Any:
+        """Return what rows have of results: those of a study of several scenes none of spins."""
+        names = self.outcome.names or ()
+        return records if records.dtype.names == names else records[list(names)]
 
     def string_scene(self, string: int, parameters: NDArray[np.float64]) -> "StringScene":
         """Return the scene of a string, shape (k,); those of the last strings are kept."""
@@ -291,7 +302,7 @@ class SampleTask(Task):
         super().__init__(runner, task)
         self._collected = 0
         self._rows = np.zeros(self._count, runner.result_dtype)
-        self._records = self._rows[list(OUTCOME.names or ())]  # a view
+        self._records = self._rows[list(runner.outcome.names or ())]  # a view
         self._rows["string"], self._rows["rank"] = self._string, runner.rank
         self._rows["sample"] = np.arange(self._first, self._first + self._count)
         self._times = self._rows[list(TIMES.names or ())]  # a view
@@ -338,10 +349,12 @@ class SampleTask(Task):
         random = random_numbers(setup.campaign, self._parameters, number)
         layout, abort = self._runner.census, self._abort_flag.abort
         if layout is None:
-            self._records[self._done], particles = simulate_scene(scene, random, abort)
+            result, particles = simulate_scene(scene, random, abort)
+            self._records[self._done] = self._runner.in_row(result)
         else:
             census = new_census_room(layout, 1)
-            self._records[self._done], particles = simulate_counted(scene, random, census, abort)
+            result, particles = simulate_counted(scene, random, census, abort)
+            self._records[self._done] = self._runner.in_row(result)
             self._keep_censuses(slice(self._done, self._done + 1), census)
         if record["state"] != COMPLETED or not (stores or code):
             return True
@@ -360,7 +373,7 @@ class SampleTask(Task):
         count = min(self._count - self._done, MAX_AT_ONCE, samples_at_once(scene))
         if self._judge.state["asked"][0] and scene.sizes is not None:
             count = min(count, MOST_DRAWN)
-        results = new_results(count, self._runner.census)
+        results = new_results(count, self._runner.census, scene.has_spins)
         watch = self._abort_flag.watch(seconds)._replace(judge=self._judge)
         self._abort_flag.follow(results.finished)
         try:
@@ -376,7 +389,8 @@ class SampleTask(Task):
         count = int(results.finished[0])
         times = results.times[:count]
         here = slice(self._done, self._done + count)
-        self._records[here], self._times[here] = results.records[:count], times
+        self._records[here] = self._runner.in_row(results.records[:count])
+        self._times[here] = times
         self._keep_censuses(here, results.census)
         self._accounted = TimeSpent(times["seconds"].sum(), times["cpu_seconds"].sum())
         self._done += count
@@ -393,7 +407,7 @@ class SampleTask(Task):
     def _keep(self, reason: int, spent: TimeSpent) -> None:
         at = self._done
         if reason:
-            self._records[at] = np.zeros((), OUTCOME)
+            self._records[at] = np.zeros((), self._runner.outcome)
             self._records[at]["state"], self._records[at]["reason"] = FAILED, reason
             self._judge.state["asked"] = False
             for name in ("objective", *self._runner.further_columns):
@@ -435,7 +449,9 @@ class FrameTask(Task):
         setup, scene = string_scene.setup, string_scene.scene
         number = setup.first_sample + sample
         random = random_numbers(setup.campaign, self._parameters, number)
-        frames = new_frames(frame_times(self._frames, scene.end_time), scene.particles)
+        frames = new_frames(
+            frame_times(self._frames, scene.end_time), scene.particles, self._runner.spins
+        )
         # A sample that fails has no particles in the frames after that.
         simulate_scene(scene, random, self._abort_flag.abort, frames)
         self._sample_rows = frame_rows(self._string, sample, frames)

@@ -203,7 +203,7 @@ def _example(name: str, scene: Scene) -> tuple[Any, tuple[Any, ...]]:
     if name in (RANGE, COUNTED_RANGE):
         watch = new_watch(np.zeros(1, np.uint8))
         random = np.random.default_rng()
-        results = new_results(1, EXAMPLE_LAYOUT if name == COUNTED_RANGE else None)
+        results = new_results(1, EXAMPLE_LAYOUT if name == COUNTED_RANGE else None, scene.has_spins)
         return simulate_range, (scene, room, random, new_draws(), watch, results)
     if name == COUNTING_ENGINE:
         counts = new_collision_counts(scene.mass, 1.0, 1, np.ones(1))

@@ -1,5 +1,6 @@
 """A finished sample as a user's own objective function receives it."""
 
+import math
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -37,6 +38,8 @@ class Sample(NamedTuple):
         Simulated time, s.
     collisions, merges, breakups : int
     spins : array, shape (n, 3), rad/s, or None where grains do not spin
+    granular_temperature, rotational_temperature : float
+        Of motion and of rotation, m²/s²; nan where grains do not spin.
     """
 
     parameters: Mapping[str, float]
@@ -52,6 +55,8 @@ class Sample(NamedTuple):
     breakups: int
     initial_radii: NDArray[np.float64]
     spins: NDArray[np.float64] | None = None
+    granular_temperature: float = math.nan
+    rotational_temperature: float = math.nan
 
 
 def finished_sample(
@@ -91,6 +96,7 @@ def finished_sample(
         breakups=int(record["breakups"]),
         initial_radii=_read_only(initial),
         spins=None if final.spins is None else _read_only(final.spins),
+        **{name: float(record[name]) for name in Sample._fields[-2:] if final.spins is not None},
     )
 
 

@@ -40,8 +40,7 @@ class Frames(NamedTuple):
     grains
         Original grains in each particle, shape (F, N).
     spins
-        Angular velocities, shape (F, N, 3), rad/s; None where grains do not spin, and of frames
-        that were stored in a campaign file.
+        Angular velocities, shape (F, N, 3), rad/s; None where grains do not spin.
     """
 
     times: Floats

@@ -122,7 +122,7 @@ class Outcome(metaclass=PublicFace, internal=["measured", "census"]):
     @property
     def measured(self) -> result.SampleSummary:
         """Summary that decisions are based on."""
-        [measured] = result.summaries(np.array([self.record], result.OUTCOME))
+        [measured] = result.summaries(np.array([self.record]))
         returned = tuple(value for _, value in sorted(self.quantities.items()))
         return measured._replace(objective=self.objective, quantities=returned, census=self.census)
 
@@ -181,7 +181,7 @@ def _alone(
     prepared = prepared_scene(scene)
     room = kept_room(prepared, particles, census is not None)
     draws = with_sizes(new_draws(), [drawn_sizes(scene, random)])
-    results = new_results(1)._replace(census=census)
+    results = new_results(1, spins=scene.has_spins)._replace(census=census)
     simulate_range(prepared.scene, room, random, draws, new_watch(abort), results)
     _keep(ledger, room.ledger)
     return room.record.copy()[0], particles
@@ -203,7 +203,7 @@ def _with_frames(
     ledger: Ledger | None,
 ) -> Any:
     """Run one sample and fill its frames; return its `OUTCOME` record."""
-    out = np.zeros(1, result.OUTCOME)
+    out = np.zeros(1, result.outcome_type(scene.has_spins))
     out["state"] = result.FAILED
     if place_grains(scene, random, particles, abort):
         _keep(ledger, carry_to_end(without_law(scene), particles, abort, out, frames))
@@ -338,7 +338,7 @@ def carry_to_end(
     particles
         Those at the end afterwards.
     out
-        Array of `OUTCOME`, shape (1,), filled.
+        Array of `outcome_type`, shape (1,), filled.
 
     Returns
     -------

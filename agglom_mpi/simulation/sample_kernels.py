@@ -19,7 +19,7 @@ from agglom_mpi.simulation.measurement import (
 from agglom_mpi.simulation.particles import EXHAUSTED
 from agglom_mpi.simulation.reference_frame import to_box_frame, to_mass_frame
 from agglom_mpi.simulation.scene import advance_to, begin, finish
-from agglom_mpi.simulation.spins import rotational_energy
+from agglom_mpi.simulation.spins import measure_spins, rotational_energy
 from agglom_mpi.simulation.temperature import cool_until
 
 INITIAL: Final = np.dtype(
@@ -70,7 +70,7 @@ def measure_sample(scene, particles, ledger, initial, end, out):
     scene, particles, ledger, initial
         As `run_engine` left them.
     end : float, s
-    out : array of `OUTCOME`, shape (1,), filled
+    out : array of `outcome_type`, shape (1,), filled
     """
     record = out[0]
     record["end_time"] = end
@@ -84,6 +84,7 @@ def measure_sample(scene, particles, ledger, initial, end, out):
         record["reason"] = result.FailureReason.NON_FINITE
         return
     measure(scene, particles, end, record)
+    measure_spins(scene.laws.friction, scene.escape, particles, ledger, record)
     measure_ledger(scene, particles, ledger, initial[0], record)
     to_box_frame(scene, particles, initial[0]["drift"], end)
     record["state"] = result.COMPLETED

@@ -85,7 +85,7 @@ class SampleResults(NamedTuple):
     Attributes
     ----------
     records
-        `OUTCOME` of each, shape (n,).
+        Result of each, of `outcome_type`, shape (n,).
     times
         `TIMES` of each, shape (n,).
     finished
@@ -112,12 +112,14 @@ def new_watch(
     return Watch(abort, begun, limits, CLOCKS, new_judge())
 
 
-def new_results(count: int, layout: CensusLayout | None = None) -> SampleResults:
+def new_results(
+    count: int, layout: CensusLayout | None = None, spins: bool = False
+) -> SampleResults:
     """Return room for the results of `count` samples, none of them finished.
 
-    With a `layout`, for their censuses, too.
+    With a `layout`, for their censuses, too; with `spins`, of grains that spin.
     """
-    records, times = np.zeros(count, result.OUTCOME), np.zeros(count, TIMES)
+    records, times = np.zeros(count, result.outcome_type(spins)), np.zeros(count, TIMES)
     census = None if layout is None else new_census_room(layout, count)
     return SampleResults(records, times, np.zeros(1, np.int64), census)
 

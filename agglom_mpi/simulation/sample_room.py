@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.compilation.kernel_calls import CALLEE, callee_of
-from agglom_mpi.outcome import OUTCOME
+from agglom_mpi.outcome import outcome_type
 from agglom_mpi.simulation.census import EXAMPLE_LAYOUT, new_census_room, take_census
 from agglom_mpi.simulation.initial_state import DifferentSizes, EqualSizes, scatter
 from agglom_mpi.simulation.particles import Ledger, Particles, new_ledger, new_particles
@@ -38,7 +38,7 @@ class Room(NamedTuple):
     placed, velocity
         Positions in m and velocities in m/s of the grains, shape (3, N).
     record
-        Result of the sample under way, `OUTCOME`, shape (1,).
+        Result of the sample under way, of `outcome_type`, shape (1,).
     timespec
         Answer of a clock, shape (2,).
     callees
@@ -72,7 +72,7 @@ def new_room(
         new_template(scene),
         np.empty((3, scene.particles)),
         np.empty((3, scene.particles)),
-        np.zeros(1, OUTCOME),
+        np.zeros(1, outcome_type(scene.has_spins)),
         np.zeros(2, np.int64),
         np.zeros(len(CALLED), CALLEE),
         observer,

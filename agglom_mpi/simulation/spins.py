@@ -14,6 +14,7 @@ import math
 from typing import Any, Final
 
 from agglom_mpi.compilation.stages import ANY, dispatch, inlined
+from agglom_mpi.outcome import SPIN_UNITS
 from agglom_mpi.physics.rough import INERTIA, SpinningFriction
 from agglom_mpi.simulation.impact import ImpactResult
 from agglom_mpi.simulation.particles import (
@@ -25,7 +26,11 @@ from agglom_mpi.simulation.particles import (
     spin_of,
     velocity_of,
 )
-from agglom_mpi.simulation.reference_frame import fluctuation_energy, motion_energy
+from agglom_mpi.simulation.reference_frame import (
+    fluctuation_energy,
+    motion_energy,
+    total_momentum,
+)
 from agglom_mpi.simulation.temperature import add_heat
 from agglom_mpi.simulation.vectors import (
     cross,
@@ -312,19 +317,37 @@ def _draw_uniformly(friction, escape, random, particles):
         set_spin(grain, scaled(spin_of(grain), factor))
 
 
-def spin_account(scene: Any, particles: Any, ledger: Any) -> dict[str, float | int]:
-    """Return what is reported of the spins of a sample at its end; nothing where none spins.
+@dispatch
+def measure_spins(friction, escape, particles, ledger, out):
+    """Write `SPIN_COLUMNS` into the outcome record; nothing where none spins."""
 
-    The temperatures are kinetic energies per degree of freedom, of motion about the mean velocity
-    and of rotation; nan for their ratio where nothing moves.
+
+@measure_spins.register(None, ANY)
+def _measure_nothing(friction, escape, particles, ledger, out):
+    return None
+
+
+@measure_spins.register(SpinningFriction)
+def _measure_temperatures(friction, escape, particles, ledger, out):
+    _, mass = total_momentum(escape, particles)
+    motion, _ = fluctuation_energy(escape, particles)
+    left = ledger.energy[LEFT_TO_STRUCTURE : LEFT_TO_STRUCTURE + 3]
+    out["granular_temperature"] = 2.0 * motion / (3.0 * mass)
+    out["rotational_temperature"] = 2.0 * rotational_energy(friction, particles) / (3.0 * mass)
+    out["spin_caps"] = ledger.counts[SPIN_CAPS]
+    out["angular_momentum_left"] = math.sqrt(left[0] ** 2 + left[1] ** 2 + left[2] ** 2)
+
+
+def spin_account(record: Any) -> dict[str, float | int]:
+    """Return what is reported of the spins of a sample by its record; nothing where none spins.
+
+    The ratio of the temperatures is nan where nothing moves.
     """
-    if not scene.has_spins:
+    if SPIN_UNITS.keys().isdisjoint(record.dtype.names):
         return {}
-    motion, _ = fluctuation_energy(scene.escape, particles)
-    turning = rotational_energy(scene.laws.friction, particles)
-    left = ledger.energy[LEFT_TO_STRUCTURE : LEFT_TO_STRUCTURE + 3].tolist()
+    motion, turning = record["granular_temperature"], record["rotational_temperature"]
     return {
         "rotational_ratio": float(turning / motion) if motion > 0.0 else math.nan,
-        "spin_caps": int(ledger.counts[SPIN_CAPS]),
-        "angular_momentum_left": math.hypot(*left),
+        "spin_caps": int(record["spin_caps"]),
+        "angular_momentum_left": float(record["angular_momentum_left"]),
     }

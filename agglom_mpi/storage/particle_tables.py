@@ -22,6 +22,7 @@ _OF_FINAL = {
     "mass": "masses",
     "temperature": "temperatures",
     "grains": "grains",
+    "spin": "spins",
 }
 _OF_FRAMES = _OF_FINAL | {
     "time": "times",
@@ -32,12 +33,17 @@ _OF_FRAMES = _OF_FINAL | {
 }
 
 
+def _fields_in(fields: dict[str, str], rows: np.ndarray) -> list[tuple[str, str]]:
+    """Return the columns that rows have with the names of what they hold."""
+    return [pair for pair in fields.items() if pair[0] in (rows.dtype.names or ())]
+
+
 def final_row(string: int, sample: int, final: FinalParticles, grains: int) -> np.ndarray:
     """Return the row of `/final_particles` of a sample, (1,), without its checksum."""
-    row = np.zeros(1, final_particles_schema(grains).dtype)
+    row = np.zeros(1, final_particles_schema(grains, final.spins is not None).dtype)
     left = len(final.radii)
     row["string"], row["sample"], row["particles"] = string, sample, left
-    for column, name in _OF_FINAL.items():
+    for column, name in _fields_in(_OF_FINAL, row):
         row[column] = 0 if column == "grains" else np.nan
         row[column][0, :left] = getattr(final, name)
     return row
@@ -46,9 +52,9 @@ def final_row(string: int, sample: int, final: FinalParticles, grains: int) -> n
 def frame_rows(string: int, sample: int, frames: Frames) -> np.ndarray:
     """Return the rows of `/frames` of a sample, (frames,), without their checksums."""
     count, grains = frames.radii.shape
-    rows = np.zeros(count, frames_schema(grains).dtype)
+    rows = np.zeros(count, frames_schema(grains, frames.spins is not None).dtype)
     rows["string"], rows["sample"], rows["frame"] = string, sample, np.arange(count)
-    for column, name in _OF_FRAMES.items():
+    for column, name in _fields_in(_OF_FRAMES, rows):
         rows[column] = getattr(frames, name)
     return rows
 
@@ -92,7 +98,7 @@ class StoredParticles:
         if not len(rows):
             return None
         left = int(rows["particles"][0])
-        columns = {name: rows[column][0][:left] for column, name in _OF_FINAL.items()}
+        columns = {name: rows[column][0][:left] for column, name in _fields_in(_OF_FINAL, rows)}
         found = FinalParticles(**columns)
         return found if self._has_temperature() else without_temperatures(found)
 
@@ -112,7 +118,8 @@ class StoredParticles:
             rows = concatenated([table.read(place, 1).rows for place in places], table.dtype)
         if not len(rows):
             return None
-        found = Frames(**{name: np.array(rows[column]) for column, name in _OF_FRAMES.items()})
+        fields = _fields_in(_OF_FRAMES, rows)
+        found = Frames(**{name: np.array(rows[column]) for column, name in fields})
         return found if self._has_temperature() else without_temperatures(found)
 
 

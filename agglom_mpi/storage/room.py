@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self
 
 from agglom_mpi.formatting import value_with_prefix
 from agglom_mpi.measurements.layout import CensusLayout, ExperimentLayouts
+from agglom_mpi.outcome import SPIN_UNITS
 from agglom_mpi.storage.columns import Layouts, TableSchema
 from agglom_mpi.storage.schema import (
     FAILURE_CAPACITY,
@@ -105,6 +106,11 @@ class TableSizes(NamedTuple):
         )
 
     @property
+    def spins(self) -> bool:
+        """Whether the particles of a sample spin; False where it has several experiments."""
+        return self.quantities.keys() >= SPIN_UNITS.keys()
+
+    @property
     def sample_room(self) -> int:
         """Samples of each string that there is room for, fresh ones included."""
         return self.max_samples + self.fresh
@@ -145,8 +151,9 @@ class TableSizes(NamedTuple):
         `/final_particles`, `/frames`, samples of larger volumes and those of another campaign are
         there if the campaign asks for them.
         """
-        bulk = [final_particles_schema(self.grains)] if self.final_particles else []
-        bulk += [frames_schema(self.grains)] if self.frames else []
+        particles = self.grains, self.spins
+        bulk = [final_particles_schema(*particles)] if self.final_particles else []
+        bulk += [frames_schema(*particles)] if self.frames else []
         bulk += [volume_schema(each, self.quantities, self.census) for each in self.volumes]
         columns = self.variables, self.quantities, self.census
         bulk += [learned_schema(*columns)] if self.learned else []
@@ -279,7 +286,7 @@ def table_sizes(campaign: "Campaign") -> TableSizes:
         output.final_particles,
         strings * samples * frames.count if frames else 0,
         campaign.variables,
-        campaign.objective.quantity_units,
+        campaign.sample_quantities,
         campaign.final.larger if campaign.final else (),
         campaign.census,
     )

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from agglom_mpi.outcome import COLUMNS
+from agglom_mpi.outcome import COLUMNS, SPIN_COLUMNS
 from agglom_mpi.storage.columns import CRC, Column, Layouts, TableSchema, census_columns
 from agglom_mpi.variables import MAX_VARIABLE_NAME, TEN, VariableTable
 
@@ -160,7 +160,7 @@ def samples_schema(quantities: Mapping[str, str], census: Layouts | None = None)
     Parameters
     ----------
     quantities
-        Their SI units by name.
+        Their SI units by name, those of `SPIN_COLUMNS` among them where grains spin.
     census
         Layout of the censuses of a sample, whose columns follow those; of several experiments, that
         of each. Columns without the name of an experiment are then of all: `state`, `reason`, the
@@ -168,9 +168,11 @@ def samples_schema(quantities: Mapping[str, str], census: Layouts | None = None)
     """
     if not quantities and census is None:
         return SAMPLES
-    meaning = "quantity of the sample by the objective's function; 0 if it failed"
-    units = sorted(quantities.items())
-    columns = [Column(name, "f8", unit, meaning, since=4) for name, unit in units]
+    usual, columns = "quantity of the sample by the objective's function", []
+    of_spins = {column.name: column.meaning for column in SPIN_COLUMNS}
+    for name, unit in sorted(quantities.items()):
+        meaning = of_spins.get(name.rpartition(".")[2], usual)
+        columns.append(Column(name, "f8", unit, f"{meaning}; 0 if it failed", since=4))
     columns += census_columns(census)
     at = [field.name for field in SAMPLES.fields].index("objective") + 1
     return SAMPLES._replace(fields=(*SAMPLES.fields[:at], *columns, *SAMPLES.fields[at:]))
@@ -329,17 +331,19 @@ def generations_schema(population: int) -> TableSchema:
     )
 
 
-def _particle_columns(grains: int) -> tuple[Column, ...]:
+def _particle_columns(grains: int, spins: bool) -> tuple[Column, ...]:
     wide = (grains,)
+    spin = Column("spin", "f8", "rad/s", "angular velocities, of grains that spin", (grains, 3))
     return (
         Column("radius", "f8", "m", "radii", wide),
         Column("mass", "f8", "kg", "masses", wide),
         Column("temperature", "f8", "K", "temperatures", wide),
         Column("grains", "i8", "1", "original grains in each", wide),
+        *((spin,) if spins else ()),
     )
 
 
-def final_particles_schema(grains: int) -> TableSchema:
+def final_particles_schema(grains: int, spins: bool = False) -> TableSchema:
     """Return the schema of `/final_particles`, whose arrays are `grains` long."""
     return TableSchema(
         "final_particles",
@@ -349,13 +353,13 @@ def final_particles_schema(grains: int) -> TableSchema:
         (
             *SAMPLE_KEY,
             Column("particles", "i8", "1", "particles left"),
-            *_particle_columns(grains),
+            *_particle_columns(grains, spins),
             CRC,
         ),
     )
 
 
-def frames_schema(grains: int) -> TableSchema:
+def frames_schema(grains: int, spins: bool = False) -> TableSchema:
     """Return the schema of `/frames`, whose arrays are `grains` long."""
     wide, vectors = (grains,), (grains, 3)
     return TableSchema(
@@ -371,7 +375,7 @@ def frames_schema(grains: int) -> TableSchema:
             Column("label", "i8", "", "who is who, from frame to frame", wide),
             Column("position", "f8", "m", "centres, wrapped into the box from -D to D", vectors),
             Column("velocity", "f8", "m/s", "velocities", vectors),
-            *_particle_columns(grains),
+            *_particle_columns(grains, spins),
             CRC,
         ),
     )

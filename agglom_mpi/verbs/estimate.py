@@ -12,7 +12,7 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.given_strings import read_string
 from agglom_mpi.config.quantities import columns_of
 from agglom_mpi.formatting import format_mean, in_unit, pluralise, value_with_error, without_nan
-from agglom_mpi.outcome import LEDGER
+from agglom_mpi.outcome import LEDGER, SPIN_UNITS
 from agglom_mpi.physics.scales import half_width
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.search.objectives.moment_targets import interval_notes
@@ -83,7 +83,8 @@ class StringEstimate(metaclass=PublicFace):
     ledger : dict
         Of each column of the ledger the worst sample's.
     quantities : dict
-        Of each quantity that the objective's function returns its mean, in SI units.
+        Mean of each quantity that the objective's function returns, and of those of spins, in SI
+        units.
     quantity_units : dict
         Their SI units.
     volume_fraction : MeanEstimate or None
@@ -172,7 +173,7 @@ class StringEstimate(metaclass=PublicFace):
         for name, mean in self.quantities.items():
             unit = self.quantity_units[name]
             label = name if unit == "1" else f"{name}_{unit}"
-            lines.append(f"  {label:<22}{value_with_error(mean.value, mean.error)}")
+            lines.append(f"  {label + ' ':<22}{value_with_error(mean.value, mean.error)}")
         if (filled := self.volume_fraction) is not None:
             lines.append(f"  {'volume fraction':<22}{value_with_error(filled.value, filled.error)}")
         if self.moments:
@@ -269,10 +270,12 @@ def estimate_of(
         volume_fraction=_filled(campaign, parameters, outcomes),
         units={variable.name: variable.unit for variable in table.further},
         quantities={
-            name: mean_of([outcome.quantities[name] for outcome in outcomes])
-            for name in objective.quantity_units
+            name: mean(name)
+            if name in SPIN_UNITS
+            else mean_of([outcome.quantities[name] for outcome in outcomes])
+            for name in campaign.sample_quantities
         },
-        quantity_units=dict(objective.quantity_units),
+        quantity_units=campaign.sample_quantities,
     )
 
 

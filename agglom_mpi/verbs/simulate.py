@@ -91,7 +91,7 @@ def simulate(
         temperatures=final.temperatures,
         moments=np.array([ratio, *(float(record[f"radius_moment_{r}"]) for r in (2, 3, 4))]),
         ledger={name: record[name].item() for name in result.LEDGER}
-        | spin_account(scene, particles, ledger)
+        | spin_account(record)
         | shear_account(scene, particles, ledger),
         collisions=int(record["collisions"]),
         merges=int(record["merges"]),
@@ -210,7 +210,7 @@ def objective_value(
     function, objective = campaign.user_function, campaign.objective
     scene, record, final = completed
     if objective.code is None:
-        samples = np.array([record], result.OUTCOME)
+        samples = np.array([record])
         return {"objective": float(campaign.objective_at(parameters).of_samples(samples)[0])}
     if function is None or function.source is None:
         return dict.fromkeys(("objective", *objective.quantity_units), math.nan)

@@ -79,8 +79,8 @@ def simulate_experiments(
         record, _ = simulate_counted(each.scene, random, census, abort)
         if abort[0]:
             return
-        records.append(record)
-        for name in OUTCOME.names or ():
+        records.append(record[list(OUTCOME.names or ())])
+        for name in record.dtype.names:
             row[f"{each.prefix}{name}"] = record[name]
         for name, values in census_values(census).items():
             row[f"{each.prefix}{name}"] = values[0] if record["state"] == COMPLETED else 0

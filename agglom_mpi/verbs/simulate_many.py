@@ -130,7 +130,7 @@ def simulate_many(
     if workers is not None:
         workers = campaign.count("workers", workers, least=1)
     strings = read_strings(campaign, parameters)
-    quantities = dict(campaign.objective.quantity_units)
+    quantities = campaign.sample_quantities
     added = [(name, "f8") for name in ("objective", "seconds", "cpu_seconds", *quantities)]
     rows = np.zeros((len(strings), count), [*OUTCOME.descr, *added])
     abort = np.zeros(1, np.uint8)
@@ -215,11 +215,11 @@ def _simulate_range(
     work: _Work, i: int, places: range, scene: Scene, words: npt.NDArray[np.uint64]
 ) -> int:
     """Simulate samples by one call of compiled code; return how many are finished."""
-    results = new_results(len(places))
+    results = new_results(len(places), spins=scene.has_spins)
     simulate_samples(scene, words, work.first + places.start, new_watch(work.abort), results)
     count = int(results.finished[0])
     rows = work.rows[i, places.start : places.start + count]
-    for name in OUTCOME.names or ():
+    for name in results.records.dtype.names or ():
         rows[name] = results.records[name][:count]
     for name in ("seconds", "cpu_seconds"):
         rows[name] = results.times[name][:count]
@@ -235,7 +235,7 @@ def _simulate_with_function(work: _Work, i: int, j: int, scene: Scene) -> None:
     if work.abort[0]:
         return
     row = work.rows[i, j]
-    for name in OUTCOME.names or ():
+    for name in record.dtype.names:
         row[name] = record[name]
     if record["state"] == COMPLETED:
         final = final_particles(scene, particles)

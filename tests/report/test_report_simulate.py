@@ -50,6 +50,20 @@ def test_an_evolution_is_in_the_frame_of_the_mean_flow_and_by_mass():
     np.testing.assert_allclose(run.mean_temperature, [330.0, 331.0], rtol=1e-15)
 
 
+def test_grains_that_spin_have_a_panel_of_their_rotation():
+    frames = two_and_one()
+    spins = np.full((2, 2, 3), np.nan)
+    spins[0], spins[1, 0] = ((0.0, 3.0, 0.0), (0.0, 0.0, 1.0)), (0.0, 3.0, 4.0)
+    run = evolution(frames._replace(spins=spins))
+    # Σ (2/5) m b² ω², over 3 Σ m.
+    wanted = [0.4 * 0.25 * (1.0 * 9.0 + 3.0 * 1.0) / 12.0, 0.4 * 4.0 * 0.64 * 25.0 / 12.0]
+    np.testing.assert_allclose(run.rotational_temperature, wanted, rtol=1e-15)
+    figure, axes = drawn(run)
+    labels = [" ".join(ax.get_ylabel().split()) for ax in axes]
+    assert labels[2:4] == ["granular temperature (m²/s²)", "rotational temperature (m²/s²)"]
+    assert_legible(figure, axes)
+
+
 def test_an_evolution_ends_with_what_the_record_says(outcome):
     run = evolution(outcome.frames)
     assert run.particles[[0, -1]].tolist() == [100, outcome.particles]

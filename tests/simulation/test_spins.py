@@ -12,13 +12,16 @@ from plain_python import PLAIN_ALONE
 from scenes import BUDGET, CONSTANT, HALF, MERGING, make_scene, momentum, run_from, state
 
 from agglom_mpi import load_campaign
+from agglom_mpi.analysis.resimulation import is_same, recorded_sample, simulated_again
 from agglom_mpi.config.yaml_source import CampaignError
+from agglom_mpi.outcome import OUTCOME, SPIN_UNITS
 from agglom_mpi.physics.contact import CompressionRecoveryDuration
 from agglom_mpi.physics.fragmentation import PairEnergyFragmentation
 from agglom_mpi.physics.hardness import ConstantHardness
 from agglom_mpi.physics.heating import PairSplit
 from agglom_mpi.physics.restitution import ConstantRestitution
 from agglom_mpi.physics.rough import RoughFriction, SpinningFriction, sticking_impulse
+from agglom_mpi.report.figures.evolution import evolution
 from agglom_mpi.simulation.boundary import Periodic, Reentry
 from agglom_mpi.simulation.collision import BOUNCED, merge, resolve_contact, split_particle
 from agglom_mpi.simulation.engines import AdaptiveSteps, EventDriven, FixedSteps
@@ -33,6 +36,7 @@ from agglom_mpi.simulation.particles import (
     new_ledger,
 )
 from agglom_mpi.simulation.sample import simulate_scene
+from agglom_mpi.storage.reader import read_campaign
 
 pytestmark = PLAIN_ALONE
 
@@ -250,7 +254,8 @@ def test_grains_that_are_neither_rough_nor_turned_are_smooth_to_the_bit(engine):
         rough_scene(0.9, rough(0.0, -1.0), ENGINES[engine]), np.random.default_rng(7)
     )
     assert one["collisions"] > 20
-    assert one.tobytes() == other.tobytes()
+    assert all(one[name].tobytes() == other[name].tobytes() for name in OUTCOME.names)
+    assert other["rotational_temperature"] == other["spin_caps"] == 0.0
     for name in ("position", "velocity"):
         assert getattr(kept, name).tobytes() == getattr(spun, name).tobytes()
     assert not spun.spin.any()
@@ -471,9 +476,82 @@ def test_a_campaign_reports_the_spins_of_its_samples(tmp_path):
         relative = velocities[f] - velocities[f].mean(axis=0)
         turning = 0.4 * masses * radii**2 * outcome.frames.spins[f] ** 2
         assert turning.sum() / (masses * relative**2).sum() == pytest.approx(ratio, rel=1e-9)
+    run = evolution(outcome.frames)
+    for name in ("granular_temperature", "rotational_temperature"):
+        assert getattr(run, name)[-1] == pytest.approx(outcome.record[name], rel=1e-9)
     assert outcome.ledger["spin_caps"] == 0
     assert outcome.ledger["angular_momentum_left"] == 0.0
     assert abs(outcome.ledger["energy_error"]) < 1e-13
+
+
+SHARE = """
+def share(sample):
+    turning, moving = sample.rotational_temperature, sample.granular_temperature
+    return turning / (turning + moving)
+"""
+
+SEARCHED = """
+objective: {law: function, call: "shape:share"}
+search: {population: 4, parents: 2}
+ensemble: {rule: fixed, samples: 2}
+stopping: {generations: 1}
+final: none
+output: {final_particles: true, frames: {strings: 1, samples: 1, count: 2}}
+"""
+
+
+def test_rows_of_spinning_grains_have_their_temperatures_and_what_merging_left(tmp_path):
+    text = CAMPAIGN.replace("particles: 30", "particles: 8").replace("10, v", "[5, 9], v")
+    plastic = "restitution: {law: pressure}\n  duration: mean_speed\n  hardness: constant"
+    text = text.replace("restitution: {law: constant, value: 0.9}", plastic)
+    text = text.replace("5000}", "5000, hardness: 1e7}").replace("action: 0.1", "action: 0.25")
+    (tmp_path / "rough.yaml").write_text(text + SEARCHED)
+    (tmp_path / "shape.py").write_text(SHARE)
+    campaign = load_campaign(tmp_path / "rough.yaml", allow_code=True)
+    file = campaign.run(tmp_path / "rough.h5", progress=False)
+    samples, strings = file.samples, file.strings
+    assert {name: samples.attrs["units"][name] for name in SPIN_UNITS} == SPIN_UNITS
+    assert samples["spin_caps"].sum() > 0.0
+    assert ((samples["angular_momentum_left"] > 0.0) == (samples["spin_caps"] > 0.0)).all()
+    turning, moving = (samples[f"{name}_temperature"] for name in ("rotational", "granular"))
+    np.testing.assert_array_equal(samples["objective"], turning / (turning + moving))
+    mean = samples.groupby("string")["rotational_temperature"].mean()
+    np.testing.assert_allclose(strings["rotational_temperature"], mean, rtol=1e-14)
+    assert campaign.simulate_many(file.best(1)).failed.shape == (1, 1)  # no column is a variable
+    many = campaign.simulate_many([campaign.parameters()], samples=2)
+    for row in samples.itertuples():
+        left = file.final_particles(row.string, row.sample)
+        turning = 0.4 * left.masses @ (left.radii**2 * (left.spins**2).sum(axis=1))
+        assert turning / (3.0 * left.masses.sum()) == pytest.approx(
+            row.rotational_temperature, rel=1e-12
+        )
+    assert many.units["rotational_temperature"] == "m^2/s^2"
+    alone = campaign.simulate({})
+    assert many.rotational_temperature[0, 0] == alone.record["rotational_temperature"]
+    [(string, sample)] = file.framed()
+    last = file.frames(string, sample)
+    left = file.final_particles(string, sample)
+    np.testing.assert_array_equal(last.spins[-1, : len(left.spins)], left.spins)
+    data = read_campaign(tmp_path / "rough.h5", allow_code=True)
+    again = simulated_again(data, string, sample)
+    assert is_same(recorded_sample(data, string, sample), again.record, data.sizes.version)
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        "derived: {granular_temperature: relative_speed^2}",
+        'objective: {law: function, call: "a:b", quantities: [spin_caps], of_means: "a:c"}',
+    ],
+)
+def test_columns_of_spins_are_no_names_of_other_quantities(tmp_path, more):
+    (tmp_path / "a.py").write_text("def b(sample):\n    pass\n\ndef c(means):\n    pass\n")
+    file = tmp_path / "rough.yaml"
+    file.write_text(CAMPAIGN.replace("friction:", "# friction:") + more)
+    load_campaign(file, allow_code=True)
+    file.write_text(CAMPAIGN + more)
+    with pytest.raises(CampaignError, match=r"rough.yaml:\d+.*(granular_temp|spin_caps).*choose"):
+        load_campaign(file, allow_code=True)
 
 
 @pytest.mark.parametrize(

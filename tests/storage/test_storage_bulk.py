@@ -194,6 +194,13 @@ def test_places_of_particles_that_are_no_more_are_empty(filled):
             assert np.isnan(picture[name][n:]).all()
 
 
+@pytest.mark.parametrize("layout", [final_particles_schema, frames_schema])
+def test_particles_that_spin_have_three_numbers_more(layout):
+    smooth, spinning = (layout(GRAINS, spins) for spins in (False, True))
+    assert spinning.dtype.names == (*smooth.dtype.names[:-1], "spin", "crc")
+    assert spinning.dtype.itemsize - smooth.dtype.itemsize == 24 * GRAINS
+
+
 @pytest.mark.parametrize(
     ("layout", "bytes_of_a_grain"),
     [(final_particles_schema, FINAL_BYTES), (frames_schema, FRAME_BYTES)],

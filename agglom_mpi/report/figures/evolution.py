@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.physics.rough import INERTIA
 from agglom_mpi.report.drawing import panels
 from agglom_mpi.report.style import COLOURS, MIDDLE
 from agglom_mpi.simulation.boundary import Boundary
@@ -39,6 +40,8 @@ class Evolution(NamedTuple):
         Σ m|v − V|²/(3 Σ m), m²/s²; 0 of a single one.
     mean_temperature
         By mass, K.
+    rotational_temperature
+        Σ (2/5)mr²ω²/(3 Σ m), m²/s²; None where grains do not spin.
     """
 
     times: Floats
@@ -46,14 +49,20 @@ class Evolution(NamedTuple):
     mean_radius_ratio: Floats
     granular_temperature: Floats
     mean_temperature: Floats
+    rotational_temperature: Floats | None = None
 
 
 AXIS_LABELS: Final = {
     "particles": "particles",
     "mean_radius_ratio": "mean radius\nb/b⁰",
     "granular_temperature": "granular\ntemperature\n(m²/s²)",
+    "rotational_temperature": "rotational\ntemperature\n(m²/s²)",
     "mean_temperature": "mean\ntemperature\n(K)",
 }
+
+
+KINETIC: Final = ("granular_temperature", "rotational_temperature")
+"""Quantities whose axis may be logarithmic."""
 
 
 def evolution(frames: Frames, box: Boundary | None = None) -> Evolution:
@@ -75,6 +84,10 @@ def evolution(frames: Frames, box: Boundary | None = None) -> Evolution:
     first = frames.radii[0]
     equal = np.nanmin(first) == np.nanmax(first)
     mean_radius = first[0] if equal else np.nanmean(first)
+    rotation = None
+    if frames.spins is not None:
+        spun = np.where(present[..., None], frames.spins * frames.radii[..., None], 0.0)
+        rotation = INERTIA * np.sum(mass * np.sum(spun**2, axis=2), axis=1) / (3.0 * total)
     heat = mass * np.where(present, frames.temperatures, 0.0)
     return Evolution(
         times=frames.times,
@@ -82,13 +95,16 @@ def evolution(frames: Frames, box: Boundary | None = None) -> Evolution:
         mean_radius_ratio=np.nanmean(frames.radii, axis=1) / mean_radius,
         granular_temperature=np.sum(mass * square, axis=1) / (3.0 * total),
         mean_temperature=heat.sum(axis=1) / total,
+        rotational_temperature=rotation,
     )
 
 
 def shown_quantities(run: Evolution) -> list[str]:
     """Return the quantities to show: the temperature only if it changes by more than rounding."""
     low, high = run.mean_temperature.min(), run.mean_temperature.max()
-    return [name for name in AXIS_LABELS if name != "mean_temperature" or high - low > 1e-9 * high]
+    absent = set() if high - low > 1e-9 * high else {"mean_temperature"}
+    absent |= {"rotational_temperature"} if run.rotational_temperature is None else set()
+    return [name for name in AXIS_LABELS if name not in absent]
 
 
 def evolution_size(run: Evolution) -> tuple[float, float]:
@@ -129,11 +145,11 @@ def _scale(ax: Any, name: str, values: Floats) -> None:
 
     positive = values[values > 0.0]
     wide = len(positive) and positive.max() > LOGARITHMIC_RATIO * positive.min()
-    if name == "granular_temperature" and wide:
+    if name in KINETIC and wide:
         ax.set_yscale("log")
         return
     ax.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10], integer=name == "particles"))
-    if name in ("particles", "granular_temperature"):
+    if name in ("particles", *KINETIC):
         ax.set_ylim(bottom=0.0)
 
 
