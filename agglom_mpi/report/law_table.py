@@ -20,6 +20,9 @@ LAW_COLUMNS: Final = (
     Column("left_out_log_density", "data left out", format=".2f"),
 )
 
+LEAST_SHOWN: Final = 1e-3
+"""Least error of a probability that is shown."""
+
 
 def law_text(found: LawComparison) -> RenderableType:
     """Return the verdict on laws, their table, and what the table does not say."""
@@ -41,10 +44,12 @@ def _next(found: LawComparison) -> list[RenderableType]:
     rows = [
         {
             "measurement": each.name,
-            "first": value_text(each.datum, each.predicted, text),
-            "other": value_text(each.datum, each.other_predicted, text),
+            "first": "" if each.repeats else value_text(each.datum, each.predicted, text),
+            "other": "" if each.repeats else value_text(each.datum, each.other_predicted, text),
             "error": each.error_text,
-            "right": value_with_error(1.0 - each.apart.doubt, each.apart.doubt_error),
+            "right": value_with_error(
+                1.0 - each.apart.doubt, max(each.apart.doubt_error, LEAST_SHOWN)
+            ),
             "factor": each.apart.log_bayes_factor,
         }
         for each in found.further[:MAX_MEASUREMENTS]
@@ -59,8 +64,8 @@ def _next(found: LawComparison) -> list[RenderableType]:
     )
     now = 1.0 - apart.doubt - apart.gain
     heading = (
-        f"what to measure next: expected probability of the right law of both, {now:.2f} now, and "
-        "of the Bayes factor for it"
+        "what to measure next: expected probability of the right law of both after it, "
+        f"{now:.2f} now, and expected ln of the Bayes factor for it"
     )
     return ["", heading, Table(columns, rows)]
 
