@@ -69,6 +69,11 @@ class LeftOut(NamedTuple):
         """Number of data whose density is not reliable."""
         return int(np.sum(~(self.pareto <= MAX_PARETO)))
 
+    def as_dict(self) -> dict[str, Any]:
+        """Return the densities as plain values."""
+        arrays = {"log_densities": self.densities.tolist(), "pareto_shapes": self.pareto.tolist()}
+        return {"data": list(self.names), **arrays}
+
 
 class ComparedLaw(NamedTuple):
     """A campaign among those that are compared.
@@ -158,17 +163,6 @@ class LawComparison:
         return any(law.fits for law in self.laws)
 
     @property
-    def is_open(self) -> bool:
-        """Whether the most probable law fits, but these data cannot tell it from the next."""
-        return self.best.fits and not self.is_decided
-
-    @property
-    def log_odds(self) -> float:
-        """Natural logarithm of the probability of the most probable law over that of the next."""
-        first, second = self.order[:2]
-        return float(self._logarithms[first] - self._logarithms[second])
-
-    @property
     def verdict(self) -> str:
         """One-line verdict, without a full stop."""
         first, second = self.order[:2]
@@ -185,17 +179,13 @@ class LawComparison:
             return (
                 f"not decided: {best.name} has {stated}, but does not fit, p = {best.p_value:.2g}"
             )
+        advice = "nothing that both predict is expected to tell them apart"
+        if self.further and (each := self.further[0]).apart.is_worth_it:
+            advice = f"measure {each.name}{' with half of its error' if each.repeats else ''}"
         return (
             f"not decided: these data cannot tell {best.name} from {other.name}, probabilities "
-            f"{self.probabilities[first]:.2g} and {self.probabilities[second]:.2g}; {self._advice}"
+            f"{self.probabilities[first]:.2g} and {self.probabilities[second]:.2g}; {advice}"
         )
-
-    @property
-    def _advice(self) -> str:
-        if not self.further or not self.further[0].apart.is_worth_it:
-            return "nothing that both predict is expected to tell them apart"
-        each = self.further[0]
-        return f"measure {each.name}{' with half of its error' if each.repeats else ''}"
 
     @property
     def _apart(self) -> list[tuple[str, str, float]]:
@@ -243,23 +233,19 @@ class LawComparison:
 
     def records(self) -> list[dict[str, Any]]:
         """Return the row of each law as plain values, the most probable one first."""
-        found = []
-        for i in self.order:
-            law = self.laws[i]
-            found.append(
-                {
-                    "law": law.name,
-                    "probability": float(self.probabilities[i]),
-                    "probability_if_box_doubled": float(self.probabilities_if_doubled[i]),
-                    "p_value": law.p_value,
-                }
-                | law.evidence.as_dict()
-            )
-            if law.left_out is not None:
-                found[-1] |= {
-                    "left_out_log_density": law.left_out.total,
-                    "left_out_unreliable": law.left_out.unreliable,
-                }
+        return [self._record(self.laws[i], i) for i in self.order]
+
+    def _record(self, law: ComparedLaw, i: int) -> dict[str, Any]:
+        found = {
+            "law": law.name,
+            "probability": float(self.probabilities[i]),
+            "probability_if_box_doubled": float(self.probabilities_if_doubled[i]),
+            "p_value": law.p_value,
+            **law.evidence.as_dict(),
+        }
+        if (left_out := law.left_out) is not None:
+            found["left_out_log_density"] = left_out.total
+            found["left_out_unreliable"] = left_out.unreliable
         return found
 
     def as_dict(self) -> dict[str, Any]:
@@ -269,23 +255,15 @@ class LawComparison:
             "decided": self.is_decided,
             "explained": self.explained,
             "laws": self.records(),
-            "next_measurements": [each.record() for each in self.further],
             "left_out": None,
+            "next_measurements": [each.record() for each in self.further],
         }
         deciding = {"datum": self.deciding, "experiment": self.deciding_experiment}
         for kind, each in deciding.items():
             key = "deciding" if kind == "datum" else f"deciding_{kind}"
             found[key] = each and {kind: each[0], "log_density_difference": each[1]}
-        if self._apart:
-            found["left_out"] = {
-                law.name: {
-                    "data": list(law.left_out.names),
-                    "log_densities": law.left_out.densities.tolist(),
-                    "pareto_shapes": law.left_out.pareto.tolist(),
-                }
-                for law in self.laws
-                if law.left_out is not None
-            }
+        if known := {law.name: law.left_out.as_dict() for law in self.laws if law.left_out}:
+            found["left_out"] = known
         return dict(without_nan(found))
 
 
@@ -320,10 +298,11 @@ def compare_files(files: "Sequence[CampaignData]") -> LawComparison:
         if posterior.calibration is not None and not posterior.calibration.passed:
             raise PosteriorError(f"{file.path}: {posterior.calibration.text}")
     found = LawComparison(tuple(map(compared_law, names, posteriors)))
-    if not found.is_open:
+    if found.is_decided or not found.best.fits:
         return found
-    two = [posteriors[i] for i in found.order[:2]]
-    return replace(found, further=telling_measurements(two, found.log_odds))
+    two = [found.laws[i] for i in found.order[:2]]
+    log_odds = two[0].evidence.logarithm - two[1].evidence.logarithm
+    return replace(found, further=telling_measurements([law.posterior for law in two], log_odds))
 
 
 def compared_law(name: str, posterior: Posterior) -> ComparedLaw:
