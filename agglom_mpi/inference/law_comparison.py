@@ -203,7 +203,7 @@ class LawComparison:
         It is the density of the datum left out, of the most probable law less the next. None
         without ArviZ.
         """
-        apart = [(name, difference) for name, _, difference in self._apart]
+        apart = ((name, difference) for name, _, difference in self._apart)
         return max(apart, key=lambda each: abs(each[1]), default=None)
 
     @property
