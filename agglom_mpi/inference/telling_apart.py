@@ -33,7 +33,7 @@ TELLING_POINTS: Final = 1 << 12
 """Number of points that are drawn from each posterior."""
 SIMULATED_BY_EACH: Final = 1000
 """Number of measurements that are simulated by each law."""
-MIN_GAIN: Final = 0.01
+MIN_GAIN: Final = 0.05
 """Minimum rise of the expected probability of the right law that makes a measurement worth it."""
 POINTS_STREAM, TELLING_STREAM = 2, 3
 """Random streams beside those of `next_measurement`; that of the second law is one higher."""
