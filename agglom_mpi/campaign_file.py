@@ -410,7 +410,8 @@ def compare_laws(
     LawComparison
         `verdict`, and as a `table` with one row for each law: its probability at equal odds, the
         logarithm of the evidence, the p-value of its fit, and with ArviZ the density of the data,
-        each left out in turn; `deciding` is the datum that decides.
+        each left out in turn; `deciding` and `deciding_experiment` are what decides. If nothing
+        does, `next_measurements` ranks what could be measured next, which takes some minutes.
 
     Raises
     ------

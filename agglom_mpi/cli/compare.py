@@ -19,8 +19,10 @@ def compare(files: tuple[str, ...], allow_code: bool, as_json: bool) -> int:
 
     Each FILE.h5 has the objective misfit. Shown are the probability of each at equal odds, by the
     evidence of the data; the p-value of its fit; what a search box of twice the size would change,
-    as boxes are priors; and the log density of the data, each left out in turn, with the datum that
-    decides. The verdict may be that none explains the data, or that they do not decide.
+    as boxes are priors; and the log density of the data, each left out in turn, with the datum and
+    the experiment that decide. The verdict may be that none explains the data, or that they do not
+    decide: then further measurements are ranked by the expected probability of the right law after
+    them, which takes some minutes.
     """
     if len(files) < 2:
         raise click.UsageError("give at least two files")

@@ -138,6 +138,11 @@ def report(
     Exit codes: 0 success; 1 if the file is altered or lacks rows.
     With --follow: that of the run, or 130 after Ctrl-C, which does not stop the run.
     """
+    if len(files) > 1 and what_next:
+        raise click.UsageError(
+            "--what-next takes one file; agglom compare ranks measurements by how well they tell "
+            "the laws of several files apart"
+        )
     options = {
         "--sensitivity": sensitivity,
         "--posterior": posterior,

@@ -24,12 +24,14 @@ class DatumPoint(NamedTuple):
 
     Attributes
     ----------
-    name
+    name, experiment
+        Of the datum or the impact, and in which it was measured; empty where there is none.
     columns
         Its directions among those of all data.
     """
 
     name: str
+    experiment: str
     columns: slice
 
 
@@ -40,7 +42,7 @@ def datum_points(of: EmulatedData) -> tuple[list[DatumPoint], Floats]:
     for datum, rows, columns in zip(of.data, of.frame.rows, of.frame.columns, strict=True):
         is_square = rows.stop - rows.start == columns.stop - columns.start
         if datum.impacts is None or not is_square:
-            found.append(DatumPoint(datum.name, columns))
+            found.append(DatumPoint(datum.name, datum.experiment, columns))
             continue
         # Directions of a list mix its impacts; these are residuals over their standard errors.
         back = np.linalg.inv(own_basis[rows, columns]).T / datum.standard_errors[:, None]
@@ -48,7 +50,7 @@ def datum_points(of: EmulatedData) -> tuple[list[DatumPoint], Floats]:
         for i, speed in enumerate(datum.impacts[:, 0].tolist()):
             place = columns.start + i
             name = f"{datum.name}: impact at {value_with_prefix(speed, 'm/s')}"
-            found.append(DatumPoint(name, slice(place, place + 1)))
+            found.append(DatumPoint(name, datum.experiment, slice(place, place + 1)))
     return found, turned
 
 
@@ -64,7 +66,7 @@ def conditional_densities(of: EmulatedData, strings: Floats) -> Floats:
         away, covariances = of.framed_residuals(strings[some])
         precision = np.linalg.inv(turned @ covariances @ turned.T)
         pulls = np.einsum("nab,nb->na", precision, away @ turned.T)
-        for i, (_, own) in enumerate(points):
+        for i, (*_, own) in enumerate(points):
             block, pull = precision[:, own, own], pulls[:, own]
             squares = np.einsum("na,na->n", pull, np.linalg.solve(block, pull[..., None])[..., 0])
             _, logarithm = np.linalg.slogdet(block)

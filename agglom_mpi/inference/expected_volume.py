@@ -11,6 +11,7 @@ candidate is a linear function of the numbers that are emulated already, by the 
 noise, and a remainder with a noise of its own, which has an emulator of its own.
 """
 
+from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -64,6 +65,11 @@ class Candidate(NamedTuple):
     covariances: Floats
     error: Floats
 
+    @property
+    def roots(self) -> NDArray[np.float64]:
+        """Cholesky factors of the covariances of a measurement given each point, (n, q, q)."""
+        return np.asarray(np.linalg.cholesky(self.covariances + self.error), np.float64)
+
 
 class ExpectedVolume(NamedTuple):
     """Mean volume after a measurement, as a share of the box, and its Monte-Carlo error."""
@@ -116,22 +122,44 @@ def expected_volume(
     count
         Number of simulated measurements, at least 2.
     """
-    truths = random.choice(len(points.weights), count, p=points.weights)
-    noise = random.standard_normal((candidate.means.shape[1], count)).T
-    roots = np.asarray(np.linalg.cholesky(candidate.covariances + candidate.error), np.float64)
-    measured = candidate.means[truths] + np.einsum("rij,rj->ri", roots[truths], noise)
-    found = [
-        _volumes_after(points, candidate.means, roots, some)
-        for some in np.array_split(measured, -(-count // MEASUREMENTS_AT_ONCE))
-    ]
-    volumes = np.concatenate(found)
+    measured = simulated_measurements(points, candidate, random, count)
+    volumes = np.concatenate(
+        [_volumes_after(points, some) for some in logarithms_after(points, candidate, measured)]
+    )
     return ExpectedVolume(float(volumes.mean()), float(volumes.std(ddof=1) / np.sqrt(count)))
 
 
-def _volumes_after(
+def simulated_measurements(
+    points: WeightedPoints, candidate: Candidate, random: np.random.Generator, count: int
+) -> Floats:
+    """Return simulated measurements of a candidate, shape (count, q)."""
+    truths = random.choice(len(points.weights), count, p=points.weights)
+    noise = random.standard_normal((candidate.means.shape[1], count)).T
+    moved = np.einsum("rij,rj->ri", candidate.roots[truths], noise)
+    return np.asarray(candidate.means[truths] + moved)
+
+
+def logarithms_after(
+    points: WeightedPoints, candidate: Candidate, measured: Floats
+) -> Iterator[Floats]:
+    """Yield logarithms of the weights of points times the densities of measurements, (r, q).
+
+    Some measurements at once, shape (some, n); ln 2π/2 for each of the q numbers is left out.
+    """
+    roots = candidate.roots
+    for some in np.array_split(measured, -(-len(measured) // MEASUREMENTS_AT_ONCE)):
+        yield _logarithms_after(points, candidate.means, roots, some)
+
+
+def _volumes_after(points: WeightedPoints, logarithms: Floats) -> Floats:
+    weights = np.exp(logarithms - logarithms.max(axis=1, keepdims=True))
+    return region_volumes(weights, points.share)
+
+
+def _logarithms_after(
     points: WeightedPoints, means: Floats, roots: NDArray[np.float64], measured: Floats
 ) -> Floats:
-    """Return the volumes after measurements, (r, q); `roots` are of the covariances, (n, q, q)."""
+    """Return logarithms, (r, n), after measurements, (r, q), by roots of covariances, (n, q, q)."""
     squares = np.zeros((len(measured), len(means)))
     residuals: list[Floats] = []
     for i in range(means.shape[1]):  # solves L z = y - m for all points and measurements at once
@@ -142,9 +170,7 @@ def _volumes_after(
         squares += residuals[-1] ** 2
     scale = np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
     with np.errstate(divide="ignore"):
-        logarithms = np.log(points.weights) - scale - 0.5 * squares
-    weights = np.exp(logarithms - logarithms.max(axis=1, keepdims=True))
-    return region_volumes(weights, points.share)
+        return np.asarray(np.log(points.weights) - scale - 0.5 * squares)
 
 
 class DataAtPoints(NamedTuple):

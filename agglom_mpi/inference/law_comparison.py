@@ -2,14 +2,14 @@
 
 Each campaign has its evidence (`evidence.py`), and the p-value of its posterior. Probabilities are
 those of the campaigns at equal odds, as if one of them were right; the p-values say whether any
-is. The predictive density of each datum, left out of the posterior, names the datum that decides
-(Vehtari, Gelman and Gabry, Stat. Comput. 27, 2017, 1413, through ArviZ).
+is. The predictive density of each datum, left out of the posterior, names the datum and the
+experiment that decide (Vehtari, Gelman and Gabry, Stat. Comput. 27, 2017, 1413, through ArviZ).
 """
 
 import importlib.util
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -22,6 +22,7 @@ from agglom_mpi.inference.data_posterior import data_posterior
 from agglom_mpi.inference.datum_densities import datum_points
 from agglom_mpi.inference.evidence import Evidence, evidence_of
 from agglom_mpi.inference.posterior import Posterior, PosteriorError
+from agglom_mpi.inference.telling_apart import TellingMeasurement, telling_measurements
 from agglom_mpi.measurements.datum import Datum
 from agglom_mpi.measurements.misfit import UNLIKELY, residual_frame
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
@@ -45,8 +46,8 @@ class LeftOut(NamedTuple):
 
     Attributes
     ----------
-    names
-        Of what is left out: a datum, or one impact of a list.
+    names, experiments
+        Of each datum or impact that is left out, and those in which they were measured.
     densities
         Of data in units of their errors, shape (points,).
     pareto
@@ -54,6 +55,7 @@ class LeftOut(NamedTuple):
     """
 
     names: tuple[str, ...]
+    experiments: tuple[str, ...]
     densities: Floats
     pareto: Floats
 
@@ -66,6 +68,11 @@ class LeftOut(NamedTuple):
     def unreliable(self) -> int:
         """Number of data whose density is not reliable."""
         return int(np.sum(~(self.pareto <= MAX_PARETO)))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the densities as plain values."""
+        arrays = {"log_densities": self.densities.tolist(), "pareto_shapes": self.pareto.tolist()}
+        return {"data": list(self.names), **arrays}
 
 
 class ComparedLaw(NamedTuple):
@@ -104,9 +111,13 @@ class LawComparison:
     ----------
     laws
         In the order of the files.
+    further
+        Measurements that could be made next, the one that tells the two most probable laws apart
+        best first; empty unless these data cannot.
     """
 
     laws: tuple[ComparedLaw, ...]
+    further: tuple[TellingMeasurement, ...] = ()
 
     def __repr__(self) -> str:
         return f"<LawComparison: {self.verdict}>"
@@ -168,10 +179,22 @@ class LawComparison:
             return (
                 f"not decided: {best.name} has {stated}, but does not fit, p = {best.p_value:.2g}"
             )
+        advice = "nothing that both predict is expected to tell them apart"
+        if self.further and (each := self.further[0]).apart.is_worth_it:
+            advice = f"measure {each.name}{' with half of its error' if each.repeats else ''}"
         return (
             f"not decided: these data cannot tell {best.name} from {other.name}, probabilities "
-            f"{self.probabilities[first]:.2g} and {self.probabilities[second]:.2g}"
+            f"{self.probabilities[first]:.2g} and {self.probabilities[second]:.2g}; {advice}"
         )
+
+    @property
+    def _apart(self) -> list[tuple[str, str, float]]:
+        """Name, experiment and difference of densities of each datum; empty without ArviZ."""
+        first, second = (self.laws[i].left_out for i in self.order[:2])
+        if first is None or second is None:
+            return []
+        apart = (first.densities - second.densities).tolist()
+        return list(zip(first.names, first.experiments, apart, strict=True))
 
     @property
     def deciding(self) -> tuple[str, float] | None:
@@ -180,12 +203,19 @@ class LawComparison:
         It is the density of the datum left out, of the most probable law less the next. None
         without ArviZ.
         """
-        first, second = (self.laws[i].left_out for i in self.order[:2])
-        if first is None or second is None:
-            return None
-        apart = first.densities - second.densities
-        place = int(np.argmax(np.abs(apart)))
-        return first.names[place], float(apart[place])
+        apart = ((name, difference) for name, _, difference in self._apart)
+        return max(apart, key=lambda each: abs(each[1]), default=None)
+
+    @property
+    def deciding_experiment(self) -> tuple[str, float] | None:
+        """The experiment whose data, in sum, tell these laws apart most, and by how much.
+
+        None without ArviZ, and where the data are of one experiment.
+        """
+        sums = dict.fromkeys((name for _, name, _ in self._apart), 0.0)
+        for _, name, difference in self._apart:
+            sums[name] += difference
+        return max(sums.items(), key=lambda each: abs(each[1])) if len(sums) > 1 else None
 
     @property
     def table(self) -> "pd.DataFrame":
@@ -194,25 +224,28 @@ class LawComparison:
 
         return pd.DataFrame(self.records())
 
+    @property
+    def next_measurements(self) -> "pd.DataFrame":
+        """One row for each measurement in `further`, with its numbers in SI units."""
+        import pandas as pd
+
+        return pd.DataFrame([each.record() for each in self.further])
+
     def records(self) -> list[dict[str, Any]]:
         """Return the row of each law as plain values, the most probable one first."""
-        found = []
-        for i in self.order:
-            law = self.laws[i]
-            found.append(
-                {
-                    "law": law.name,
-                    "probability": float(self.probabilities[i]),
-                    "probability_if_box_doubled": float(self.probabilities_if_doubled[i]),
-                    "p_value": law.p_value,
-                }
-                | law.evidence.as_dict()
-            )
-            if law.left_out is not None:
-                found[-1] |= {
-                    "left_out_log_density": law.left_out.total,
-                    "left_out_unreliable": law.left_out.unreliable,
-                }
+        return [self._record(self.laws[i], i) for i in self.order]
+
+    def _record(self, law: ComparedLaw, i: int) -> dict[str, Any]:
+        found = {
+            "law": law.name,
+            "probability": float(self.probabilities[i]),
+            "probability_if_box_doubled": float(self.probabilities_if_doubled[i]),
+            "p_value": law.p_value,
+            **law.evidence.as_dict(),
+        }
+        if (left_out := law.left_out) is not None:
+            found["left_out_log_density"] = left_out.total
+            found["left_out_unreliable"] = left_out.unreliable
         return found
 
     def as_dict(self) -> dict[str, Any]:
@@ -222,20 +255,15 @@ class LawComparison:
             "decided": self.is_decided,
             "explained": self.explained,
             "laws": self.records(),
-            "deciding": None,
             "left_out": None,
+            "next_measurements": [each.record() for each in self.further],
         }
-        if (deciding := self.deciding) is not None:
-            found["deciding"] = {"datum": deciding[0], "log_density_difference": deciding[1]}
-            found["left_out"] = {
-                law.name: {
-                    "data": list(law.left_out.names),
-                    "log_densities": law.left_out.densities.tolist(),
-                    "pareto_shapes": law.left_out.pareto.tolist(),
-                }
-                for law in self.laws
-                if law.left_out is not None
-            }
+        deciding = {"datum": self.deciding, "experiment": self.deciding_experiment}
+        for kind, each in deciding.items():
+            key = "deciding" if kind == "datum" else f"deciding_{kind}"
+            found[key] = each and {kind: each[0], "log_density_difference": each[1]}
+        if known := {law.name: law.left_out.as_dict() for law in self.laws if law.left_out}:
+            found["left_out"] = known
         return dict(without_nan(found))
 
 
@@ -269,8 +297,12 @@ def compare_files(files: "Sequence[CampaignData]") -> LawComparison:
     for file, posterior in zip(files, posteriors, strict=True):
         if posterior.calibration is not None and not posterior.calibration.passed:
             raise PosteriorError(f"{file.path}: {posterior.calibration.text}")
-    laws = map(compared_law, names, posteriors)
-    return LawComparison(tuple(laws))
+    found = LawComparison(tuple(map(compared_law, names, posteriors)))
+    if found.is_decided or not found.best.fits:
+        return found
+    two = [found.laws[i] for i in found.order[:2]]
+    log_odds = two[0].evidence.logarithm - two[1].evidence.logarithm
+    return replace(found, further=telling_measurements([law.posterior for law in two], log_odds))
 
 
 def compared_law(name: str, posterior: Posterior) -> ComparedLaw:
@@ -319,4 +351,5 @@ def leave_one_out(posterior: Posterior) -> LeftOut:
     densities = entries["loo_i"] if "loo_i" in entries else entries["elpd_i"]
     points, _ = datum_points(posterior.emulated_data)
     shapes = np.asarray(entries["pareto_k"], np.float64)
-    return LeftOut(tuple(each.name for each in points), np.asarray(densities, np.float64), shapes)
+    names, experiments = (tuple(each) for each in zip(*(p[:2] for p in points), strict=True))
+    return LeftOut(names, experiments, np.asarray(densities, np.float64), shapes)

@@ -6,6 +6,7 @@ which the campaign takes censuses, and the measured data as they would be with h
 
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
@@ -63,8 +64,9 @@ EMULATOR_STREAM, MEASUREMENT_STREAM = range(2)
 """
 
 
-class NextMeasurement(NamedTuple):
-    """A measurement that could be made, and what it would leave of the box.
+@dataclass(frozen=True)
+class Measurable:
+    """A measurement that could be made.
 
     Attributes
     ----------
@@ -78,10 +80,6 @@ class NextMeasurement(NamedTuple):
         Median by the posterior in SI units; nan of shares of sizes.
     standard_error
         Standard error of the measurement in SI units; nan of shares of sizes.
-    after
-        Expected volume of the posterior after it, as a share of the box.
-    resolved
-        Whether the points are dense enough for this volume; otherwise it is an upper bound.
     """
 
     datum: Datum
@@ -89,8 +87,6 @@ class NextMeasurement(NamedTuple):
     error: AssumedError | None
     predicted: float
     standard_error: float
-    after: ExpectedVolume
-    resolved: bool
 
     @property
     def name(self) -> str:
@@ -103,6 +99,36 @@ class NextMeasurement(NamedTuple):
         if self.error is None:
             return "half of its error"
         return "± " + self.error.text(self.datum.kind.unit)
+
+    def record(self) -> dict[str, Any]:
+        """Return what it is as plain values."""
+        return {
+            "measurement": self.name,
+            **({"experiment": self.datum.experiment} if self.datum.experiment else {}),
+            "quantity": self.datum.quantity,
+            "weight": self.datum.own_weight or "",
+            "time": math.inf if self.datum.time is None else self.datum.time,
+            "repeats": self.repeats,
+            "predicted": self.predicted,
+            "error": self.standard_error,
+            "unit": self.datum.kind.unit,
+        }
+
+
+@dataclass(frozen=True)
+class NextMeasurement(Measurable):
+    """A measurement that could be made, and what it would leave of the box.
+
+    Attributes
+    ----------
+    after
+        Expected volume of the posterior after it, as a share of the box.
+    resolved
+        Whether the points are dense enough for this volume; otherwise it is an upper bound.
+    """
+
+    after: ExpectedVolume
+    resolved: bool
 
     @property
     def volume_text(self) -> str:
@@ -143,16 +169,8 @@ class NextMeasurements(NamedTuple):
     def records(self) -> list[dict[str, Any]]:
         """Return the rows of the table as plain values."""
         return [
-            {
-                "measurement": each.name,
-                **({"experiment": each.datum.experiment} if each.datum.experiment else {}),
-                "quantity": each.datum.quantity,
-                "weight": each.datum.own_weight or "",
-                "time": math.inf if each.datum.time is None else each.datum.time,
-                "repeats": each.repeats,
-                "predicted": each.predicted,
-                "error": each.standard_error,
-                "unit": each.datum.kind.unit,
+            each.record()
+            | {
                 "volume": self.volume,
                 "expected_volume": each.after.mean,
                 "standard_error": each.after.standard_error,
@@ -192,15 +210,32 @@ def next_measurements(
     except ValueError as problem:
         raise of.box.mistaken("errors", problem) from None
     strings, points = dense_points(of, drawn)
+    found = []
+    for each, candidate in measurables(file, of, strings, points, stated):
+        if each.repeats or candidate.covariances.any():
+            after = expected_volume(points, candidate, _stream(of.box, MEASUREMENT_STREAM))
+            resolved = after.mean >= MIN_RESOLVED_POINTS * points.share
+            found.append(NextMeasurement(**vars(each), after=after, resolved=resolved))
+    ranked = sorted(found, key=lambda each: (each.after.mean, each.name))
+    return NextMeasurements(points.volume, tuple(ranked))
+
+
+def measurables(
+    file: "CampaignData",
+    of: EmulatedData,
+    strings: Floats,
+    points: WeightedPoints,
+    stated: Mapping[str, AssumedError],
+) -> Iterator[tuple[Measurable, Candidate]]:
+    """Yield what could be measured, as it is predicted at points of the posterior of the data.
+
+    First each datum again, then all new quantities; what no string changes has no covariance.
+    """
     known = of.at(strings)
     identity = np.eye(len(of.measured))
     data = DataAtPoints(known.means, known.deviations, of.emulator.mixing, of.measured, identity)
-    found = [
-        *_repetitions(of, data, strings, points),
-        *_new_quantities(file, of, data, strings, points, stated),
-    ]
-    ranked = sorted(found, key=lambda each: (each.after.mean, each.name))
-    return NextMeasurements(points.volume, tuple(ranked))
+    yield from _repetitions(of, data, strings)
+    yield from _new_quantities(file, of, data, strings, points, stated)
 
 
 def dense_points(of: EmulatedData, drawn: WeightedStrings) -> tuple[Floats, WeightedPoints]:
@@ -226,8 +261,8 @@ def dense_points(of: EmulatedData, drawn: WeightedStrings) -> tuple[Floats, Weig
 
 
 def _repetitions(
-    of: EmulatedData, data: DataAtPoints, strings: Floats, points: WeightedPoints
-) -> Iterator[NextMeasurement]:
+    of: EmulatedData, data: DataAtPoints, strings: Floats
+) -> Iterator[tuple[Measurable, Candidate]]:
     """Yield a repetition of each datum with half of its error."""
     exact = of.exact_numbers(strings)
     for datum, columns in zip(of.data, of.frame.columns, strict=True):
@@ -238,12 +273,11 @@ def _repetitions(
         error_of_numbers = REPEATED_ERROR**2 * np.eye(len(matrix))
         rest = exact @ own[:, of.exact_columns].T if datum.kind.is_exact else 0.0
         candidate = data.expected(LinearQuantity(matrix, rest), error_of_numbers)
-        after, resolved = _expected(of.box, points, candidate)
         value = error = math.nan
         if len(datum.values) == 1:
             value = float(datum.values[0])
             error = REPEATED_ERROR * math.sqrt(float(datum.covariance[0, 0]))
-        yield NextMeasurement(repeated(datum), True, None, value, error, after, resolved)
+        yield Measurable(repeated(datum), True, None, value, error), candidate
 
 
 def _new_quantities(
@@ -253,8 +287,8 @@ def _new_quantities(
     strings: Floats,
     points: WeightedPoints,
     stated: Mapping[str, AssumedError],
-) -> Iterator[NextMeasurement]:
-    """Yield each quantity of one number that is not measured and differs between strings.
+) -> Iterator[tuple[Measurable, Candidate]]:
+    """Yield each quantity of one number that is not measured.
 
     There is none where all data are impacts, whose samples need not predict anything.
     """
@@ -272,17 +306,18 @@ def _new_quantities(
     at, groups = of.coordinates.of_strings(strings), len(of.coordinates.groups)
     for datum, number in zip(new, numbers.T, strict=True):
         if np.ptp(number) <= ROUNDING * np.abs(number).max():
-            continue
-        random = _stream(of.box, EMULATOR_STREAM)
-        emulator = CandidateEmulator(*samples, number, random, groups)
-        candidate = data.expected(emulator.at(at), np.zeros((1, 1)))
+            same = np.full((len(strings), 1), number[0])
+            candidate = Candidate(same, np.zeros((len(strings), 1, 1)), np.zeros((1, 1)))
+        else:
+            random = _stream(of.box, EMULATOR_STREAM)
+            emulator = CandidateEmulator(*samples, number, random, groups)
+            candidate = data.expected(emulator.at(at), np.zeros((1, 1)))
         means = datum.kind.within_limits(candidate.means, values.lengths)
         [value] = weighted_quantiles(means[:, 0], points.weights, (0.5,))
         assumed = assumed_error(datum.quantity, of.data, stated)
         error = assumed.at(value)
         candidate = candidate._replace(error=np.array([[error**2]]))
-        after, resolved = _expected(of.box, points, candidate)
-        yield NextMeasurement(datum, False, assumed, value, error, after, resolved)
+        yield Measurable(datum, False, assumed, value, error), candidate
 
 
 def _samples_of(of: EmulatedData, strings: Floats, values: Floats) -> tuple[Floats, Floats, Floats]:
@@ -298,13 +333,6 @@ def _samples_of(of: EmulatedData, strings: Floats, values: Floats) -> tuple[Floa
     place = {point.tobytes(): i for i, point in enumerate(all_points)}
     kept = [place[point.tobytes()] for point in np.unique(coordinates, axis=0)]
     return coordinates, mixed, residuals[kept]
-
-
-def _expected(
-    box: SearchedBox, points: WeightedPoints, candidate: Candidate
-) -> tuple[ExpectedVolume, bool]:
-    after = expected_volume(points, candidate, _stream(box, MEASUREMENT_STREAM))
-    return after, after.mean >= MIN_RESOLVED_POINTS * points.share
 
 
 def _stream(box: SearchedBox, purpose: int) -> np.random.Generator:

@@ -17,12 +17,13 @@ from agglom_mpi.formatting import (
     pluralise,
 )
 from agglom_mpi.inference.measured_mean import MeasuredMean
-from agglom_mpi.inference.next_measurement import NextMeasurement, NextMeasurements
+from agglom_mpi.inference.next_measurement import NextMeasurements
 from agglom_mpi.inference.posterior import Posterior
 from agglom_mpi.inference.posterior_sampling import CENTRAL, REPORTED_QUANTILES
 from agglom_mpi.inference.predictive import PredictedDatum
 from agglom_mpi.inference.searched_box import SearchedBox
 from agglom_mpi.inference.set_points import quantity_name
+from agglom_mpi.measurements.datum import Datum
 from agglom_mpi.variables import Variable
 
 SHOWN_PAIRS: Final = 6
@@ -183,7 +184,7 @@ def next_text(found: NextMeasurements, text: str) -> RenderableType:
     rows = [
         {
             "measurement": each.name,
-            "value": _value(each, text),
+            "value": value_text(each.datum, each.predicted, text),
             "error": each.error_text,
             "volume": each.volume_text,
         }
@@ -202,9 +203,9 @@ NEXT_COLUMNS: Final = (
 )
 
 
-def _value(each: NextMeasurement, text: str) -> str:
-    """Return the value that is expected; nothing for shares of sizes."""
-    if len(each.datum.values) > 1:
+def value_text(datum: Datum, value: float, text: str) -> str:
+    """Return the value of a datum that is expected; nothing for shares of sizes."""
+    if len(datum.values) > 1:
         return ""
-    factor, unit = shown_unit(text, each.datum.quantity, each.datum.kind.unit, each.predicted)
-    return in_unit(f"{each.predicted / factor:.4g}", unit)
+    factor, unit = shown_unit(text, datum.quantity, datum.kind.unit, value)
+    return in_unit(f"{value / factor:.4g}", unit)

@@ -68,6 +68,12 @@ def test_options_without_their_own_are_refused(run, words, needed):
     assert needed in done.stderr
 
 
+def test_several_files_are_left_to_the_command_that_compares_laws(run, measured_file):
+    done = run(measured_file, "--posterior", "--what-next")
+    assert done.exit_code == 2
+    assert "agglom compare" in done.stderr
+
+
 def test_a_table_that_is_there_already_is_not_overwritten(run, tmp_path):
     path = tmp_path / "next.csv"
     path.write_text("mine")

@@ -13,8 +13,8 @@ from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.inference.data_emulator import EmulatedData
 from agglom_mpi.inference.data_posterior import posterior_of
 from agglom_mpi.inference.evidence import evidence_of
-from agglom_mpi.inference.expected_volume import DataAtPoints
-from agglom_mpi.inference.next_measurement import _repetitions, dense_points
+from agglom_mpi.inference.expected_volume import expected_volume
+from agglom_mpi.inference.next_measurement import dense_points, measurables
 from agglom_mpi.inference.predictive import predict_data
 from agglom_mpi.inference.searched_box import SearchedBox
 from agglom_mpi.inference.stored_samples import StoredSamples, StringValues
@@ -146,10 +146,9 @@ def test_a_repetition_with_half_of_the_error_shrinks_the_region_as_fisher_says(p
     """Five times the information: a region of two variables has 1/5 of the volume."""
     of = posterior.of
     strings, points = dense_points(of, posterior)
-    known = of.at(strings)
-    data = DataAtPoints(*known[:2], of.emulator.mixing, of.measured, np.eye(0))
-    [again] = _repetitions(of, data, strings, points)
-    assert again.after.mean / points.volume == pytest.approx(0.2, rel=0.1)
+    [(_, again)] = measurables(None, of, strings, points, {})
+    after = expected_volume(points, again, np.random.default_rng(1))
+    assert after.mean / points.volume == pytest.approx(0.2, rel=0.1)
 
 
 class LinearBox(SearchedBox):

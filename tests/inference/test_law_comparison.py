@@ -18,6 +18,7 @@ from agglom_mpi.inference.law_comparison import (
     DECIDED,
     ComparedLaw,
     LawComparison,
+    LeftOut,
     compare_files,
     compared_law,
     different_data,
@@ -38,15 +39,15 @@ REPEATED = np.vstack([FIRST] * (COUNT // 5))
 """With so many data, no single one matters so much that its weights have heavy tails."""
 
 
-def law_of(name, logarithm, p_value=0.5, error=0.01, inside=("u",), size=2000.0):
-    """Return a law of which only evidence and p-value are known."""
+def law_of(name, logarithm, p_value=0.5, error=0.01, inside=("u",), size=2000.0, left_out=None):
+    """Return a law of which only evidence, p-value and densities of data left out are known."""
 
     class Known:
         pass
 
     Known.p_value = p_value
     evidence = Evidence(logarithm, error, size, inside, ())
-    return ComparedLaw(name, Known(), evidence, None)
+    return ComparedLaw(name, Known(), evidence, left_out)
 
 
 def test_probabilities_are_those_of_equal_odds():
@@ -80,6 +81,22 @@ def test_a_verdict_needs_probability_fit_and_small_errors(laws, explained, decid
     assert "\n" not in found.verdict
     assert found.verdict.startswith("none explains") == (not explained)
     assert found.verdict.startswith("not decided") == (explained and not decided)
+
+
+def test_the_experiment_that_decides_has_the_largest_sum_of_its_data():
+    def left_out(*densities, experiments=("slow", "fast", "fast")):
+        return LeftOut(("a", "b", "c"), experiments, np.array(densities), np.zeros(3))
+
+    first, second = left_out(-1.0, -2.0, -2.5), left_out(-2.5, -1.0, -1.5)
+    found = LawComparison((law_of("x", 0.0, left_out=first), law_of("y", -1.0, left_out=second)))
+    assert found.deciding == ("a", 1.5)
+    assert found.deciding_experiment == ("fast", -2.0)
+    entries = found.as_dict()
+    assert entries["deciding"] == {"datum": "a", "log_density_difference": 1.5}
+    assert entries["deciding_experiment"] == {"experiment": "fast", "log_density_difference": -2.0}
+    one = left_out(-1.0, -2.0, -2.5, experiments=("", "", ""))
+    found = LawComparison((law_of("x", 0.0, left_out=one), law_of("y", -1.0, left_out=second)))
+    assert found.as_dict()["deciding_experiment"] is None
 
 
 def test_data_that_differ_in_values_errors_or_kind_are_told_apart():

@@ -13,6 +13,8 @@ from agglom_mpi.inference import data_posterior as data_posteriors
 from agglom_mpi.inference import posterior as posterior_module
 from agglom_mpi.inference.data_posterior import data_posterior, posterior_of
 from agglom_mpi.inference.next_measurement import dense_points, next_measurements
+from agglom_mpi.inference.stored_samples import string_values
+from agglom_mpi.inference.telling_apart import telling_measurements
 from agglom_mpi.measurements.datum import Datum
 from agglom_mpi.storage.reader import read_campaign
 
@@ -122,6 +124,36 @@ def test_the_order_of_candidates_does_not_matter(measured, monkeypatch):
         found.append({each.name: each.after for each in measured.next_measurements().ranked})
     for name in ("d43", "spread"):
         assert found[0][name].mean == pytest.approx(found[1][name].mean, rel=1e-6)
+
+
+def test_what_no_string_changes_tells_two_laws_apart_and_a_law_not_from_itself(
+    measured, monkeypatch
+):
+    new = [
+        Datum.of_value(name, 1.0, 1.0, "number", None, name)
+        for name in ("d43", "spread", "particles_left")
+    ]
+    constants = iter((0.2, 0.3))
+
+    def with_constant(*words):
+        found = string_values(*words)
+        found.values[:, -1] = next(constants)
+        return found
+
+    monkeypatch.setattr(candidate_data, "quantities_to_measure", lambda *_: new)
+    monkeypatch.setattr(next_measurement, "string_values", with_constant)
+    best, *others = telling_measurements((measured, measured), 0.0)
+    assert best.name == "particles_left"
+    assert (best.predicted, best.other_predicted) == (0.2, 0.3)
+    assert best.apart.is_worth_it
+    # Both laws have the larger error: the ratio is that of two normal densities.
+    error = best.error.at(0.3)
+    assert best.standard_error == pytest.approx(error)
+    assert best.apart.log_bayes_factor == pytest.approx(0.5 * (0.1 / error) ** 2, rel=0.3)
+    assert {each.name for each in others if not each.repeats} == {"d43", "spread"}
+    for each in others:
+        assert each.apart.doubt == pytest.approx(0.5)
+        assert not each.apart.is_worth_it
 
 
 def test_an_impossible_error_is_refused_with_its_quantity(measured):

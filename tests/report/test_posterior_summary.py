@@ -35,7 +35,7 @@ def measurement(quantity, time, volume, error=FIVE, resolved=True, unit_value=4e
 @pytest.fixture
 def found():
     again = measurement("temperature", None, 0.03, error=None, unit_value=300.0)
-    again = again._replace(standard_error=0.5)
+    again = replace(again, standard_error=0.5)
     first = measurement("d90", 2e-3, 0.031)
     others = [measurement("d50", 1e-3 * i, 0.05 + 0.001 * i) for i in range(1, MAX_BARS + 5)]
     unresolved = measurement("d10", None, 1e-6, resolved=False)
