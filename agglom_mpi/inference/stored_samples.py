@@ -9,7 +9,6 @@ them.
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
@@ -17,8 +16,8 @@ from numpy.typing import NDArray
 
 from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.measurements.census import Census, ExperimentCensuses
-from agglom_mpi.measurements.datum import Datum, data_times, experiments_of, predictions
-from agglom_mpi.measurements.layout import CensusLayout, census_names
+from agglom_mpi.measurements.datum import Datum, experiments_of, predictions
+from agglom_mpi.measurements.layout import census_names
 from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.search.proposals import MODEL, OFFSPRING
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
@@ -153,13 +152,9 @@ def string_values(
     ValueError
         If the campaign stores no censuses, or none at the time of a datum.
     """
-    campaign, layout = recorded_campaign(file), file.sizes.census
-    if layout is None:
+    campaign, experiments = recorded_campaign(file), experiments_of(data)
+    if file.sizes.census is None:
         raise ValueError(f"{file.path}: its samples have no censuses, as it has no section data")
-    places = {
-        name: _places(layout.of(name), [each for each in data if each.experiment == name])
-        for name in experiments_of(data)
-    }
     samples = stored_samples(file) if stored is None else stored
     _, which = np.unique(np.nan_to_num(samples.strings), axis=0, return_inverse=True)
     order = np.argsort(which.ravel(), kind="stable")
@@ -170,23 +165,16 @@ def string_values(
         rows = samples.rows[group]
         columns = (rows[name] for name in census_names(rows.dtype.names))
         census = measured.census(list(zip(*columns, strict=True)))
-        chosen = {name: _chosen(census.of(name), some) for name, some in places.items()}
-        values = pseudo_values(ExperimentCensuses(chosen), data)
+        values = pseudo_values(census, data)
         if np.all(np.isfinite(values)):
             found_strings.append(samples.strings[group])
             found_values.append(values)
-            edges += (each.edges[[0, -1]] for each in chosen.values())
+            edges += (census.of(name).edges[[0, -1]] for name in experiments)
     if not found_values:
         size = sum(len(datum.values) for datum in data)
         return StringValues(samples.strings[:0], np.empty((0, size)))
     lengths = float(np.min(edges)), float(np.max(edges))
     return StringValues(np.concatenate(found_strings), np.concatenate(found_values), lengths)
-
-
-def _chosen(census: Census, places: list[int]) -> Census:
-    """Return the census at some of its times."""
-    names = "counts", "masses", "temperatures", "largest"
-    return replace(census, **{name: getattr(census, name)[:, places] for name in names})
 
 
 def pseudo_values(census: Census | ExperimentCensuses, data: Sequence[Datum]) -> Floats:
@@ -204,16 +192,3 @@ def pseudo_values(census: Census | ExperimentCensuses, data: Sequence[Datum]) ->
     if n == 1:
         return found.pooled[None]
     return np.asarray(n * found.pooled - (n - 1) * found.left_out)
-
-
-def _places(layout: CensusLayout, data: Sequence[Datum]) -> list[int]:
-    """Return the places of `data_times(data)` among the times of a layout."""
-    found = []
-    for time in data_times(data):
-        wanted = math.inf if time is None else time
-        if wanted not in layout.times:
-            known = ", ".join("the end" if t == math.inf else f"{t:g} s" for t in layout.times)
-            asked = "the end" if time is None else f"{time:g} s"
-            raise ValueError(f"no census was taken at {asked}; there are some at {known}")
-        found.append(layout.times.index(wanted))
-    return found

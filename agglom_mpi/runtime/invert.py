@@ -13,7 +13,7 @@ from agglom_mpi.config.yaml_source import warn
 from agglom_mpi.contracts.promises import promises_of
 from agglom_mpi.display.run_display import Display
 from agglom_mpi.runtime.experiment import InversionExperiment
-from agglom_mpi.runtime.file_setup import by_recorded_method, output_path
+from agglom_mpi.runtime.file_setup import as_recorded, output_path
 from agglom_mpi.runtime.leg import RunRequest
 from agglom_mpi.runtime.run import run_on_all_ranks
 from agglom_mpi.storage.reader import read_campaign
@@ -31,6 +31,7 @@ class InvertOptions(NamedTuple):
     max_walltime: float | None = None
     quiet: bool = False
     accept_code_change: bool = False
+    accept_new_data: bool = False
     database: str | None = None
     allow_code: bool = False
     strict: bool = False
@@ -79,7 +80,7 @@ def request_for(
     if options.generations is not None:
         campaign = campaign.with_generations(options.generations)
     path = output_path(campaign, options.output, options.seed)
-    campaign = by_recorded_method(campaign, path)
+    campaign = as_recorded(campaign, path)
     narrow = check_searchable(campaign)
     check_search_library(campaign)
     warn([*campaign.warnings(), *narrow], options.strict, show)
@@ -89,4 +90,5 @@ def request_for(
     start = warm_start(campaign, path)
     warn(start.warnings, options.strict, show)
     experiment = InversionExperiment(campaign, start.strings)
-    return RunRequest(experiment, path, options.accept_code_change, options.database)
+    accepted = options.accept_code_change, options.database, options.accept_new_data
+    return RunRequest(experiment, path, *accepted)

@@ -16,7 +16,11 @@ _LEAST: Final = {"seed": 0, "strings": 1, "max_samples": 1, "population": 1}
 """Least values of numbers that every file has."""
 _LEAST_OPTIONAL: Final = {"fresh_from": 0, "grains": 0, "final_particles": 0, "frames": 0}
 """Least values of numbers that older files lack."""
-_TEXTS_OPTIONAL: Final = ("purpose", QUANTITIES, CENSUS, OWN_MODULES, OWN_COMPONENTS, OWN_SHA256)
+EARLIER_DATA: Final = "earlier_data"
+"""Attribute with what was measured before, and until when it decided, as JSON."""
+_TEXTS_OPTIONAL: Final = (
+    *("purpose", QUANTITIES, CENSUS, OWN_MODULES, OWN_COMPONENTS, OWN_SHA256, EARLIER_DATA),
+)
 """Texts that older files lack, and those of campaigns without code of one's own."""
 
 
@@ -36,7 +40,23 @@ def check_attributes(attributes: Mapping[str, Any]) -> TableSizes:
     if attributes.get("fresh_from", 0) > attributes["max_samples"]:
         raise ValueError("attribute fresh_from is above max_samples")
     identity_of(attributes)
+    earlier_data(attributes)
     return TableSizes.of(attributes)
+
+
+def earlier_data(attributes: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return what a file has of earlier data, in order: `legs`, `strings` and `data`.
+
+    Each has the number of legs and strings that there were when the next data came, and its entries
+    of the identity. Raises a ValueError if the attribute is none that a run writes.
+    """
+    found = json.loads(attributes.get(EARLIER_DATA, "[]"))
+    if not (isinstance(found, list) and all(isinstance(each, dict) for each in found)):
+        raise ValueError(f"attribute {EARLIER_DATA} is no JSON list of objects")
+    for each in found:
+        if not all(isinstance(each.get(name), int) for name in ("legs", "strings")):
+            raise ValueError(f"attribute {EARLIER_DATA} has an entry without numbers")
+    return found
 
 
 def _is_text(value: Any) -> bool:
