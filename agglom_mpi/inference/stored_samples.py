@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
+from numpy.lib.recfunctions import repack_fields
 from numpy.typing import NDArray
 
 from agglom_mpi.emulation.gaussian_process import Floats
@@ -55,7 +56,22 @@ class StoredSamples(NamedTuple):
 
 
 def stored_samples(data: "CampaignData") -> StoredSamples:
-    """Return the counted samples of a file, each once: equal strings have the same samples."""
+    """Return the counted samples of a file, and of those pooled with it, each once.
+
+    Rows of several files have no censuses, whose classes may differ.
+    """
+    found = [_own_samples(each) for each in (data, *data.pooled)]
+    if len(found) == 1:
+        return found[0]
+    strings, rows, tried, failed = zip(*found, strict=True)
+    names = rows[0].dtype.names or ()
+    plain = [name for name in names if name not in census_names(names)]
+    samples = np.concatenate([repack_fields(each[plain]) for each in rows])
+    return StoredSamples(np.concatenate(strings), samples, *map(np.concatenate, (tried, failed)))
+
+
+def _own_samples(data: "CampaignData") -> StoredSamples:
+    """Return the counted samples of one file, each once: equal strings have the same samples."""
     campaign, rows = recorded_campaign(data), data.counted_samples
     strings = data.string_rows()
     rows = rows[np.isin(rows["string"], strings["string"])]
@@ -95,6 +111,8 @@ def why_not_emulated(campaign: "Campaign") -> str:
 
 def favours_low_objectives(data: "CampaignData") -> bool:
     """Return whether a search for the best proposed some strings by the results of others."""
+    if any(map(favours_low_objectives, data.pooled)):
+        return True
     strings, search = data.string_rows(), recorded_campaign(data).search
     by_results = np.isin(strings["origin"], (OFFSPRING, MODEL))
     by_results &= strings["generation"] >= search.lag
@@ -137,7 +155,7 @@ def string_values(
     """Return what the completed samples of a campaign with censuses predict for data.
 
     Each sample counts once, fresh or not. Strings that failed, and strings without a finite
-    prediction, are left out.
+    prediction, are left out. Equal strings of pooled files stay apart.
 
     Parameters
     ----------
@@ -145,17 +163,28 @@ def string_values(
     data
         In any order, whether they were measured or not; each at a time of the campaign's censuses.
     stored
-        The samples, if they have been read already.
+        The samples, if they have been read already; those of pooled files are read again.
 
     Raises
     ------
     ValueError
         If the campaign stores no censuses, or none at the time of a datum.
     """
+    if not file.pooled:
+        return _own_values(file, data, stored or _own_samples(file))
+    parts = [_own_values(each, data, _own_samples(each)) for each in (file, *file.pooled)]
+    strings, values, lengths = zip(*parts, strict=True)
+    ends = max(low for low, _ in lengths), min(high for _, high in lengths)
+    return StringValues(np.concatenate(strings), np.concatenate(values), ends)
+
+
+def _own_values(
+    file: "CampaignData", data: Sequence[Datum], samples: StoredSamples
+) -> StringValues:
+    """Return the same of one file."""
     campaign, experiments = recorded_campaign(file), experiments_of(data)
     if file.sizes.census is None:
         raise ValueError(f"{file.path}: its samples have no censuses, as it has no section data")
-    samples = stored_samples(file) if stored is None else stored
     _, which = np.unique(np.nan_to_num(samples.strings), axis=0, return_inverse=True)
     order = np.argsort(which.ravel(), kind="stable")
     groups = np.split(order, np.cumsum(np.bincount(which.ravel()))[:-1])

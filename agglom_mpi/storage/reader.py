@@ -65,6 +65,8 @@ class CampaignData:
     with_unused
         Whether analyses count samples that ran ahead unused, too: how many there are depends on the
         number of ranks and on timing, and so do the results. False until it is set.
+    pooled
+        Files of the same question with other seeds, whose samples sets and posteriors rest on, too.
     altered
         Attributes and tables that are not as they were written.
     reading
@@ -84,6 +86,7 @@ class CampaignData:
         self.attributes = attributes
         self.allow_code = allow_code
         self.with_unused = False
+        self.pooled: tuple[CampaignData, ...] = ()
         self.altered: list[str] = []
         self.reading: Reading | None = None
         self._snapshot = TableSnapshot(path, sample_columns)
