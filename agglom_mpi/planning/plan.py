@@ -89,7 +89,7 @@ def plan(
         samples = run_pilot(campaign, seconds, status.update, announce)
         report = forecast_all(experiment, samples, path, ranks, status.update)
         grains = advise_grains(campaign, samples, seconds, status.update)
-        return report._replace(grains=grains)
+        return report._replace(grains=grains, without_grains=grains is None)
 
 
 def forecast_all(
