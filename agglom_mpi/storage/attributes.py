@@ -50,13 +50,14 @@ def earlier_data(attributes: Mapping[str, Any]) -> list[dict[str, Any]]:
     Each has the number of legs and strings that there were when the next data came, and its entries
     of the identity. Raises a ValueError if the attribute is none that a run writes.
     """
-    found = json.loads(attributes.get(EARLIER_DATA, "[]"))
-    if not (isinstance(found, list) and all(isinstance(each, dict) for each in found)):
-        raise ValueError(f"attribute {EARLIER_DATA} is no JSON list of objects")
-    for each in found:
-        if not all(isinstance(each.get(name), int) for name in ("legs", "strings")):
-            raise ValueError(f"attribute {EARLIER_DATA} has an entry without numbers")
-    return found
+    try:
+        found = json.loads(attributes.get(EARLIER_DATA, "[]"))
+        kinds = {(*(type(each[key]) for key in ("legs", "strings", "data")),) for each in found}
+    except (KeyError, RecursionError, TypeError, ValueError):
+        kinds = {()}
+    if kinds - {(int, int, dict)}:
+        raise ValueError(f"attribute {EARLIER_DATA} is no JSON list of what was measured before")
+    return list(found)
 
 
 def _is_text(value: Any) -> bool:
