@@ -73,7 +73,7 @@ def best_table(file: CampaignData, best: Sequence[dict[str, Any]]) -> Table:
     columns = [
         Column("rank"),
         Column("string", format="d"),
-        *_variable_columns(file, best),
+        *variable_columns(file, best),
         *(objective, *_moment_columns(best, "as searched")),
         *(*FRESH_COLUMNS, *_moment_columns([e["reestimate"] for e in best], "re-estimate")),
         *LIMIT_COLUMNS,
@@ -89,7 +89,8 @@ def best_table(file: CampaignData, best: Sequence[dict[str, Any]]) -> Table:
     return Table(columns, rows, name="best_strings", upright=True)
 
 
-def _variable_columns(file: CampaignData, best: Sequence[dict[str, Any]]) -> Iterator[Column]:
+def variable_columns(file: CampaignData, best: Sequence[dict[str, Any]]) -> Iterator[Column]:
+    """Yield the columns of the variables and derived quantities of entries of `collect_best`."""
     text = file.campaign_text
     for variable in recorded_box(file).variables:
         if variable.is_used:

@@ -7,11 +7,14 @@ from typing import Any, Final, NamedTuple
 
 from rich.console import Group, RenderableType
 
+from agglom_mpi.analysis.best_strings import collect_best, variable_columns
+from agglom_mpi.analysis.derived import recorded_box
 from agglom_mpi.analysis.summary import collect_summary
 from agglom_mpi.config.expressions import names_in
 from agglom_mpi.config.relations import Relations
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.display.table import Column, Table
+from agglom_mpi.errors import UserError
 from agglom_mpi.formatting import format_duration, without_nan
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
@@ -35,12 +38,15 @@ class FileComparison(NamedTuple):
         Whether all have the same objective and number of grains.
     units : dict
         SI units of the variables that are no pure numbers: `variables.density` -> `kg/m^3`.
+    variables : tuple of Column
+        The searched variables, in the units of the first file that searches each.
     """
 
     summaries: list[dict[str, Any]]
     differences: dict[str, list[Any]]
     comparable: bool
     units: dict[str, str]
+    variables: tuple[Column, ...] = ()
 
 
 def compare(files: Sequence[CampaignData]) -> FileComparison:
@@ -61,7 +67,43 @@ def compare(files: Sequence[CampaignData]) -> FileComparison:
     known = {each for file in files for each in file.variables.variables}
     units = {f"variables.{each.name}": each.unit for each in known if each.unit != "1"}
     summaries = [collect_summary(file, best=1) for file in files]
-    return FileComparison(summaries, differences, is_one_question(files), units)
+    variables = {each.key: each for file in reversed(files) for each in _searched(file)}
+    columns = tuple(variables.values())
+    return FileComparison(summaries, differences, is_one_question(files), units, columns)
+
+
+def _searched(file: CampaignData) -> Iterator[Column]:
+    """Yield the columns of the searched variables of a file, and of the volume fraction."""
+    names = {each.name for each in recorded_box(file).variables if each.is_searched}
+    names |= {"volume_fraction"} if "size_ratio" in names else set()
+    yield from (each for each in variable_columns(file, collect_best(file, 1)) if each.key in names)
+
+
+class PoolingError(UserError, ValueError):
+    """Files whose samples cannot be pooled, with the reason."""
+
+
+def pooled(files: Sequence[CampaignData]) -> CampaignData:
+    """Return the first of files of one question, whose set and posterior rest on all of them.
+
+    Raises
+    ------
+    PoolingError
+        If two have the same seed, or differ in more than the seed, with what differs.
+    """
+    first, *others = files
+    by_seed = dict[Any, CampaignData]()
+    for file in files:
+        keys = sorted((first.identity.keys() | file.identity.keys()) - {"seed"})
+        different = [key for key in keys if first.identity.get(key) != file.identity.get(key)]
+        if different:
+            names = ", ".join(different[:SHOWN])
+            raise PoolingError(f"{file.path}: is of another question than {first.path}: {names}")
+        same = by_seed.setdefault(file.identity["seed"], file)
+        if same is not file:
+            raise PoolingError(f"{file.path}: has the seed of {same.path}, hence its samples")
+    first.pooled = tuple(others)
+    return first
 
 
 def is_one_question(files: Sequence[CampaignData]) -> bool:
@@ -155,7 +197,8 @@ COLUMNS: Final = (
 
 def comparison_table(comparison: FileComparison) -> RenderableType:
     """Return a table of the files, the spread of their best strings and differing settings."""
-    table = Table(COLUMNS, [_row(summary) for summary in comparison.summaries])
+    rows = [_row(summary) for summary in comparison.summaries]
+    table = Table((*COLUMNS, *comparison.variables), rows)
     return Group(table, "", *_footer(comparison))
 
 
@@ -163,6 +206,7 @@ def _row(summary: Mapping[str, Any]) -> dict[str, Any]:
     row = {**summary, "searched": "no result" if summary["no_result"] else None}
     row["samples"] = summary["samples_simulated"] + summary["samples_fresh"]
     for entry in () if summary["no_result"] else summary["best"]:
+        row |= {key: value for key, value in entry.items() if key not in row}
         row["searched"] = entry["objective"], entry["standard_error"]
         if again := entry["reestimate"]:
             row["again"] = again["objective"], again["standard_error"]
@@ -209,7 +253,11 @@ def _text(value: Any) -> str:
     return str(value)
 
 
-def to_json(comparison: FileComparison) -> str:
-    """Return a comparison as JSON."""
-    more = {"differences": comparison.differences, "comparable": comparison.comparable}
+def to_json(comparison: FileComparison, further: Mapping[str, Any] | None = None) -> str:
+    """Return a comparison as JSON, with `further` entries."""
+    more = {
+        **(further or {}),
+        "differences": comparison.differences,
+        "comparable": comparison.comparable,
+    }
     return json.dumps({"files": without_nan(comparison.summaries), **more}, indent=2)

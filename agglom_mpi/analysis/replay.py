@@ -10,7 +10,6 @@ from agglom_mpi.analysis.learning import evaluated
 from agglom_mpi.analysis.resimulation import samples_that_differ
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.inversion import inversion_of
-from agglom_mpi.config.loading import campaign_of_record
 from agglom_mpi.config.own_components import own_of
 from agglom_mpi.config.searchable import check_search_library
 from agglom_mpi.config.yaml_source import CampaignError
@@ -22,7 +21,7 @@ from agglom_mpi.search.ensemble import EnsembleResult
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.proposals import MODEL, Proposals
 from agglom_mpi.storage.reader import given_strings
-from agglom_mpi.storage.recorded_campaign import allowed_function, recorded_reading
+from agglom_mpi.storage.recorded_campaign import allowed_function, recorded_campaign
 from agglom_mpi.storage.schema import parameters_of
 from agglom_mpi.storage.table import consecutive_samples
 from agglom_mpi.storage.verify import VerificationReport, row_list
@@ -68,9 +67,7 @@ def replay(report: VerificationReport) -> Replayed:
     """
     try:
         data = report.data
-        text, identity = data.campaign_text, data.identity
-        own, allowed = recorded_reading(data).own, allowed_function(data)
-        campaign = campaign_of_record(text, str(data.path), identity, own, allowed)
+        allowed, campaign = allowed_function(data), recorded_campaign(data)
         _check_campaign(campaign, report)
         campaign = campaign.with_generations(_generations(report))
         check_search_library(campaign)
@@ -209,7 +206,7 @@ def _compare_strings(log: ReplayLog, report: VerificationReport) -> int:
             row = stored.get(string)
             if row is None:
                 continue
-            agrees = (
+            agrees = string < report.data.strings_of_earlier_data or (
                 row["generation"] == batch.generation
                 and row["slot"] == batch.slot[i]
                 and row["origin"] == batch.origin[i]
@@ -276,7 +273,8 @@ def _check_end(inversion: Inversion, log: ReplayLog, report: VerificationReport)
     beyond = set(inversion.open_strings) & report.numbers("results")
     if report.settled:  # a proposal need not wait until the samples behind it are written
         proposed = {int(i) for ids, _ in log.batches for i in ids}
-        beyond |= report.numbers("strings") - proposed
+        chosen_before = range(report.data.strings_of_earlier_data)
+        beyond |= report.numbers("strings") - proposed - {*chosen_before}
     if beyond:
         report.faults.append(f"replay: ends before strings {row_list(beyond)}, which are stored")
     if (

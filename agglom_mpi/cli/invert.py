@@ -43,6 +43,11 @@ from agglom_mpi.version import __version__
 @QUIET
 @DATABASE
 @accept_code_change("a file")
+@click.option(
+    "--accept-new-data",
+    is_flag=True,
+    help="Compare the samples of the file with other data, at times that it has censuses of.",
+)
 @ALLOW_CODE
 @STRICT
 @click.version_option(__version__)

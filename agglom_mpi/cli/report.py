@@ -132,7 +132,9 @@ def report(
     """Print the best strings of a campaign FILE.h5; the run may still be writing.
 
     Strings are ranked by their re-estimates on fresh samples, which no decision has used. Without
-    fresh samples they are ranked as searched. Several files are compared by their best strings.
+    fresh samples they are ranked as searched. Several files are compared by their best strings;
+    of one question with other seeds, a set and a posterior rest on the samples of all, and the page
+    has the rest of the first.
     With --out, only files with the names of the page and its figures are replaced in DIR.
 
     Exit codes: 0 success; 1 if the file is altered or lacks rows.
@@ -143,13 +145,7 @@ def report(
             "--what-next takes one file; agglom compare ranks measurements by how well they tell "
             "the laws of several files apart"
         )
-    options = {
-        "--sensitivity": sensitivity,
-        "--posterior": posterior,
-        "--out": out is not None,
-        "--follow": follow,
-        "--feasible-set": feasible_set,
-    }
+    options = {"--sensitivity": sensitivity, "--follow": follow}
     for option, given in options.items():
         if len(files) > 1 and given:
             raise click.UsageError(f"{option} takes one file")
@@ -177,6 +173,10 @@ def report(
         file.settle()
     from agglom_mpi.analysis.damage import blame_damage
 
+    if len(opened) > 1 and (posterior or feasible_set or out is not None):
+        from agglom_mpi.analysis.file_comparison import pooled
+
+        pooled(opened)
     with blame_damage(*files):
         if out is not None:
             from agglom_mpi.report.page import write_report
@@ -241,14 +241,17 @@ def _text(
     as_json: bool,
 ) -> Any:
     """Return what is asked of files as a renderable, or as JSON; write the files of a request."""
+    from rich.console import Group
+
+    compared = None
     if len(opened) > 1:
         from agglom_mpi.analysis import file_comparison as comparison
 
         compared = comparison.compare(opened)
-        return comparison.to_json(compared) if as_json else comparison.comparison_table(compared)
-    from rich.console import Group
-
-    [file] = opened
+        table = comparison.comparison_table(compared)
+        if request is None and posterior is None:
+            return comparison.to_json(compared) if as_json else table
+    file = opened[0]
     entries: dict[str, Any] = {}
     more: list[Any] = []
     if sensitivity:
@@ -261,7 +264,7 @@ def _text(
         from agglom_mpi.report.set_files import set_report
 
         found = set_report(file, request, as_json, **entries)
-        return found if as_json else Group(found, *more)
+        return found if as_json else Group(*([table, ""] if compared else []), found, *more)
     if posterior is not None:
         from agglom_mpi.inference.data_posterior import data_posterior
         from agglom_mpi.report.posterior_summary import next_text, posterior_text
@@ -274,6 +277,8 @@ def _text(
         if further is not None:
             entries["posterior"] |= {"next_measurements": without_nan(further.records())}
             more += ["", next_text(further, file.campaign_text)]
+    if compared is not None:
+        return comparison.to_json(compared, entries) if as_json else Group(table, *more)
     from agglom_mpi.analysis.summary import collect_summary, summary_table, to_json
 
     return to_json(collect_summary(file), entries) if as_json else Group(summary_table(file), *more)

@@ -56,6 +56,7 @@ CAMPAIGN_INTERNALS: Final = (
     *("count", "with_generations", "with_seed"),
     *("require_one_scene", "sample_quantities"),
     *("data", "data_entries", "census", "experiments", "has_layout", "of_experiment"),
+    "stored_census",
 )
 """Names of a campaign for the package's own modules: sections, and what builds or checks a run."""
 
@@ -93,6 +94,7 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
     data_entries: tuple[DatumEntry, ...] = ()
     experiments: tuple[CampaignExperiment, ...] = ()
     has_layout: bool = False
+    stored_census: CensusLayout | ExperimentLayouts | None = None
     scenes: StringScenes = field(init=False)
 
     def __post_init__(self) -> None:
@@ -335,8 +337,8 @@ class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
 
     @cached_property
     def census(self) -> CensusLayout | ExperimentLayouts | None:
-        """When samples are counted by size, and in which classes; None without data."""
-        return census_layout(self)
+        """When samples are counted by size, and in which classes, as in its file; or None."""
+        return self.stored_census or census_layout(self)
 
     @property
     def sample_quantities(self) -> dict[str, str]:

@@ -3,11 +3,12 @@
 import math
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any, Final
 
 from numpy.typing import ArrayLike
 
-from agglom_mpi.measurements.datum import data_times, exact_values
+from agglom_mpi.measurements.datum import absent_time, data_times, exact_values
 from agglom_mpi.measurements.layout import CensusLayout, ExperimentLayouts
 from agglom_mpi.physics.scales import grain_radius
 from agglom_mpi.physics.size_distributions import draw_radii
@@ -39,13 +40,45 @@ def _own_layout(campaign: Any) -> CensusLayout | None:
     """Return the layout of a campaign without experiments, or of one of them."""
     if not (campaign.data or campaign.has_layout):
         return None
-    times = [math.inf if time is None else time for time in data_times(campaign.data)]
+    own = {math.inf if time is None else time for time in data_times(campaign.data)}
+    times = sorted(own | {time for time in campaign.output.census if time <= _end(campaign)})
     volume = max(campaign.final.larger, default=1) if campaign.final else 1
     largest = (volume * campaign.most_grains) ** (1.0 / 3.0)
     drawn = list(_drawn_radii(campaign))
     smallest = min([1.0, *(low / MARGIN for low, _ in drawn)])
     largest = max([largest, *(high * MARGIN for _, high in drawn)])
     return CensusLayout.between(tuple(times), smallest, largest)
+
+
+def _end(campaign: Any) -> float:
+    """Return the end of all samples in s; 0 where it differs between strings."""
+    end = campaign.scene.end_time
+    differs = isinstance(end, str) or "end_time" in campaign.variables.of_scene
+    return 0.0 if differs else float(end)
+
+
+def with_census_of(campaign: Any, stored: CensusLayout | ExperimentLayouts | None) -> Any:
+    """Return a campaign whose samples are counted as those of a file, if that suffices.
+
+    A file may have censuses at more times than its campaign has data.
+    """
+    if stored is None or uncounted(campaign, stored):
+        return campaign
+    own = tuple(
+        replace(each, campaign=replace(each.campaign, stored_census=stored.of(each.name)))
+        for each in campaign.experiments
+    )
+    return replace(campaign, experiments=own, stored_census=stored)
+
+
+def uncounted(campaign: Any, stored: CensusLayout | ExperimentLayouts) -> str:
+    """Return which datum of a campaign has no census in a file; empty if all have."""
+    for name, own in [(each.name, each.campaign) for each in campaign.experiments] or [
+        ("", campaign)
+    ]:
+        if absent := absent_time(stored.of(name).times, own.data):
+            return f"{name}: {absent}" if name else absent
+    return ""
 
 
 def measured(campaign: Any, string: ArrayLike) -> Measured:

@@ -293,6 +293,15 @@ def built_data(entries: Sequence[DatumEntry], experiment: str = "") -> tuple[Dat
     return tuple(found)
 
 
+def late(time: float, end: float | None) -> str:
+    """Return why not all samples reach a time; `end` as for `impossible_data`; empty if they do."""
+    own = value_with_prefix(time, "s")
+    if end is None:
+        return f"is {own}; needs a fixed end_time of the scene, which every sample reaches"
+    last = value_with_prefix(end, "s")
+    return f"is {own}; must be at most the end_time of the scene, {last}" if time > end else ""
+
+
 def impossible_data(
     data: tuple[DatumEntry, ...], end: float | None, has_heat: bool, always_bonds: str | None
 ) -> Iterator[tuple[FieldPath, str]]:
@@ -302,12 +311,7 @@ def impossible_data(
     `always_bonds` is why nothing bounces; None where grains may.
     """
     for i, entry in enumerate(data):
-        if entry.time is not None and end is not None and entry.time > end:
-            own, last = (value_with_prefix(time, "s") for time in (entry.time, end))
-            yield (i, "time"), f"is {own}; must be at most the end_time of the scene, {last}"
-        if entry.time is not None and end is None:
-            own = value_with_prefix(entry.time, "s")
-            message = f"is {own}; needs a fixed end_time of the scene, which every sample reaches"
+        if entry.time is not None and (message := late(entry.time, end)):
             yield (i, "time"), message
         if entry.kind.is_exact and always_bonds is not None:
             message = f"is {entry.quantity!r}, but with {always_bonds} nothing bounces"

@@ -12,7 +12,7 @@ from agglom_mpi.config.bounds import (
     variables_of,
 )
 from agglom_mpi.config.correlations import Correlation, correlated
-from agglom_mpi.config.data_section import DatumEntry, impossible_data, read_data
+from agglom_mpi.config.data_section import DatumEntry, impossible_data, late, read_data
 from agglom_mpi.config.plan import FinalAnswer, Output, Plan, Stopping
 from agglom_mpi.config.relations import quantity_problems, read_constraints, read_derived
 from agglom_mpi.config.scene import MAX_PARTICLES, SceneSection
@@ -75,11 +75,28 @@ def _data_fit_scene(data: tuple[DatumEntry, ...], reading: Reading) -> Problems:
     if "scene" not in reading.earlier:
         return ()
     scene: SceneSection = reading.earlier["scene"]
-    differs = scene.end_time == "characteristic" or "end_time" in reading.variables
-    end = None if differs or isinstance(scene.end_time, str) else scene.end_time
+    end = _fixed_end(reading)
     varies = reading.variables.has_numbers_of("restitution")
     always_bonds = None if varies else scene.restitution.always_bonds
     return impossible_data(data, end, not scene.heating.is_absent, always_bonds)
+
+
+def _fixed_end(reading: Reading) -> float | None:
+    """Return the end of all samples in s; None where it differs between strings."""
+    end = reading.earlier["scene"].end_time
+    return None if isinstance(end, str) or "end_time" in reading.variables else end
+
+
+def _census_fits(output: Output, reading: Reading) -> Problems:
+    """Yield times of censuses that samples do not reach, and all where nothing is measured."""
+    if "scene" not in reading.earlier or "data" not in reading.earlier:
+        return
+    if output.census and not reading.earlier["data"]:
+        yield ("census",), "is given, but nothing is measured; needs a section data"
+        return
+    for i, time in enumerate(output.census):
+        if message := late(time, _fixed_end(reading)):
+            yield ("census", i), message
 
 
 def _objective_fits(objective: Objective, reading: Reading) -> Problems:
@@ -230,7 +247,7 @@ class SceneDocument(Declared):
     correlations: tuple[Correlation, ...] = ()
     experiments: dict[str, ExperimentEntry] = {}  # noqa: RUF012  (a field, as of all documents)
     objective: Annotated[Objective, Choice(Objective), Fits(_objective_fits)] = MaximumGrowth()
-    output: Output = Output()
+    output: Annotated[Output, Fits(_census_fits)] = Output()
     final: Annotated[FinalAnswer | None, NONE, Fits(_volumes_hold_few_enough_grains)] = (
         FinalAnswer()
     )

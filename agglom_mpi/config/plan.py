@@ -163,8 +163,12 @@ class Output(Declared):
         Store the particles at the end of every sample.
     frames
         Frames of the best strings over time, for ParaView.
+    census
+        Times beside those of `data` at which particles are counted by size, up to the end_time of
+        the scene. Data of these times can be added later without new samples.
     """
 
     file: NotEmpty | None = None
     final_particles: bool = False
     frames: Annotated[FramesOfBest | None, NONE] = None
+    census: tuple[Annotated[float, In("s", above=0)], ...] = ()

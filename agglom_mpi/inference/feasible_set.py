@@ -177,7 +177,7 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
         CertificateError
             If the file beside the campaign's is that of other samples.
         """
-        found = certificate_of(self._data)
+        found = None if self._data.pooled else certificate_of(self._data)
         return found if found is not None and found.plan.tolerance == self.tolerance else None
 
     @property

@@ -29,12 +29,16 @@ class PredictedDatum(NamedTuple):
         what the string gives, averaged over the posterior. It is near 0 where the datum disagrees.
     outside
         Whether the median of a value is beyond what any string of the campaign gave.
+    blind
+        Whether each error of the datum is larger than all that the strings of the campaign differ
+        by, so that the datum says nothing.
     """
 
     datum: Datum
     draws: Floats
     p_value: float
     outside: bool = False
+    blind: bool = False
 
     @property
     def median(self) -> Floats:
@@ -53,7 +57,11 @@ class PredictedDatum(NamedTuple):
     @property
     def verdict(self) -> str:
         """Faults of the prediction in a few words; empty if there are none."""
-        faults = {"disagrees": self.disagrees, "outside of what strings gave": self.outside}
+        faults = {
+            "disagrees": self.disagrees,
+            "outside of what strings gave": self.outside,
+            "its error exceeds all that strings differ by": self.blind,
+        }
         return ", ".join(text for text, is_so in faults.items() if is_so)
 
     def as_dict(self) -> dict[str, Any]:
@@ -73,6 +81,7 @@ class PredictedDatum(NamedTuple):
             "p_value": self.p_value,
             "disagrees": self.disagrees,
             "outside": self.outside,
+            "blind": self.blind,
         }
 
 
@@ -98,8 +107,10 @@ def predict_data(of: EmulatedData, drawn: WeightedStrings) -> tuple[list[Predict
         p_values.append(float(np.mean(chdtrc(factors.shape[1], chi))))
     middle = np.median(values, axis=0)
     outside = (middle < of.reached[0]) | (middle > of.reached[1])
+    differ = of.reached[1] - of.reached[0]  # inf of impacts
     found = []
     for datum, rows, p in zip(of.data, of.frame.rows, p_values[1:], strict=True):
         draws = datum.kind.within_limits(values[:, rows], of.lengths)
-        found.append(PredictedDatum(datum, draws, p, bool(outside[rows].any())))
+        blind = bool(np.all(datum.standard_errors > differ[rows]))
+        found.append(PredictedDatum(datum, draws, p, bool(outside[rows].any()), blind))
     return found, p_values[0]

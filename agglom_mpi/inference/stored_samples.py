@@ -9,16 +9,16 @@ them.
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
+from numpy.lib.recfunctions import repack_fields
 from numpy.typing import NDArray
 
 from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.measurements.census import Census, ExperimentCensuses
-from agglom_mpi.measurements.datum import Datum, data_times, experiments_of, predictions
-from agglom_mpi.measurements.layout import CensusLayout, census_names
+from agglom_mpi.measurements.datum import Datum, experiments_of, predictions
+from agglom_mpi.measurements.layout import census_names
 from agglom_mpi.outcome import COMPLETED, FAILED
 from agglom_mpi.search.proposals import MODEL, OFFSPRING
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
@@ -92,6 +92,21 @@ def counted_samples(data: "CampaignData") -> tuple[Floats, NDArray[np.void], NDA
 
 
 def stored_samples(data: "CampaignData") -> StoredSamples:
+    """Return the counted samples of a file, and of those pooled with it, each once.
+
+    Rows of several files have no censuses, whose classes may differ.
+    """
+    found = [_own_samples(each) for each in (data, *data.pooled)]
+    if len(found) == 1:
+        return found[0]
+    strings, rows, tried, failed = zip(*found, strict=True)
+    names = rows[0].dtype.names or ()
+    plain = [name for name in names if name not in census_names(names)]
+    samples = np.concatenate([repack_fields(each[plain]) for each in rows])
+    return StoredSamples(np.concatenate(strings), samples, *map(np.concatenate, (tried, failed)))
+
+
+def _own_samples(data: "CampaignData") -> StoredSamples:
     """Return the samples that an emulator of a file rests on."""
     different, rows, place = counted_samples(data)
     completed = rows["state"] == COMPLETED
@@ -117,6 +132,8 @@ def why_not_emulated(campaign: "Campaign") -> str:
 
 def favours_low_objectives(data: "CampaignData") -> bool:
     """Return whether a search for the best proposed some strings by the results of others."""
+    if any(map(favours_low_objectives, data.pooled)):
+        return True
     strings, search = data.string_rows(), recorded_campaign(data).search
     by_results = np.isin(strings["origin"], (OFFSPRING, MODEL))
     by_results &= strings["generation"] >= (0 if data.sizes.learned else search.lag)
@@ -159,7 +176,7 @@ def string_values(
     """Return what the completed samples of a campaign with censuses predict for data.
 
     Each sample counts once, fresh or not. Strings that failed, and strings without a finite
-    prediction, are left out.
+    prediction, are left out. Equal strings of pooled files stay apart.
 
     Parameters
     ----------
@@ -167,21 +184,28 @@ def string_values(
     data
         In any order, whether they were measured or not; each at a time of the campaign's censuses.
     stored
-        The samples, if they have been read already.
+        The samples, if they have been read already; those of pooled files are read again.
 
     Raises
     ------
     ValueError
         If the campaign stores no censuses, or none at the time of a datum.
     """
-    campaign, layout = recorded_campaign(file), file.sizes.census
-    if layout is None:
+    if not file.pooled:
+        return _own_values(file, data, stored or _own_samples(file))
+    parts = [_own_values(each, data, _own_samples(each)) for each in (file, *file.pooled)]
+    strings, values, lengths = zip(*parts, strict=True)
+    ends = max(low for low, _ in lengths), min(high for _, high in lengths)
+    return StringValues(np.concatenate(strings), np.concatenate(values), ends)
+
+
+def _own_values(
+    file: "CampaignData", data: Sequence[Datum], samples: StoredSamples
+) -> StringValues:
+    """Return the same of one file."""
+    campaign, experiments = recorded_campaign(file), experiments_of(data)
+    if file.sizes.census is None:
         raise ValueError(f"{file.path}: its samples have no censuses, as it has no section data")
-    places = {
-        name: _places(layout.of(name), [each for each in data if each.experiment == name])
-        for name in experiments_of(data)
-    }
-    samples = stored_samples(file) if stored is None else stored
     _, which = np.unique(np.nan_to_num(samples.strings), axis=0, return_inverse=True)
     order = np.argsort(which.ravel(), kind="stable")
     groups = np.split(order, np.cumsum(np.bincount(which.ravel()))[:-1])
@@ -191,23 +215,16 @@ def string_values(
         rows = samples.rows[group]
         columns = (rows[name] for name in census_names(rows.dtype.names))
         census = measured.census(list(zip(*columns, strict=True)))
-        chosen = {name: _chosen(census.of(name), some) for name, some in places.items()}
-        values = pseudo_values(ExperimentCensuses(chosen), data)
+        values = pseudo_values(census, data)
         if np.all(np.isfinite(values)):
             found_strings.append(samples.strings[group])
             found_values.append(values)
-            edges += (each.edges[[0, -1]] for each in chosen.values())
+            edges += (census.of(name).edges[[0, -1]] for name in experiments)
     if not found_values:
         size = sum(len(datum.values) for datum in data)
         return StringValues(samples.strings[:0], np.empty((0, size)))
     lengths = float(np.min(edges)), float(np.max(edges))
     return StringValues(np.concatenate(found_strings), np.concatenate(found_values), lengths)
-
-
-def _chosen(census: Census, places: list[int]) -> Census:
-    """Return the census at some of its times."""
-    names = "counts", "masses", "temperatures", "largest"
-    return replace(census, **{name: getattr(census, name)[:, places] for name in names})
 
 
 def pseudo_values(census: Census | ExperimentCensuses, data: Sequence[Datum]) -> Floats:
@@ -225,16 +242,3 @@ def pseudo_values(census: Census | ExperimentCensuses, data: Sequence[Datum]) ->
     if n == 1:
         return found.pooled[None]
     return np.asarray(n * found.pooled - (n - 1) * found.left_out)
-
-
-def _places(layout: CensusLayout, data: Sequence[Datum]) -> list[int]:
-    """Return the places of `data_times(data)` among the times of a layout."""
-    found = []
-    for time in data_times(data):
-        wanted = math.inf if time is None else time
-        if wanted not in layout.times:
-            known = ", ".join("the end" if t == math.inf else f"{t:g} s" for t in layout.times)
-            asked = "the end" if time is None else f"{time:g} s"
-            raise ValueError(f"no census was taken at {asked}; there are some at {known}")
-        found.append(layout.times.index(wanted))
-    return found

@@ -46,6 +46,8 @@ class Census:
     coefficients
         Returns the coefficients of restitution of impacts, (q, 4) as of `Datum`, shape (q,); None
         where no impacts are compared.
+    times
+        The T times in s, inf at the end; None: those of the data that it is compared with.
     """
 
     edges: Floats
@@ -56,6 +58,7 @@ class Census:
     grains: int
     density: float
     coefficients: Callable[[Floats], Floats] | None = None
+    times: tuple[float, ...] | None = None
 
     @property
     def samples(self) -> int:

@@ -182,9 +182,14 @@ def predictions(census: Census | ExperimentCensuses, data: Sequence[Datum]) -> P
     Parameters
     ----------
     census
-        At least one sample, at the times of `data_times` of the data of each experiment.
+        At least one sample, at the times of the data of each experiment, and perhaps at others.
     data
         In any order.
+
+    Raises
+    ------
+    ValueError
+        If there is no census at the time of a datum.
     """
     found: dict[int, Floats] = {}
     for experiment in experiments_of(data):
@@ -204,14 +209,33 @@ def experiments_of(data: Sequence[Datum]) -> tuple[str, ...]:
 
 def _predicted(census: Census, data: Sequence[Datum]) -> list[Floats]:
     """Return the predictions for each datum of one experiment, (1 + n, q)."""
-    times = data_times(data)
+    times = census.times or tuple(_place(time) for time in data_times(data))
     if census.counts.shape[1] != len(times):
         raise ValueError(f"a census at {census.counts.shape[1]} times of data at {len(times)}")
-    sums = [SampleSums(census, index) for index in range(len(times))]
+    if absent := absent_time(times, data):
+        raise ValueError(absent)
+    wanted = {_place(datum.time) for datum in data if not datum.kind.is_exact}
+    sums = {time: SampleSums(census, times.index(time)) for time in wanted or times[:1]}
+    of_impacts = next(iter(sums.values()))
     with np.errstate(divide="ignore", invalid="ignore"):
         return [
-            each.kind.predict(sums[0], each.weight, each.impacts)
+            each.kind.predict(of_impacts, each.weight, each.impacts)
             if each.kind.is_exact
-            else each.kind.predict(sums[times.index(each.time)], each.weight, each.edges)
+            else each.kind.predict(sums[_place(each.time)], each.weight, each.edges)
             for each in data
         ]
+
+
+def absent_time(times: Sequence[float], data: Sequence[Datum]) -> str:
+    """Return which time of data is not among those of a census; empty if all are."""
+    for datum in data:
+        if not datum.kind.is_exact and _place(datum.time) not in times:
+            known = ", ".join("the end" if t == math.inf else f"{t:g} s" for t in times)
+            asked = "the end" if datum.time is None else f"{datum.time:g} s"
+            return f"no census was taken at {asked}; there are some at {known}"
+    return ""
+
+
+def _place(time: float | None) -> float:
+    """Return the time of a datum as a census has it."""
+    return math.inf if time is None else time

@@ -28,6 +28,8 @@ from agglom_mpi.storage.table import concatenated
 
 VOLUMES: Final = (1, 2, 4)
 """Control volumes of the pilot samples, relative to the campaign's box."""
+FEWER: Final = (1, 2)
+"""Those where the time, or the most grains, does not suffice for the largest."""
 SHARE: Final = 0.25
 """Time of these samples relative to that of all other pilot samples."""
 ROUND: Final = 10
@@ -56,6 +58,8 @@ class GrainAdvice(NamedTuple):
         Number of samples that the final estimate will have.
     why_no_limit
         Why the pilot samples show no shift; empty if they do.
+    volumes
+        Control volumes of the pilot samples.
     """
 
     grains: int
@@ -64,6 +68,7 @@ class GrainAdvice(NamedTuple):
     error: float
     answer_samples: int
     why_no_limit: str = ""
+    volumes: tuple[int, ...] = VOLUMES
 
     @property
     def exceeds(self) -> bool:
@@ -78,7 +83,9 @@ class GrainAdvice(NamedTuple):
     @property
     def text(self) -> str:
         """Two lines for readers."""
-        volumes = ", ".join(f"{volume * self.grains:,}" for volume in VOLUMES)
+        volumes = ", ".join(f"{volume * self.grains:,}" for volume in self.volumes)
+        if self.volumes != VOLUMES:
+            volumes += f" ({VOLUMES[-1] * self.grains:,} are too many for this time)"
         head = f"finite size, by {self.samples} samples each of one string with {volumes} grains: "
         if self.why_no_limit:
             return f"{head}no shift is known\n  {self.why_no_limit}"
@@ -116,6 +123,7 @@ class GrainAdvice(NamedTuple):
             "exceeds": self.exceeds,
             "enough_grains": self.enough,
             "why_no_limit": self.why_no_limit,
+            "largest_grains": self.volumes[-1] * self.grains,
         }
 
 
@@ -138,13 +146,24 @@ def advise_grains(
     Returns
     -------
     GrainAdvice or None
-        None where the time allows for too few samples, or grains are too many.
+        None where the time allows for too few samples, or grains are too many, even without the
+        largest volume.
     """
-    if campaign.scene.particles * VOLUMES[-1] > MAX_PARTICLES:
-        return None
+    for volumes in (VOLUMES, FEWER):
+        if campaign.scene.particles * volumes[-1] <= MAX_PARTICLES:
+            show("simulating one string in larger volumes")
+            found = _by_volumes(campaign, pilot, seconds, volumes)
+            if found is not None:
+                return found
+    return None
+
+
+def _by_volumes(
+    campaign: Campaign, pilot: PilotSamples, seconds: float, volumes: tuple[int, ...]
+) -> GrainAdvice | None:
+    """Return the advice by samples in some volumes; arguments as of `advise_grains`."""
     runner = SampleRunner(InversionExperiment(campaign), 0)
     string = _best(campaign, pilot)
-    show("simulating one string in larger volumes")
     limit, begun = SHARE * seconds, time.monotonic()
 
     def tasks() -> Iterator[np.void]:
@@ -152,17 +171,17 @@ def advise_grains(
             spent = time.monotonic() - begun
             if done and spent * (done + 1) / done > limit:
                 return
-            for volume in VOLUMES:
+            for volume in volumes:
                 number = number_in_volume(0, volume)
                 yield task_of(number, done * ROUND, ROUND, pilot.parameters[string])
 
     parts = [message.results for message in simulate_for(limit, runner, tasks())]
-    rounds = (len(parts) - runner.abort_flag.stopped) // len(VOLUMES)  # the last one may be cut
+    rounds = (len(parts) - runner.abort_flag.stopped) // len(volumes)  # the last one may be cut
     if not rounds:
         return None
     known: list[VolumeMeans] = []
-    for place, volume in enumerate(VOLUMES):
-        rows = concatenated(parts[place :: len(VOLUMES)][:rounds], parts[0].dtype)
+    for place, volume in enumerate(volumes):
+        rows = concatenated(parts[place :: len(volumes)][:rounds], parts[0].dtype)
         means = means_of_rows(rows, volume, volume * campaign.scene.particles)
         if means is None:
             return None
@@ -172,7 +191,8 @@ def advise_grains(
     answer = DEFAULT_SAMPLES if campaign.final is None else campaign.final.samples
     error = known[0].spread / math.sqrt(answer)
     why = why_no_limit(known, fit)
-    return GrainAdvice(campaign.scene.particles, rounds * ROUND, fit, error, answer, why)
+    samples = rounds * ROUND
+    return GrainAdvice(campaign.scene.particles, samples, fit, error, answer, why, volumes)
 
 
 def _best(campaign: Campaign, pilot: PilotSamples) -> int:

@@ -228,6 +228,8 @@ class ForecastReport(NamedTuple):
         Numbers of ranks whose forecast would take more than `MAX_SIMULATED` samples.
     grains
         How many grains are enough; None where that was not measured.
+    without_grains
+        Whether it was to be measured, and the time or the most grains did not suffice.
     """
 
     campaign: Campaign
@@ -237,6 +239,7 @@ class ForecastReport(NamedTuple):
     forecasts: list[Forecast]
     not_forecast: list[int]
     grains: "GrainAdvice | None" = None
+    without_grains: bool = False
 
     @property
     def saturation(self) -> Forecast | None:

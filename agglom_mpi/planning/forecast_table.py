@@ -138,6 +138,11 @@ def _footer(report: ForecastReport) -> list[str]:
         )
     again = any(f.again for f in report.forecasts)
     grains = [] if report.grains is None else [report.grains.text]
+    if report.without_grains:
+        grains.append(
+            "finite size: not known, not even with twice the grains; more --seconds may show "
+            "whether the grains are enough"
+        )
     return [*lines, EXPLANATION, *([AGAIN] if again else []), *grains, *_advice(report)]
 
 

@@ -29,7 +29,7 @@ from agglom_mpi.planning.forecast import (
 )
 from agglom_mpi.planning.workload import EmpiricalWorkload, PilotSamples, read_recorded_samples
 from agglom_mpi.runtime.experiment import Experiment, InversionExperiment
-from agglom_mpi.runtime.file_setup import by_recorded_method
+from agglom_mpi.runtime.file_setup import as_recorded
 from agglom_mpi.search.inversion import Inversion
 
 LOG: Final = logging.getLogger(__name__)
@@ -67,7 +67,7 @@ def plan(
         If the campaign or the file with samples cannot be used.
     """
     campaign = load_campaign(path, allow_code)
-    campaign = by_recorded_method(campaign, Path(source or campaign.file_name))
+    campaign = as_recorded(campaign, Path(source or campaign.file_name))
     if generations is not None:
         campaign = campaign.with_generations(generations)
     log_narrow(campaign)
@@ -87,7 +87,7 @@ def plan(
         samples = run_pilot(campaign, seconds, status.update, announce)
         report = forecast_all(experiment, samples, path, ranks, status.update)
         grains = advise_grains(campaign, samples, seconds, status.update)
-        return report._replace(grains=grains)
+        return report._replace(grains=grains, without_grains=grains is None)
 
 
 def forecast_all(

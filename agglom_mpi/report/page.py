@@ -137,6 +137,9 @@ def render(page: Page) -> str:
         f"{pluralise(len(judged), 'string')} judged by "
         f"{pluralise(int(judged['samples_used'].sum()), 'sample')} of {len(rows)} simulated."
     )
+    if data.pooled:
+        names = ", ".join(each.path.name for each in data.pooled)
+        summary += f" Sets and posteriors rest on the samples of {names}, too."
     return environment.get_template(TEMPLATE).render(
         title=data.title or data.path.stem,
         file_name=data.path.name,

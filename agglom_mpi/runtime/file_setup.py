@@ -2,24 +2,30 @@
 
 import json
 import os
+import re
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.census_layout import uncounted, with_census_of
 from agglom_mpi.config.own_components import recorded_texts
 from agglom_mpi.config.yaml_source import parse
 from agglom_mpi.declaration.reading import SOURCE_SHA256, SOURCE_VALUES
 from agglom_mpi.errors import UserError
-from agglom_mpi.formatting import pluralise, shortened
+from agglom_mpi.formatting import pluralise, shortened, value_with_prefix
 from agglom_mpi.runtime.experiment import Experiment
 from agglom_mpi.runtime.provenance import sources_digest
 from agglom_mpi.search.methods.method import SearchMethod
 from agglom_mpi.storage.access import DamagedCampaign
-from agglom_mpi.storage.create import create_campaign_file, enlarge_campaign_file
+from agglom_mpi.storage.create import create_campaign_file, enlarge_campaign_file, replace_data
 from agglom_mpi.storage.reader import CampaignData, read_campaign
 from agglom_mpi.storage.room import check_room
 from agglom_mpi.version import __version__
+
+_DATA: Final = re.compile(r"(experiments\.[^.]+\.)?data\.")
+"""Begin of the entries of an identity on data."""
 
 
 class OutputError(UserError, ValueError):
@@ -49,18 +55,20 @@ def output_path(campaign: Campaign, output: str | None, seed: int | None = None)
     return path
 
 
-def by_recorded_method(campaign: Campaign, path: Path) -> Campaign:
-    """Return a campaign with the search method of its existing file, where its text names none.
+def as_recorded(campaign: Campaign, path: Path) -> Campaign:
+    """Return a campaign with the censuses of its existing file, and the search if it names none.
 
     The default method differs by version, and a file is continued by the one it was made with.
     """
     plan = campaign.plan
     if plan is None or not path.exists():
         return campaign
+    stored_file = read_campaign(path)
+    campaign = with_census_of(campaign, stored_file.sizes.census)
     section = parse(campaign.text, campaign.name).data.get("search") or {}
     if section.keys() - {"start"}:
         return campaign
-    method = str(read_campaign(path).identity.get("search.method"))
+    method = str(stored_file.identity.get("search.method"))
     stored = SearchMethod.components().get(method)
     if stored is None or stored is type(plan.search):
         return campaign
@@ -83,8 +91,15 @@ def check_writable(path: Path) -> None:
         raise OutputError(f"{path}: is read-only; --output names another file")
 
 
-def prepare(path: Path, experiment: Experiment, accept_code_change: bool) -> CampaignData:
+def prepare(
+    path: Path,
+    experiment: Experiment,
+    accept_code_change: bool = False,
+    accept_new_data: bool = False,
+) -> CampaignData:
     """Open the campaign's file for a resume, or create it.
+
+    With `accept_new_data` a file that differs in its data alone gets those of the campaign.
 
     Raises
     ------
@@ -99,11 +114,8 @@ def prepare(path: Path, experiment: Experiment, accept_code_change: bool) -> Cam
     if not path.exists():
         check_room(campaign, sizes)
         description = {
-            "campaign": campaign.text,
-            "identity": json.dumps(experiment.identity(), sort_keys=True),
-            "campaign_sha256": experiment.sha256(),
+            **_texts(experiment),
             "seed": campaign.seed,
-            "title": campaign.title,
             "code_version": __version__,
             "sources_sha256": sources_digest(),
             "purpose": experiment.purpose,
@@ -120,7 +132,11 @@ def prepare(path: Path, experiment: Experiment, accept_code_change: bool) -> Cam
     if stored.altered:
         altered = f"a damaged campaign file ({', '.join(stored.altered)} altered)"
         raise DamagedCampaign(f"{path}: {altered}; restore a copy, or start afresh with --output")
-    check_same_campaign(path, stored.identity, experiment.identity())
+    renewed = accept_new_data and other_data(stored.identity, experiment.identity())
+    if renewed:
+        check_new_data(path, stored, campaign)
+    else:
+        check_same_campaign(path, stored.identity, experiment.identity())
     if stored.fresh_from != sizes.max_samples:  # or decisions would see other samples
         raise DamagedCampaign(f"{path}: a damaged campaign file (attribute fresh_from is altered)")
     if stored.last_sources != sources_digest() and not accept_code_change:
@@ -130,7 +146,50 @@ def prepare(path: Path, experiment: Experiment, accept_code_change: bool) -> Cam
             "comparable. --accept-code-change continues all the same, --output starts afresh"
         )
     check_room(campaign, sizes, path.stat().st_size)
+    if renewed:
+        replace_data(path, _texts(experiment), _data_of(stored.identity))
+        stored = read_campaign(path, allow_code=True)
     return read_campaign(path, True) if enlarge_campaign_file(path, sizes) else stored
+
+
+def _texts(experiment: Experiment) -> dict[str, str]:
+    """Return the attributes on what is asked."""
+    return {
+        "campaign": experiment.campaign.text,
+        "identity": json.dumps(experiment.identity(), sort_keys=True),
+        "campaign_sha256": experiment.sha256(),
+        "title": experiment.campaign.title,
+    }
+
+
+def _data_of(identity: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the entries of an identity on data, of all experiments."""
+    return {key: value for key, value in identity.items() if _DATA.match(key)}
+
+
+def other_data(stored: Mapping[str, Any], wanted: Mapping[str, Any]) -> bool:
+    """Return whether two identities have different data, and differ in nothing else."""
+    data, others = _data_of(wanted), wanted.keys() - _data_of(wanted).keys()
+    same = stored.keys() - _data_of(stored).keys() == others
+    same = same and all(stored[key] == wanted[key] for key in others)
+    return bool(data) and same and data != _data_of(stored)
+
+
+def check_new_data(path: Path, stored: CampaignData, campaign: Campaign) -> None:
+    """Raise an OutputError if the samples of a file do not have what new data need."""
+    layout = stored.sizes.census
+    if layout is None:
+        raise OutputError(f"{path}: its samples have no sizes to compare with new data")
+    if absent := uncounted(campaign, layout):
+        raise OutputError(
+            f"{path}: cannot be read with the new data, because {absent}; --output names another "
+            "file, whose samples are simulated anew"
+        )
+    if campaign.search.added_samples is not None:
+        raise OutputError(
+            f"{path}: cannot be read with new data, because search.more_samples added samples to "
+            "strings that the former data chose; --output names another file"
+        )
 
 
 def kept_as_it_was(path: Path, file: CampaignData, experiment: Experiment) -> list[str]:
@@ -142,6 +201,13 @@ def kept_as_it_was(path: Path, file: CampaignData, experiment: Experiment) -> li
             f"{path}: holds {pluralise(held, 'generation')} already, more than the {asked} asked "
             "for; they stay, and none is added"
         )
+    if before := file.strings_of_earlier_data:
+        lines.append(f"{path}: {pluralise(before, 'string')} of it were chosen by earlier data")
+    counted = file.sizes.census
+    times = set() if counted is None else {t for _, each in counted.named() for t in each.times}
+    if absent := sorted(set(experiment.campaign.output.census) - times):
+        shown = ", ".join(value_with_prefix(time, "s") for time in absent)
+        lines.append(f"{path}: has no censuses at {shown}, and gets none (--output)")
     if experiment.campaign.title != file.attributes["title"]:
         lines.append(
             f"{path}: keeps the title {file.title!r} that it was made with; it is now "
@@ -167,8 +233,11 @@ def check_same_campaign(path: Path, stored: dict[str, Any], wanted: dict[str, An
             "names another file"
         )
     if different:
+        remedy = "--output names another file"
+        if other_data(stored, wanted):
+            remedy = f"--accept-new-data reads its samples with these data, {remedy}"
         raise OutputError(
-            f"{path}: belongs to another campaign; --output names another file. Different are:\n"
+            f"{path}: belongs to another campaign; {remedy}. Different are:\n"
             + "\n".join(
                 f"  {key}: {_brief(stored.get(key, 'absent'))} in the file, "
                 f"{_brief(wanted.get(key, 'absent'))} now{_edited(key, wanted)}"

@@ -13,7 +13,7 @@ from agglom_mpi.config.yaml_source import CampaignError, parse, warn
 from agglom_mpi.contracts.promises import promises_of
 from agglom_mpi.display.run_display import Display
 from agglom_mpi.runtime.experiment import InversionExperiment
-from agglom_mpi.runtime.file_setup import by_recorded_method, output_path
+from agglom_mpi.runtime.file_setup import as_recorded, output_path
 from agglom_mpi.runtime.leg import RunRequest
 from agglom_mpi.runtime.provenance import sources_digest
 from agglom_mpi.runtime.run import run_on_all_ranks
@@ -32,6 +32,7 @@ class InvertOptions(NamedTuple):
     max_walltime: float | None = None
     quiet: bool = False
     accept_code_change: bool = False
+    accept_new_data: bool = False
     database: str | None = None
     allow_code: bool = False
     strict: bool = False
@@ -80,7 +81,7 @@ def request_for(
     if options.generations is not None:
         campaign = campaign.with_generations(options.generations)
     path = output_path(campaign, options.output, options.seed)
-    campaign = by_recorded_method(campaign, path)
+    campaign = as_recorded(campaign, path)
     narrow = check_searchable(campaign)
     check_search_library(campaign)
     warn([*campaign.warnings(), *narrow], options.strict, show)
@@ -98,4 +99,5 @@ def request_for(
         source = parse(campaign.text, campaign.name)
         raise CampaignError(source.problem(("search", "learn_from"), message))
     experiment = InversionExperiment(campaign, start)
-    return RunRequest(experiment, path, options.accept_code_change, options.database)
+    accepted = options.accept_code_change, options.database, options.accept_new_data
+    return RunRequest(experiment, path, *accepted)

@@ -34,6 +34,8 @@ class RunRequest(NamedTuple):
     """Whether samples of other sources may be in the file."""
     database: str | None = None
     """Who writes samples, `gathered` or `parallel`; None chooses."""
+    accept_new_data: bool = False
+    """Whether samples of a file may be compared with other data than it was made with."""
 
 
 def run_leg(

@@ -202,7 +202,9 @@ def run_rank_zero(
             database = choose_database(request.database, world)
             notes = notes_left(path)
             lock = stack.enter_context(CampaignLock(path))
-            file = prepare(request.path, experiment, request.accept_code_change)
+            file = prepare(
+                request.path, experiment, request.accept_code_change, request.accept_new_data
+            )
             lock.lock_file()  # it may be another one by now
             if database == PARALLEL:
                 lock.leave_to_mpi()

@@ -16,7 +16,11 @@ _LEAST: Final = {"seed": 0, "strings": 1, "max_samples": 1, "population": 1}
 """Least values of numbers that every file has."""
 _LEAST_OPTIONAL: Final = {"fresh_from": 0, "grains": 0, "final_particles": 0, "frames": 0}
 """Least values of numbers that older files lack."""
-_TEXTS_OPTIONAL: Final = ("purpose", QUANTITIES, CENSUS, OWN_MODULES, OWN_COMPONENTS, OWN_SHA256)
+EARLIER_DATA: Final = "earlier_data"
+"""Attribute with what was measured before, and until when it decided, as JSON."""
+_TEXTS_OPTIONAL: Final = (
+    *("purpose", QUANTITIES, CENSUS, OWN_MODULES, OWN_COMPONENTS, OWN_SHA256, EARLIER_DATA),
+)
 """Texts that older files lack, and those of campaigns without code of one's own."""
 
 
@@ -36,7 +40,24 @@ def check_attributes(attributes: Mapping[str, Any]) -> TableSizes:
     if attributes.get("fresh_from", 0) > attributes["max_samples"]:
         raise ValueError("attribute fresh_from is above max_samples")
     identity_of(attributes)
+    earlier_data(attributes)
     return TableSizes.of(attributes)
+
+
+def earlier_data(attributes: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return what a file has of earlier data, in order: `legs`, `strings` and `data`.
+
+    Each has the number of legs and strings that there were when the next data came, and its entries
+    of the identity. Raises a ValueError if the attribute is none that a run writes.
+    """
+    try:
+        found = json.loads(attributes.get(EARLIER_DATA, "[]"))
+        kinds = {(*(type(each[key]) for key in ("legs", "strings", "data")),) for each in found}
+    except (KeyError, RecursionError, TypeError, ValueError):
+        kinds = {()}
+    if kinds - {(int, int, dict)}:
+        raise ValueError(f"attribute {EARLIER_DATA} is no JSON list of what was measured before")
+    return list(found)
 
 
 def _is_text(value: Any) -> bool:

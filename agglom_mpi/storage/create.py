@@ -1,7 +1,8 @@
-"""Creating a campaign file, and a larger one with the same rows."""
+"""Creating a campaign file, and a larger one, or one of other data, with the same rows."""
 
+import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
@@ -11,6 +12,7 @@ import numpy as np
 from h5py import h5d, h5p, h5s, h5t
 
 from agglom_mpi.storage.access import open_file, refuse_compact
+from agglom_mpi.storage.attributes import EARLIER_DATA
 from agglom_mpi.storage.checksums import CHECKSUMS, write_checksums
 from agglom_mpi.storage.files import atomic_file, new_file
 from agglom_mpi.storage.room import TableSizes
@@ -110,14 +112,55 @@ def enlarge_campaign_file(path: str | os.PathLike[str], sizes: TableSizes) -> bo
         wanted = known.enlarged(sizes)
         if wanted == known:
             return False
-        with atomic_file(path, replace=True) as temporary, new_file(temporary) as (new, _):
-            _lay_out(new, attributes | wanted.counts(), wanted)
-            for schema in known.tables():
-                rooms = _samples_of_string(known, schema), _samples_of_string(wanted, schema)
-                _copy(old, new, schema, path, *rooms)
-            if CHECKSUMS in attributes:
-                write_checksums(new)
+        _copy_tables(old, path, attributes | wanted.counts(), (known, wanted), known.tables())
         return True
+
+
+def replace_data(
+    path: str | os.PathLike[str], description: Mapping[str, Any], earlier: Mapping[str, Any]
+) -> None:
+    """Give a campaign file another section `data`: its strings and samples stay, all else goes.
+
+    What is decided again from the samples is no longer in it: results and generations. The caller
+    holds its `CampaignLock`; if this fails, the file is as it was.
+
+    Parameters
+    ----------
+    path
+        The file.
+    description
+        Attributes that describe the campaign with its new data.
+    earlier
+        The entries of the identity that are no longer valid.
+    """
+    path = Path(os.path.realpath(path))
+    with open_file(path) as old:
+        refuse_compact(old, path)
+        attributes = dict(old.attrs)
+        known = TableSizes.of(attributes, len(old["generations"]))
+        counts = {name: len(Table(old, name, path).done.nonzero()) for name in ("legs", "strings")}
+        changes = [*json.loads(attributes.get(EARLIER_DATA, "[]")), counts | {"data": earlier}]
+        attributes |= {**description, EARLIER_DATA: json.dumps(changes, sort_keys=True)}
+        kept = [each for each in known.tables() if each.name not in ("results", "generations")]
+        _copy_tables(old, path, attributes, (known, known), kept)
+
+
+def _copy_tables(
+    old: h5py.File,
+    path: Path,
+    attributes: Mapping[str, Any],
+    sizes: tuple[TableSizes, TableSizes],
+    tables: Iterable[TableSchema],
+) -> None:
+    """Replace a file by one with other attributes and sizes, and the rows of some tables."""
+    known, wanted = sizes
+    with atomic_file(path, replace=True) as temporary, new_file(temporary) as (new, _):
+        _lay_out(new, attributes, wanted)
+        for schema in tables:
+            rooms = _samples_of_string(known, schema), _samples_of_string(wanted, schema)
+            _copy(old, new, schema, path, *rooms)
+        if CHECKSUMS in attributes:
+            write_checksums(new)
 
 
 def _lay_out(file: h5py.File, attributes: Mapping[str, Any], sizes: TableSizes) -> None:

@@ -14,7 +14,7 @@ from agglom_mpi.formatting import shortened, with_article
 from agglom_mpi.scheduling.interface import number_in_volume
 from agglom_mpi.search.proposals import ORIGINS, Proposals, restored
 from agglom_mpi.storage.access import NotACampaign, open_file, read_attributes, report_damage
-from agglom_mpi.storage.attributes import identity_of
+from agglom_mpi.storage.attributes import earlier_data, identity_of
 from agglom_mpi.storage.checksums import altered_parts
 from agglom_mpi.storage.particle_tables import StoredParticles
 from agglom_mpi.storage.room import TableSizes
@@ -65,6 +65,8 @@ class CampaignData:
     with_unused
         Whether analyses count samples that ran ahead unused, too: how many there are depends on the
         number of ranks and on timing, and so do the results. False until it is set.
+    pooled
+        Files of the same question with other seeds, whose samples sets and posteriors rest on, too.
     altered
         Attributes and tables that are not as they were written.
     reading
@@ -84,6 +86,7 @@ class CampaignData:
         self.attributes = attributes
         self.allow_code = allow_code
         self.with_unused = False
+        self.pooled: tuple[CampaignData, ...] = ()
         self.altered: list[str] = []
         self.reading: Reading | None = None
         self._snapshot = TableSnapshot(path, sample_columns)
@@ -122,6 +125,11 @@ class CampaignData:
     def identity(self) -> dict[str, Any]:
         """Identity of the campaign, flat: `scene.particles` -> 100, in SI units."""
         return identity_of(self.attributes)
+
+    @cached_property
+    def strings_of_earlier_data(self) -> int:
+        """Number of strings that were chosen by other data than the file has now; 0: none."""
+        return max((each["strings"] for each in earlier_data(self.attributes)), default=0)
 
     @cached_property
     def sizes(self) -> TableSizes:

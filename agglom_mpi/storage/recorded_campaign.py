@@ -31,10 +31,13 @@ def recorded_campaign(data: "CampaignData") -> "Campaign":
 
 def _campaign(data: "CampaignData") -> "Campaign":
     # Imported here: most files are reported without what reads a campaign's text.
+    from agglom_mpi.config.census_layout import with_census_of
     from agglom_mpi.config.loading import campaign_of_record
 
     own, allowed = recorded_reading(data).own, allowed_function(data)
-    return campaign_of_record(data.campaign_text, str(data.path), data.identity, own, allowed)
+    text, name = data.campaign_text, str(data.path)
+    campaign = campaign_of_record(text, name, data.identity, own, allowed)
+    return with_census_of(campaign, data.sizes.census)
 
 
 def recorded_component(

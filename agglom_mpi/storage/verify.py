@@ -129,7 +129,8 @@ class VerificationReport:
         """
         strings = self.data.string_rows()
         bred = [ORIGINS.index(origin) for origin in ("offspring", "again")]
-        return strings[np.isin(strings["origin"], bred)]
+        by_these_data = strings["string"] >= self.data.strings_of_earlier_data
+        return strings[np.isin(strings["origin"], bred) & by_these_data]
 
     @property
     def unused_samples(self) -> set[Key]:

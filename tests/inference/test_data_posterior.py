@@ -244,6 +244,17 @@ def test_predictions_outside_of_what_strings_gave_are_marked(tmp_path):
     assert not second.outside
 
 
+def test_an_error_above_all_that_strings_differ_by_is_marked(tmp_path):
+    """Strings reach 1 to 2 in both, with noise of their means."""
+    data = measurements([1.5, 1.5], [0.05, 5.0])
+    found = single_threaded(posterior_of)(linear_emulator(tmp_path, np.eye(2), data))
+    sharp, blunt = found.predictions
+    assert (sharp.blind, blunt.blind) == (False, True)
+    assert blunt.verdict
+    assert not sharp.verdict
+    assert found.as_dict()["data"][1]["blind"] is True
+
+
 def test_no_measurement_is_proposed_where_no_string_fits(tmp_path):
     slopes = np.array([[1.0, 0.0], [1.0, 0.0]])
     data = measurements([1.2, 1.8], [0.05, 0.05])

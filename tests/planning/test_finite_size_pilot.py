@@ -44,7 +44,19 @@ def test_the_best_pilot_string_is_simulated_in_each_volume(monkeypatch):
     assert np.isfinite([*found.fit.limit, *found.fit.shift, found.error]).all()
 
 
-def test_nothing_is_advised_where_there_are_too_many_grains(monkeypatch):
+def test_the_largest_volume_is_left_out_where_it_has_too_many_grains(monkeypatch):
+    monkeypatch.setattr(module, "MAX_ROUNDS", 1)
     monkeypatch.setattr(module, "MAX_PARTICLES", 399)
+    campaign = load_campaign("jobs/quickstart.yaml")
+    pilot = run_pilot(campaign, 0.5, lambda line: None)
+    found = advise_grains(campaign, pilot, 600.0, lambda line: None)
+    assert found is not None
+    assert found.volumes == (1, 2)
+    assert found.as_dict()["largest_grains"] == 200
+    assert np.isfinite([*found.fit.shift, found.error]).all()
+
+
+def test_nothing_is_advised_where_there_are_too_many_grains(monkeypatch):
+    monkeypatch.setattr(module, "MAX_PARTICLES", 199)
     campaign = load_campaign("jobs/quickstart.yaml")
     assert advise_grains(campaign, None, 1.0, lambda line: None) is None

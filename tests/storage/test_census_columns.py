@@ -6,6 +6,7 @@ import math
 import pytest
 
 from agglom_mpi.measurements.layout import CensusLayout
+from agglom_mpi.storage.attributes import earlier_data
 from agglom_mpi.storage.room import CENSUS, TableSizes
 from agglom_mpi.storage.schema import SAMPLES, samples_schema
 
@@ -51,3 +52,14 @@ def test_a_damaged_layout_is_refused(change):
     entries = json.loads(SIZES.attributes()[CENSUS]) | change
     with pytest.raises(ValueError, match="census"):
         TableSizes.of(SIZES.attributes() | {CENSUS: json.dumps(entries)})
+
+
+@pytest.mark.parametrize(
+    "text", ["{", "[1]", '[{"legs": 1, "strings": "2", "data": {}}]', "[" * 10**5]
+)
+def test_a_damaged_history_of_the_data_is_refused(text):
+    whole = {"earlier_data": '[{"legs": 1, "strings": 2, "data": {"data.0.value": 1.0}}]'}
+    assert earlier_data({}) == []
+    assert earlier_data(whole)[0]["strings"] == 2
+    with pytest.raises(ValueError, match="earlier_data"):
+        earlier_data({"earlier_data": text})

@@ -23,6 +23,7 @@ from agglom_mpi.report.sections.section import (
     warning,
 )
 from agglom_mpi.search.ensemble import can_be_judged
+from agglom_mpi.storage.attributes import earlier_data
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.recorded_campaign import code_note, recorded_campaign
 from agglom_mpi.storage.schema import FAILURE_CAPACITY
@@ -249,7 +250,10 @@ def _failure(row: np.void) -> str:
 def origin(page: Page) -> Iterator[Block | Table]:
     """Yield the provenance of the file, and its campaign."""
     found = page.data.attributes
-    yield bullets(
-        [f"{name.replace('_', ' ')}: {found[name]}" for name in PROVENANCE if name in found]
-    )
+    lines = [f"{name.replace('_', ' ')}: {found[name]}" for name in PROVENANCE if name in found]
+    for each in earlier_data(found):
+        data = ", ".join(f"{key} {value}" for key, value in each["data"].items())
+        strings, legs = pluralise(each["strings"], "string"), pluralise(each["legs"], "start")
+        lines.append(f"{strings} of the first {legs} chosen by earlier data: {data}")
+    yield bullets(lines)
     yield folded("The campaign file", page.data.campaign_text)

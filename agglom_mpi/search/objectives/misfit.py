@@ -62,7 +62,7 @@ class MeasuredString(NamedTuple):
         edges = self.diameter * self.layout.edges
         content = counts, masses, temperatures, largest
         tests = None if self.impact_tests is None else self.impact_tests.coefficients
-        return Census(edges, *content, self.grains, self.density, tests)
+        return Census(edges, *content, self.grains, self.density, tests, self.layout.times)
 
 
 class MeasuredExperiments(NamedTuple):
