@@ -37,7 +37,15 @@ import pytest
 from bench_feasible_set import campaign_file, simulated
 from bench_search import FRESH, generations_of
 from numpy.typing import NDArray
-from optimiser_peers import BATCH, METHODS, SAMPLES, Method, SkoptPeer
+from optimiser_peers import (
+    BATCH,
+    METHODS,
+    SAMPLES,
+    SEED_STEP,
+    SkoptPeer,
+    objective_of,
+    reported,
+)
 from scipy.stats import qmc
 
 from agglom_mpi.accuracy.answer.answer_report import BOOTSTRAP_SEED, band_text
@@ -45,6 +53,7 @@ from agglom_mpi.accuracy.answer.errors import upper_bound
 from agglom_mpi.accuracy.answer.sets import CLEAR_ERRORS, LADDER, MIN_SAMPLES, evolving_set
 from agglom_mpi.accuracy.answer.times_to_targets import TimesToTargets
 from agglom_mpi.config.answer_study import DEFAULT, AnswerStudy, load_answer_study
+from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.inference.searched_box import SearchedBox
 from agglom_mpi.outcome import OUTCOME
 from agglom_mpi.search.space import SearchSpace
@@ -62,8 +71,9 @@ QUESTIONS: Final = {
     "agglomeration": "answer_agglomeration_2004",
     "three": "answer_doubling_in_three",
 }
-OURS: Final = (DEFAULT, "CMA-ES", "genetic", "Sobol points")
-"""Settings of the studies for the best string; the default is the surrogate."""
+SMALL: Final = "surrogate, batches of 4"
+OURS: Final = (DEFAULT, SMALL, "CMA-ES", "genetic", "Sobol points")
+"""Our searches for the best string: settings of the studies, whose default is the surrogate."""
 SETS: Final = {
     DEFAULT: "",
     "surrogate with aim set": "",
@@ -75,34 +85,23 @@ SETS: Final = {
 FLOOR: Final = MeanEstimate(0.6008, 0.0050, 100)
 """Lowest objective of the question of 2004, as the report of its study has it."""
 SEEDS: Final = 5
-SEED_STEP: Final = 10**4
-"""Samples between the first ones of two runs of a peer."""
 POINTS: Final = 2048
 """Number of points at which sets are compared."""
 PER_STRING: Final = 10
 """Samples of a string where the model of the objective predicts a set."""
 
 
-def objective_of(study: AnswerStudy, string: Floats, samples: int, first: int) -> float:
-    """Return the objective of new samples of a string, (1, k), by the public interface."""
-    found = simulate_many(study.question, string, samples, workers=1, first_sample=first)
-    rows = np.zeros(samples, OUTCOME)
-    for name in set(OUTCOME.names) & set(found.columns):
-        rows[name] = found.columns[name][0]
-    return float(study.question.objective.of_rows(rows)[0])
-
-
-def reported(method: Method, study: AnswerStudy, seed: int) -> Iterator[tuple[int, Floats]]:
-    """Yield samples used so far and the string, (k,), that a peer would report then."""
-    space, used, last = SearchSpace.of(study.question.variables), 0, 0
-    peer = method.peer(space.dimensions, seed)
-    while used < method.most:
-        string = space.from_unit(peer.ask()[None])
-        peer.tell(objective_of(study, string, method.per_string, seed * SEED_STEP + used))
-        used += method.per_string
-        if used >= last + BATCH or used >= method.most:
+def ours(study: AnswerStudy, name: str, seed: int) -> Iterator[tuple[int, Floats]]:
+    """Yield what `reported` does, of one of our searches."""
+    campaign, last = setting_of(study, DEFAULT if name == SMALL else name).with_seed(seed), 0
+    if name == SMALL:
+        search = {"method": "surrogate", "initial": 10, "batch": 4}
+        plan = {"search": search, "stopping": {"generations": SAMPLES}}
+        campaign = Campaign.from_text(json.dumps(json.loads(campaign.text) | plan))
+    for used, (best, *_) in generations_of(campaign, SAMPLES):
+        if used >= last + BATCH or name != SMALL:
             last = used
-            yield used, space.from_unit(peer.best()[None])[0]
+            yield used, best
 
 
 def bound_of(study: AnswerStudy, string: Floats) -> float:
@@ -120,12 +119,8 @@ def bound_of(study: AnswerStudy, string: Floats) -> float:
 
 def run_best(study: AnswerStudy, name: str, seed: int) -> Run:
     """Return samples and errors of the answers of one run, up to the first right one."""
-    answers: Iterable[tuple[int, Floats]]
-    if name in METHODS:
-        answers = reported(METHODS[name], study, seed)
-    else:
-        own = generations_of(setting_of(study, name).with_seed(seed), SAMPLES)
-        answers = ((used, best) for used, (best, *_) in own)
+    of_peer = METHODS.get(name)
+    answers = reported(of_peer, study, seed) if of_peer else ours(study, name, seed)
     samples, errors, known = [], [], dict[bytes, float]()
     for used, string in answers:
         key = string.tobytes()

@@ -13,7 +13,7 @@ package: install them into an environment of their own.
 """
 
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple, Protocol
@@ -21,12 +21,19 @@ from typing import Any, Final, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.config.answer_study import AnswerStudy
+from agglom_mpi.outcome import OUTCOME
+from agglom_mpi.search.space import SearchSpace
+from agglom_mpi.verbs.simulate_many import simulate_many
+
 Floats = NDArray[np.float64]
 
 SAMPLES: Final = 408
 """Samples of a run: those of the searches in the answer studies."""
 BATCH: Final = 24
 """Strings of a batch of the surrogate."""
+SEED_STEP: Final = 10**4
+"""Samples between the first ones of two runs of a peer."""
 
 
 class Peer(Protocol):
@@ -169,5 +176,27 @@ METHODS: Final = {
     "Nevergrad TBPSA": Method("nevergrad", partial(NevergradPeer, "TBPSA")),
     "Nevergrad NGOpt": Method("nevergrad", partial(NevergradPeer, "NGOpt")),
     "SMAC3": Method("smac", SmacPeer, most=144),
-    "scikit-optimize": Method("skopt", SkoptPeer, most=72),
+    "scikit-optimize": Method("skopt", SkoptPeer, most=48),
 }
+
+
+def objective_of(study: AnswerStudy, string: Floats, samples: int, first: int) -> float:
+    """Return the objective of new samples of a string, (1, k), by the public interface."""
+    found = simulate_many(study.question, string, samples, workers=1, first_sample=first)
+    rows = np.zeros(samples, OUTCOME)
+    for name in set(OUTCOME.names) & set(found.columns):
+        rows[name] = found.columns[name][0]
+    return float(study.question.objective.of_rows(rows)[0])
+
+
+def reported(method: Method, study: AnswerStudy, seed: int) -> Iterator[tuple[int, Floats]]:
+    """Yield samples used so far and the string, (k,), that a peer would report then."""
+    space, used, last = SearchSpace.of(study.question.variables), 0, 0
+    peer = method.peer(space.dimensions, seed)
+    while used < method.most:
+        string = space.from_unit(peer.ask()[None])
+        peer.tell(objective_of(study, string, method.per_string, seed * SEED_STEP + used))
+        used += method.per_string
+        if used >= last + BATCH or used >= method.most:
+            last = used
+            yield used, space.from_unit(peer.best()[None])[0]
