@@ -108,7 +108,12 @@ class Best:
 
 def searched(name, seed, samples, job=JOB):
     """Search with so many samples; yields samples used and the best strings after generations."""
-    of, history = campaign(name, seed, job), Best()
+    yield from generations_of(campaign(name, seed, job), samples)
+
+
+def generations_of(of, samples):
+    """Run a campaign for so many samples; yields what `searched` does."""
+    history = Best()
     inversion = InversionExperiment(of).inversion(None)
     history.record(inversion.start())
     used, told = 0, 0
