@@ -13,32 +13,21 @@ is fills 1.090; both ratios differ from 1 by more than the Monte-Carlo errors, a
     d10 by number at the end, ± 5 %  expected 1.090 ± 0.001, found 1.118 ± 0.001, ratio 1.026
 """
 
-import copy
 import math
 import sys
-from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
+sys.path.append(str(Path(__file__).parents[1] / "helpers"))
+
+from direct_simulations import drawn_posterior, with_measurement, with_values
+
 from agglom_mpi.emulation.blas_threads import single_threaded
-from agglom_mpi.inference import data_posterior
-from agglom_mpi.inference.data_emulator import EmulatedData
-from agglom_mpi.inference.stored_samples import stored_samples, string_values
+from agglom_mpi.inference.data_posterior import data_posterior
 from agglom_mpi.storage.reader import read_campaign
 
 MEASUREMENTS = 20
-
-
-def with_error(each):
-    """Return the datum of a measurement with its expected value and its error."""
-    if each.repeats:
-        return each.datum
-    datum = each.datum
-    return replace(
-        datum,
-        values=np.array([each.predicted]),
-        covariance=np.array([[each.standard_error**2]]),
-    )
 
 
 def simulated(emulated, strings, random):
@@ -58,32 +47,16 @@ def simulated(emulated, strings, random):
     return np.array(found)
 
 
-def with_value(emulated, value):
-    """Return the emulator of all data with another value of the last one."""
-    other = copy.copy(emulated)
-    other.__dict__.pop("_nearest", None)  # of other data
-    other.frame = copy.copy(emulated.frame)
-    other.frame.measured = emulated.frame.measured.copy()
-    other.frame.measured[emulated.frame.rows[-1]] = value
-    other.measured = other.numbers_of(other.frame.measured)
-    away = other.frame.measured @ other.frame.basis - other.centre
-    other.left_out_measured = away @ other.left_out
-    return other
-
-
 @single_threaded
 def volumes_after(posterior, each, count, random):
     """Return the volumes of the posteriors after simulated measurements, (count,)."""
-    file, of = posterior.file, posterior.of
-    stored = stored_samples(file)
-    data = [*of.data, with_error(each)]
-    emulated = EmulatedData(of.box, data, string_values(file, data, stored), stored)
+    emulated = with_measurement(posterior, each)
     chosen = random.choice(len(posterior.weights), count, p=posterior.weights)
     values = simulated(emulated, posterior.strings[chosen], random)
     found = []
     for value in values:
-        after = data_posterior.posterior_of(with_value(emulated, value))
-        found.append(after.volume)
+        measured = np.append(posterior.of.frame.measured, value)
+        found.append(drawn_posterior(with_values(emulated, measured)).volume)
         print(".", end="", flush=True)
     print()
     return np.array(found)
@@ -91,11 +64,9 @@ def volumes_after(posterior, each, count, random):
 
 def main(path, count=MEASUREMENTS):
     """Print the expected volumes and those after simulated measurements."""
-    posterior = data_posterior.data_posterior(read_campaign(path))
+    posterior = data_posterior(read_campaign(path))
     found = posterior.next_measurements()
     print(f"posterior as it is: {found.volume:.4g} of the box")
-    # The calibration takes most of the time, and has no part in the volume.
-    data_posterior.calibrate_posterior = lambda *_: None
     random = np.random.default_rng(20)
     for each in (found.ranked[0], found.ranked[-1]):
         volumes = volumes_after(posterior, each, count, random)

@@ -3,12 +3,15 @@
 import math
 
 import pytest
+from experiment_runs import write_experiments
 
+from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.inference.candidate_data import (
     assumed_error,
     quantities_to_measure,
     read_errors,
     repeated,
+    scenes_to_measure,
 )
 from agglom_mpi.measurements.datum import Datum
 from agglom_mpi.measurements.quantities import QUANTITIES, AssumedError, MeasuredQuantity
@@ -60,6 +63,22 @@ def test_what_is_measured_under_another_name_is_not_new(quantity, weight, known)
     measured = Datum.of_value(quantity, 1e-4, 1e-6, weight)
     left = quantities_to_measure(TIMES, [measured], has_heat=True)
     assert set(names(quantities_to_measure(TIMES, (), has_heat=True))) - set(names(left)) == {known}
+
+
+def test_each_experiment_is_measured_at_its_own_times_also_without_data(tmp_path):
+    campaign = load_campaign(write_experiments(tmp_path))
+    scenes = {each.experiment: each for each in scenes_to_measure(campaign, campaign.census)}
+    assert {name: set(each.times) for name, each in scenes.items()} == {
+        "slow": {2e-3, None},
+        "fast": {None},
+        "faster": {None},
+    }
+    new = {name: names(each.new(campaign.data)) for name, each in scenes.items()}
+    mean, left = "mean_diameter by number at the end", "particles_left at the end"
+    for quantity, known in ((mean, "slow"), (left, "fast")):
+        assert {name for name in new if f"{name}: {quantity}" in new[name]} == {*new} - {known}
+    # One of an experiment without data has all there are.
+    assert len(new["faster"]) == len(quantities_to_measure((None,), (), has_heat=False))
 
 
 def test_repetition_has_half_of_the_error():

@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 import pytest
+from campaign_runs import finish
+from experiment_runs import write_experiments
 from toy_posteriors import correlated, linear_emulator, measurements
 
 from agglom_mpi.config.yaml_source import ArgumentError
@@ -111,6 +113,44 @@ def test_a_campaign_ranks_all_it_can_measure_and_repetitions(measured):
     slack = 5.0 * table["standard_error"] + 0.01 * volume
     assert (table["expected_volume"] < volume + slack).all()
     assert table.attrs["units"]["time"] == "s"
+
+
+@pytest.fixture
+def three_experiments(tmp_path, monkeypatch):
+    """Return the posterior of three experiments, of which the last, `faster`, has no data."""
+    monkeypatch.setattr(data_posteriors, "MIN_STRINGS", 5)
+    monkeypatch.setattr(posterior_module, "IMPOSSIBLE", 0.0)
+    write_experiments(tmp_path)
+    finish(tmp_path, "experiments.yaml")
+    return data_posterior(read_campaign(tmp_path / "experiments.h5"))
+
+
+@pytest.mark.slow(guard="inference/test_candidate_data.py")
+def test_pairs_of_experiment_and_measurement_are_ranked_also_without_data(three_experiments):
+    table = three_experiments.what_to_measure_next({"d90": "3%"})
+    assert table["expected_volume"].is_monotonic_increasing
+    assert table["measurement"].is_unique
+    assert all(row.measurement.startswith(f"{row.experiment}: ") for row in table.itertuples())
+    own = dict(list(table.groupby("experiment")))
+    assert {name: rows["repeats"].sum() for name, rows in own.items()} == {
+        "slow": 2,
+        "fast": 1,
+        "faster": 0,
+    }
+    # Each has censuses at the times of its own data alone, and at the end.
+    assert {name: set(rows["time"]) for name, rows in own.items()} == {
+        "slow": {2e-3, math.inf},
+        "fast": {math.inf},
+        "faster": {math.inf},
+    }
+    # What one of them has measured is new in another one.
+    new = {n: rows[~rows["repeats"] & (rows["time"] == math.inf)] for n, rows in own.items()}
+    for quantity, known in (("mean_diameter", "slow"), ("particles_left", "fast")):
+        by_number = {n: rows[rows["weight"].isin(["", "number"])] for n, rows in new.items()}
+        measurable = {n for n, rows in by_number.items() if quantity in set(rows["quantity"])}
+        assert measurable == {*own} - {known}
+    d90 = table[table["quantity"] == "d90"]
+    assert d90["error"].to_numpy() == pytest.approx(0.03 * d90["predicted"].to_numpy())
 
 
 def test_the_order_of_candidates_does_not_matter(measured, monkeypatch):
