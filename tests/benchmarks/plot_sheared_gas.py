@@ -1,10 +1,12 @@
 """Draw temperature and stress of steadily sheared grains beside theory, for `simulation/README`.
 
-python tests/benchmarks/plot_sheared_gas.py jobs/pictures/sheared_gas.png
+cd jobs/pictures; python ../../tests/benchmarks/plot_sheared_gas.py sheared_gas.csv sheared_gas.png
 
-It prints each point with its standard error, and takes some minutes of processor time.
+Points that the first file does not have are measured and added to it: some minutes of processor
+time if there are none.
 """
 
+import csv
 import math
 import sys
 from pathlib import Path
@@ -22,8 +24,9 @@ RESTITUTIONS = np.array([0.8, 0.85, 0.9, 0.95])
 SAMPLES, SEEDS = 8, 4
 """Samples of each box, and Monte Carlo runs of the Enskog equation."""
 
-BOXES = ((100, (15.0, 215.0), "o"), (1000, (15.0, 75.0), "s"))
-"""Grains, strains from and to which they are measured, marker."""
+KINDS = {"Enskog, Monte Carlo": "x", "100 grains": "o", "1000 grains": "s"}
+STRAINS = {100: (15.0, 215.0), 1000: (15.0, 75.0)}
+"""Strains from and to which boxes are measured, by their grains."""
 
 TITLES = ("(1 − e²) T / (m a² σ²)", "√(1 − e²) stress / (m a² / σ)")
 
@@ -34,42 +37,54 @@ def scaled(e, values):
     return np.asarray(values) * (loss, math.sqrt(loss))
 
 
-def mean_and_error(name, e, fraction, values):
+def measured(kind, fraction, e):
+    """Return scaled temperature, its standard error, scaled stress and its standard error."""
+    if kind in ("100 grains", "1000 grains"):
+        count = int(kind.split()[0])
+        values = [steady_state(e, fraction, count, k, STRAINS[count]) for k in range(SAMPLES)]
+    else:
+        values = [enskog(e, fraction, seed) for seed in range(SEEDS)]
     found = np.array([scaled(e, each) for each in values])
     mean, error = found.mean(axis=0), found.std(axis=0, ddof=1) / math.sqrt(len(found))
-    ratio = mean / scaled(e, navier_stokes(e, fraction))
-    print(name, e, fraction, mean.round(4), "±", error.round(4), ratio.round(3), flush=True)
-    return mean, error
+    return np.stack([mean, error], axis=1).ravel().round(4)
 
 
-def draw_points(panels, name, fraction, style, sampled):
-    """Draw what `sampled` returns for each restitution, with error bars."""
-    found = [mean_and_error(name, e, fraction, sampled(e)) for e in RESTITUTIONS]
-    for panel, (mean, error) in zip(panels, np.transpose(found, (2, 1, 0)), strict=True):
-        panel.errorbar(RESTITUTIONS, mean, error, ls="none", label=name, **style)
+def points_of(path):
+    """Return all points by kind, volume fraction and restitution; missing ones are added."""
+    path.touch()
+    with path.open(newline="") as file:
+        known = {
+            (row[0], float(row[1]), float(row[2])): np.array(row[3:], float)
+            for row in csv.reader(file)
+        }
+    with path.open("a", newline="") as file:
+        for case in ((k, f, e) for f in FRACTIONS for k in KINDS for e in RESTITUTIONS):
+            if case not in known:
+                known[case] = measured(*case)
+                csv.writer(file).writerow([*case, *known[case]])
+                file.flush()
+    return known
 
 
-def draw(path):
+def draw(points, path):
     figure, panels = plt.subplots(1, 2, figsize=(8.6, 3.6))
     fine = np.linspace(0.79, 0.96, 60)
     for k, fraction in enumerate(FRACTIONS):
         theory = np.array([scaled(e, navier_stokes(e, fraction)) for e in fine])
-        for panel, curve in zip(panels, theory.T, strict=True):
-            panel.plot(fine, curve, f"C{k}-", lw=1, label="Garzó and Dufty")
-        cross = {"color": f"C{k}", "marker": "x", "ms": 7}
-        runs = lambda e, phi=fraction: [enskog(e, phi, seed) for seed in range(SEEDS)]  # noqa: E731
-        draw_points(panels, "Enskog, Monte Carlo", fraction, cross, runs)
-        for grains, strains, marker in BOXES:
-            style = {"color": f"C{k}", "marker": marker, "ms": 5, "mfc": "none"}
-            box = lambda e, phi=fraction, n=grains, to=strains: [  # noqa: E731
-                steady_state(e, phi, n, seed, to) for seed in range(SAMPLES)
-            ]
-            draw_points(panels, f"{grains} grains", fraction, style, box)
+        for p, panel in enumerate(panels):
+            label = f"Garzó and Dufty, φ = {fraction}"
+            panel.plot(fine, theory[:, p], f"C{k}-", lw=1, label=label)
+            for kind, marker in KINDS.items():
+                found = np.array([points[kind, fraction, e][2 * p :][:2] for e in RESTITUTIONS])
+                style = {"color": f"C{k}", "marker": marker, "ms": 6, "mfc": "none"}
+                name = None if k else kind
+                panel.errorbar(RESTITUTIONS, *found.T, ls="none", label=name, **style)
     for panel, title in zip(panels, TITLES, strict=True):
         panel.set(xlabel="restitution e", ylabel=title, ylim=(0.0, None))
+    panels[1].legend(fontsize=7)
     figure.tight_layout()
     figure.savefig(path, dpi=100)
 
 
 if __name__ == "__main__":
-    draw(sys.argv[1])
+    draw(points_of(Path(sys.argv[1])), sys.argv[2])
