@@ -80,7 +80,7 @@ def draw(points, path):
                 name = None if k else kind
                 panel.errorbar(RESTITUTIONS, *found.T, ls="none", label=name, **style)
     for panel, title in zip(panels, TITLES, strict=True):
-        panel.set(xlabel="restitution e", ylabel=title, ylim=(0.0, None))
+        panel.set(xlabel="restitution e", ylabel=title, ylim=(0.0, None), xticks=RESTITUTIONS)
     panels[1].legend(fontsize=7)
     figure.tight_layout()
     figure.savefig(path, dpi=100)
