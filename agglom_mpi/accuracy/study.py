@@ -142,7 +142,10 @@ def require_steps(campaign: Campaign) -> None:
     """Raise an error of a campaign of several scenes, or of one that no time steps can simulate."""
     campaign.require_one_scene("SOURCE")
     if campaign.scene.escape.is_sheared():
-        message = "is 'shear', which no time steps can simulate: there is nothing to compare"
+        message = (
+            "is 'shear', which no time steps can simulate: there is nothing to compare; "
+            "final: {volumes: [1, 2, 4]} measures the effect of the size of the box"
+        )
         problem = parse(campaign.text, campaign.name).problem(("scene", "escape"), message)
         raise CampaignError(problem)
 

@@ -98,13 +98,13 @@ def motion_energy(escape, particles):
     That energy is conserved between changes of images, whereas the flow feeds fluctuations all
     along; and momentum is kept to the rounding of such velocities.
     """
-    energy, momentum_scale = fluctuation_energy(escape, particles)
-    if is_sheared(escape):
-        energy, momentum_scale = 0.0, 0.0
-        for i in range(particles.size[0]):
-            particle = particles.records[i]
-            u, v, w = velocity_of(particle)
-            square = u * u + v * v + w * w
-            energy += 0.5 * particle["mass"] * square
-            momentum_scale += particle["mass"] * math.sqrt(square)
+    if not is_sheared(escape):
+        return fluctuation_energy(escape, particles)
+    energy, momentum_scale = 0.0, 0.0
+    for i in range(particles.size[0]):
+        particle = particles.records[i]
+        u, v, w = velocity_of(particle)
+        square = u * u + v * v + w * w
+        energy += 0.5 * particle["mass"] * square
+        momentum_scale += particle["mass"] * math.sqrt(square)
     return energy, momentum_scale

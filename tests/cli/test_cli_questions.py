@@ -99,7 +99,7 @@ def without_comment(line):
 def test_what_the_text_shows_of_the_files_is_in_them():
     text = (QUESTIONS / "README.md").read_text()
     for name, block in zip(
-        ("powder", "process", "fines", "dust", "granulation", "liquid"),
+        ("powder", "process", "fines", "dust", "granulation", "liquid", "shear"),
         re.findall(r"```yaml\n(.*?)```", text, re.S),
         strict=True,
     ):
@@ -107,6 +107,17 @@ def test_what_the_text_shows_of_the_files_is_in_them():
         known = [without_comment(line) for line in lines]
         for line in map(without_comment, block.splitlines()):
             assert any(own.startswith(line) for own in known), line
+
+
+@pytest.mark.slow
+def test_a_wet_powder_is_larger_by_half_up_to_a_rate_that_rises_with_viscosity(tmp_path):
+    need_mpirun()
+    labels = ("escape.rate (1/s)", "restitution.viscosity (mPa·s)", "mean b/b0, re-estimate")
+    rates, viscosities, means = answered("shear", tmp_path, *labels)
+    assert means == pytest.approx([1.5] * 4, abs=0.15)
+    for rate, viscosity in zip(rates, viscosities, strict=True):
+        line = 1050.0 if viscosity < 6.0 else 1050.0 * (viscosity / 6.0) ** 0.5
+        assert rate == pytest.approx(line, rel=0.35)
 
 
 @pytest.mark.slow

@@ -55,8 +55,8 @@ class Cells(NamedTuple):
         Distance in m along an axis that an oversize particle moves between two predictions, inf
         without a limit, shape (1,).
     limit
-        Cost of a prediction above which other cells are considered, and number of particles below
-        which they are, shape (2,).
+        Cost of a prediction above which other cells are considered, number of particles below
+        which they are, and time of the next shift in s (`image_shifts`), shape (3,).
     largest_radii
         Radii of the largest particles in m, descending, shape (MAX_OVERSIZE + 1,).
     """
@@ -80,6 +80,10 @@ class Cells(NamedTuple):
 PER_AXIS: Final = 0
 OVERSIZE: Final = 1
 SHIFTS: Final = 2
+"""Places in `Cells.shape`."""
+
+NEXT_SHIFT: Final = 2
+"""Place of the time in `Cells.limit`."""
 
 
 def _max_cells(count):
@@ -112,7 +116,7 @@ def new_cells(count: int, capacity: int) -> Cells:
         np.empty(capacity + 1),
         np.zeros(1),
         np.zeros(1),
-        np.zeros(2),
+        np.zeros(3),
         np.empty(MAX_OVERSIZE + 1),
     )
 
@@ -218,6 +222,25 @@ def remove(cells, flights, i):
     cells.oversize[index] = last
     flights.next_event[last]["oversize"] = index
     copy_flight(cells, index, flights.trajectory[last])
+
+
+@inlined
+def append_cell(cells, number, due, count):
+    """Write the particles of a cell behind `count` others; return how many there are then."""
+    i = cells.head[number]
+    while i >= 0:
+        due[count] = i
+        count += 1
+        i = cells.next_in_cell[i]
+    return count
+
+
+@inlined
+def append_oversize(cells, due, count):
+    """Write the oversize particles behind `count` others; return how many there are then."""
+    for k in range(cells.shape[OVERSIZE]):
+        due[count + k] = cells.oversize[k]
+    return count + cells.shape[OVERSIZE]
 
 
 MAX_ALL_PAIRS: Final = 64

@@ -21,6 +21,7 @@ from agglom_mpi.simulation.event_driven.event_queue import (
     set_time,
 )
 from agglom_mpi.simulation.event_driven.flights import (
+    BELOW,
     RANGE,
     invalidate_prediction,
     load_particle,
@@ -192,7 +193,8 @@ def process_event(scene, particles, ledger, events, now):
     """Process the earliest event, which is at `now` in s."""
     ledger.counts[STEPS] += 1
     if is_shift(scene, events, now):
-        return Event(shift(events), RANGE, NO_CONTACT, NO_PARTICLE, NO_PARTICLE, False, False)
+        due = shift(scene, events)
+        return Event(due, BELOW, NO_CONTACT, NO_PARTICLE, NO_PARTICLE, False, False)
     i = earliest(events.event_queue)
     next_event = events.flights.next_event[i]
     j = np.int64(next_event["partner"])

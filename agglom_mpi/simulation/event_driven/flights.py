@@ -74,6 +74,9 @@ def new_lines(count: int, kind: np.dtype[np.void]) -> NDArray[np.void]:
 RANGE: Final = 6
 """Crossing of an oversize particle that has moved as far as its prediction holds."""
 
+BELOW: Final = 2
+"""Crossing through the lower face of a cell along y."""
+
 
 @inlined
 def load_particle(flights, particles, i, now):

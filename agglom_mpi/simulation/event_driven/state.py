@@ -11,6 +11,8 @@ from agglom_mpi.simulation.event_driven.cells import (
     OVERSIZE,
     PER_AXIS,
     Cells,
+    append_cell,
+    append_oversize,
     best_cells,
     choose_range,
     insert,
@@ -157,11 +159,6 @@ def sort_by_cell(scene, particles, events):
         insert(scene, cells, flights, i)
     count, edge = 0, padded(cells.shape[PER_AXIS])
     for number in range(edge * edge * edge):
-        i = cells.head[number]
-        while i >= 0:
-            order[count] = i
-            count += 1
-            i = cells.next_in_cell[i]
-    for k in range(cells.shape[OVERSIZE]):
-        order[count + k] = cells.oversize[k]
+        count = append_cell(cells, number, order, count)
+    append_oversize(cells, order, count)
     reorder(particles, order)
