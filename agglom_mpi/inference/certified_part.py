@@ -11,9 +11,10 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from agglom_mpi.config.certificate_plan import CertificatePlan
 from agglom_mpi.emulation.gaussian_process import Floats
-from agglom_mpi.inference.certificate_plan import CertificateError, CertificatePlan, PartOfSet
 from agglom_mpi.inference.emulated_set import EmulatedSet
+from agglom_mpi.inference.part_of_set import CertificateError, PartOfSet
 from agglom_mpi.inference.set_points import OUTER_PROBABILITY, SetPoints
 from agglom_mpi.random_streams import CERTIFICATE, search_stream
 from agglom_mpi.search.criteria import DRAWN_FUNCTIONS
@@ -56,7 +57,7 @@ class Wobble:
     def __init__(self, emulated: EmulatedSet, plan: CertificatePlan) -> None:
         self._emulated = emulated
         named = {variable.name: variable for variable in emulated.box.own}
-        self._wobbling = [(named[name], share) for name, share in plan.wobble.items()]
+        self._wobbling = [(named[name], share) for name, share in plan.robust.items()]
         stream = search_stream(plan.seed, CERTIFICATE, WOBBLE_STREAM)
         self._places = stream.uniform(-1.0, 1.0, (WOBBLED_POINTS, len(self._wobbling)))
 

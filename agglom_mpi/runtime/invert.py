@@ -1,12 +1,14 @@
 """The command `agglom-invert`: what it runs, and what it shows at the end."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 from agglom_mpi.analysis.run_warnings import run_warnings
 from agglom_mpi.analysis.summary import summary_table
 from agglom_mpi.analysis.warm_start import warm_start
 from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.certificate_plan import CertificatePlan
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.searchable import check_search_library, check_searchable
 from agglom_mpi.config.yaml_source import warn
@@ -16,7 +18,8 @@ from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import by_recorded_method, output_path
 from agglom_mpi.runtime.leg import RunRequest
 from agglom_mpi.runtime.run import run_on_all_ranks
-from agglom_mpi.storage.reader import read_campaign
+from agglom_mpi.storage.reader import read_campaign, read_inversion
+from agglom_mpi.storage.schema import CERTIFICATE
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -43,6 +46,11 @@ def invert(options: InvertOptions, world: "Intracomm | None") -> int:
 
     def finish(request: RunRequest) -> None:
         if options.quiet:
+            return
+        if request.experiment.purpose == CERTIFICATE:
+            from agglom_mpi.runtime.certify import verdict_text
+
+            display.table(verdict_text(request, options.allow_code))
             return
         final = request.experiment.campaign.final
         file = read_campaign(request.path, options.allow_code)
@@ -89,4 +97,19 @@ def request_for(
     start = warm_start(campaign, path)
     warn(start.warnings, options.strict, show)
     experiment = InversionExperiment(campaign, start.strings)
-    return RunRequest(experiment, path, options.accept_code_change, options.database)
+    request = RunRequest(experiment, path, options.accept_code_change, options.database)
+    if (claim := campaign.required_plan.certify) is None:
+        return request
+    return request._replace(then=partial(certify_found, request, claim, options.allow_code, show))
+
+
+def certify_found(
+    request: RunRequest, claim: CertificatePlan, allow_code: bool, show: Callable[[str], None]
+) -> RunRequest:
+    """Return the certificate that follows a search; errors as of `certification`."""
+    from agglom_mpi.inference.certificate import certificate_path
+    from agglom_mpi.runtime.certify import certification
+
+    data = read_inversion(request.path, allow_code)
+    found = certification(data, claim, show, request.experiment.campaign.user_function)
+    return request._replace(experiment=found, path=certificate_path(request.path), then=None)

@@ -34,6 +34,8 @@ class RunRequest(NamedTuple):
     """Whether samples of other sources may be in the file."""
     database: str | None = None
     """Who writes samples, `gathered` or `parallel`; None chooses."""
+    then: "Callable[[], RunRequest] | None" = None
+    """Returns what the same ranks run once this work is finished; may raise the user's mistakes."""
 
 
 def run_leg(
