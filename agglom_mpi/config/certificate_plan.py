@@ -6,7 +6,7 @@
 from collections.abc import Collection, Iterator, Mapping
 from typing import Annotated, Any, Final, Self
 
-from agglom_mpi.config.arguments import read_amount, read_fraction, shown
+from agglom_mpi.config.arguments import mistaken_argument, read_amount, read_fraction, shown
 from agglom_mpi.declaration.components import In, Whole
 from agglom_mpi.declaration.declared import Declared, FieldPath, Problems, Reads
 from agglom_mpi.search.criteria import NoCriterionError
@@ -19,6 +19,8 @@ WOBBLE: Final = "wobble."
 """Beginning of their names that state by how much a variable deviates."""
 DEFAULT_TOLERANCE: Final = 0.05
 """Tolerance of a set that none is given for."""
+
+NOT_SEARCHED: Final = "is no searched variable; allowed:"
 
 Share = Annotated[float, In("1", above=0, below=1), Reads(read_fraction)]
 
@@ -78,7 +80,7 @@ class CertificatePlan(Declared):
             yield ("tolerance",), str(error)
         for name in self.robust:
             if name not in searched:
-                yield ("robust", name), f"is no searched variable; allowed: {', '.join(searched)}"
+                yield ("robust", name), f"{NOT_SEARCHED} {', '.join(searched)}"
 
     @property
     def right_needed(self) -> int | None:
@@ -107,6 +109,36 @@ class CertificatePlan(Declared):
             f"{self.strings} strings of at most {self.max_samples} samples, seed {self.seed}"
             f"{robust}"
         )
+
+
+def read_robust(
+    file: object, given: Mapping[str, Any], searched: Collection[str]
+) -> dict[str, float]:
+    """Return largest relative deviations by variable; raise an ArgumentError if one is impossible.
+
+    Parameters
+    ----------
+    file
+        Of which the variables are, for errors.
+    given
+        Fractions between 0 and 1 by name, such as `"5%"`.
+    searched
+        Names of the variables that may deviate.
+    """
+    found = {}
+    for name, share in given.items():
+        try:
+            if name not in searched:
+                raise ValueError(f"{NOT_SEARCHED} {', '.join(searched)}")
+            found[name] = read_fraction(share)
+        except ValueError as error:
+            raise mistaken_argument(file, f"robust.{name}", error) from None
+    return found
+
+
+def deviations_text(robust: Mapping[str, float]) -> str:
+    """Return deviations in words."""
+    return ", ".join(f"{name} by up to {100 * share:.3g} %" for name, share in robust.items())
 
 
 def read_tolerance(objective: Objective, tolerance: float | str) -> float:

@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.config.certificate_plan import ENTRY, CertificatePlan
+from agglom_mpi.config.certificate_plan import ENTRY, CertificatePlan, deviations_text
 from agglom_mpi.formatting import format_percent, pluralise
 from agglom_mpi.inference.part_of_set import CertificateError, PartOfSet
 from agglom_mpi.inference.stored_samples import stored_samples
@@ -165,14 +165,13 @@ class Certificate(NamedTuple):
         """The deviations of the pairs, and what follows for strings."""
         if not self.plan.robust:
             return []
-        shares = (f"{name} by up to {100 * s:.3g} %" for name, s in self.plan.robust.items())
         most, strings = f"{100 * MOST_DEVIATIONS:.0f} %", self.least_share_of_robust
         known = f"at least {_rounded_down(strings)} of these strings are"
         if strings == 0.0:
             known = "it is not shown that any of these strings are"
         return [
-            f"deviations: {', '.join(shares)}, even, ending at the edge of the box; one was drawn "
-            "for each string",
+            f"deviations: {deviations_text(self.plan.robust)}, even, ending at the edge of the "
+            "box; one was drawn for each string",
             f"{known} right for at least {most} of their deviations (Markov's inequality)",
         ]
 

@@ -1,7 +1,9 @@
 """The feasible set of a campaign file as text or JSON, and its tables as files."""
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from agglom_mpi.analysis.tables import with_units
@@ -31,6 +33,8 @@ class SetRequest(NamedTuple):
     ----------
     tolerance
         As a number, or as a text such as `5%`.
+    robust
+        Deviations that probabilities are averaged over, by name.
     measured, error
         A measured mean and its standard error, for the posterior; None: no posterior.
     draws, grid
@@ -42,6 +46,7 @@ class SetRequest(NamedTuple):
     error: float | str | None = None
     draws: Path | None = None
     grid: Path | None = None
+    robust: Mapping[str, float | str] = MappingProxyType({})
 
     def check(self, data: "CampaignData", made: Path | None = None) -> None:
         """Refuse what cannot be computed or written, before either begins.
@@ -79,7 +84,7 @@ class SetRequest(NamedTuple):
 
         The folder `made` is made for them.
         """
-        found = FeasibleSet(data, self.tolerance)
+        found = FeasibleSet(data, self.tolerance, self.robust)
         posterior = self.posterior_of(found)
         if made is not None:
             made.mkdir(parents=True, exist_ok=True)

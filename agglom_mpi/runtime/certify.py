@@ -310,7 +310,7 @@ def begun_part(data: CampaignData, plan: CertificatePlan, path: Path) -> Certifi
 @single_threaded
 def part_of_set(data: CampaignData, plan: CertificatePlan) -> CertifiedPart:
     """Return the part of the set of a file that is certified, and its strings; errors as above."""
-    found = feasible_set(data, plan.tolerance)
+    found = feasible_set(data, plan.tolerance, plan.robust)
     if found.empty:
         raise CertificateError(
             f"{data.path}: the set is empty, so nothing can be certified; nearest {found.nearest}"

@@ -8,9 +8,10 @@ from storage_rows import put_status
 from agglom_mpi import open_campaign
 from agglom_mpi.analysis.file_check import check_file
 from agglom_mpi.config.certificate_plan import CertificatePlan
-from agglom_mpi.inference import certified_part, feasible_set
+from agglom_mpi.inference import feasible_set
 from agglom_mpi.inference.certificate import certificate_of, certificate_path, samples_digest
 from agglom_mpi.inference.part_of_set import CertificateError
+from agglom_mpi.inference.wobble import Wobble
 from agglom_mpi.outcome import SampleSummary
 from agglom_mpi.report.sections.section import plain_text
 from agglom_mpi.report.set_summary import set_as_dict, set_text
@@ -40,10 +41,10 @@ def remembered_sets(monkeypatch):
     """Compute each set once: copies of a file have the same."""
     made = certify_module.feasible_set
 
-    def known(data, tolerance):
-        key = samples_digest(data), tolerance
+    def known(data, tolerance, robust):
+        key = samples_digest(data), tolerance, *robust.items()
         if key not in _KNOWN:
-            _KNOWN[key] = made(data, tolerance)
+            _KNOWN[key] = made(data, tolerance, robust)
         return _KNOWN[key]
 
     monkeypatch.setattr(certify_module, "feasible_set", known)
@@ -146,13 +147,13 @@ def test_a_set_that_the_emulator_has_wrong_is_refuted(copied, monkeypatch):
 
 def test_wobbling_strings_are_judged_where_they_wobble_to(copied, monkeypatch):
     drawn = []
-    wobbled = certified_part.Wobble.drawn
+    wobbled = Wobble.drawn
 
     def seen(self, strings, random):
         drawn.append((strings, wobbled(self, strings, random)))
         return drawn[-1][1]
 
-    monkeypatch.setattr(certified_part.Wobble, "drawn", seen)
+    monkeypatch.setattr(Wobble, "drawn", seen)
     assert certify(options(copied, robust={"relative_speed": "5%"}), None) == 0
     found = certificate_of(read_campaign(copied))
     assert found.plan.robust == {"relative_speed": 0.05}
@@ -182,34 +183,6 @@ def test_the_share_of_robust_strings_follows_from_that_of_right_pairs(certified)
         assert "pairs" in first
         assert "90 %" in deviations
         assert "80 %" in robust
-
-
-def test_deviations_end_at_the_edge_of_the_box(three):
-    emulated = three.feasible_set("10%").emulated
-    plan = CertificatePlan(tolerance=0.1, robust={"hardness": 0.9})
-    wobble = certified_part.Wobble(emulated, plan)
-    strings = emulated.box.even_strings(256)
-    drawn = wobble.drawn(strings, np.random.default_rng(651))
-    assert emulated.box.inside(drawn).all()
-    space = emulated.box.space
-    ends = space.lower[3], space.upper[3]
-    assert {*drawn[:, 3].tolist()} > {*map(float, ends)}
-    probability = [emulated.probability(wobble.wobbled(strings, p)) for p in wobble._places]
-    assert np.array_equal(wobble.probability(strings), np.mean(probability, axis=0))
-
-
-def test_the_probability_of_wobbling_strings_is_a_mean(three):
-    emulated = three.feasible_set("10%").emulated
-    plan = CertificatePlan(tolerance=0.1, robust={"hardness": 0.2})
-    wobble = certified_part.Wobble(emulated, plan)
-    strings = emulated.box.even_strings(64)
-    factors = np.linspace(0.8, 1.2, 201)
-    shifted = np.repeat(strings[None], len(factors), axis=0)
-    shifted[:, :, 3] *= factors[:, None]
-    clipped = emulated.box.space.clip(shifted.reshape(-1, strings.shape[1]))
-    exact = emulated.probability(clipped).reshape(len(factors), -1).mean(axis=0)
-    # 16 values of each string: the error of a mean of probabilities is at most 0.5 / 4.
-    assert np.abs(wobble.probability(strings) - exact).max() < 4.5 * 0.125
 
 
 def refused(capsys, path, **changed):
