@@ -16,7 +16,7 @@ from agglom_mpi.cli.common import (
     run_connected,
 )
 from agglom_mpi.config.certificate_plan import CertificatePlan
-from agglom_mpi.declaration.meanings import meaning_of
+from agglom_mpi.declaration.declared import meaning_of
 
 
 def plan_options(command: Any) -> Any:

@@ -16,9 +16,8 @@ from agglom_mpi.config.document import CampaignDocument
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.declaration.choices import choice_of
 from agglom_mpi.declaration.components import Component, In, Whole, number_of
-from agglom_mpi.declaration.declared import Declared, declared_in
+from agglom_mpi.declaration.declared import ATTRIBUTES, Declared, declared_in, meaning_of
 from agglom_mpi.declaration.laws import Law
-from agglom_mpi.declaration.meanings import ATTRIBUTES, meaning_of
 from agglom_mpi.errors import UserError
 from agglom_mpi.search.ending import EndingCriterion
 from agglom_mpi.variables import PAPER_VARIABLES, VOLUME_FRACTION, Variable

@@ -11,7 +11,7 @@ from agglom_mpi.config.certificate_plan import read_robust
 from agglom_mpi.declaration.units import to_si
 from agglom_mpi.file_kinds import is_hdf5
 from agglom_mpi.inference.emulator_file import NoEmulatorError, emulator_arrays
-from agglom_mpi.inference.portable_emulator import GROWTH, PortableEmulator
+from agglom_mpi.inference.portable_emulator import PortableEmulator
 from agglom_mpi.inference.wobble import even_places
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.storage.reader import read_inversion
@@ -40,26 +40,7 @@ class CampaignEmulator(PortableEmulator, metaclass=PublicFace):
         known = f"{', '.join(self.quantities)} by {', '.join(self.box)}"
         return f"<CampaignEmulator of {self.about['title']!r}: {known[:150]}>"
 
-    def mean(self, strings: Any, quantity: str = GROWTH) -> Any:
-        """Return the expected mean of the samples of strings; of a size curve (…, q).
-
-        Parameters
-        ----------
-        strings
-            Each searched variable by its name.
-        quantity
-            A key of `quantities`.
-
-        Raises
-        ------
-        ValueError
-            If a string is outside of the box, or a name is unknown.
-        """
-        return super().mean(strings, quantity)
-
-    def deviation(self, strings: Any, quantity: str = GROWTH) -> Any:
-        """Return the standard deviation of `mean`, arguments as there: how unsure it is."""
-        return super().deviation(strings, quantity)
+    mean, deviation = PortableEmulator.mean, PortableEmulator.deviation
 
     def probability(self, strings: Any, robust: Mapping[str, float | str] | None = None) -> Any:
         """Return the probability that strings are members of the set, but for its constraints.
@@ -67,14 +48,15 @@ class CampaignEmulator(PortableEmulator, metaclass=PublicFace):
         Parameters
         ----------
         strings
-            As for `mean`.
+            Each searched variable by its name.
         robust
             Deviations to average over, such as `{"relative_speed": "5%"}`, as of `feasible_set`.
 
         Raises
         ------
         ValueError
-            As from `mean`, if the objective has no target, or a deviation is impossible.
+            If a string is outside of the box, the objective has no target, or a deviation is
+            impossible.
         """
         own = super().probability(strings)
         if not robust:

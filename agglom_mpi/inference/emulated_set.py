@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from functools import cached_property
-from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -59,7 +58,7 @@ class EmulatedSet(EmulatedBox):
         box: SearchedBox,
         criterion: Criterion,
         stored: StoredSamples,
-        robust: Mapping[str, float] = MappingProxyType({}),
+        robust: Mapping[str, float],
     ) -> None:
         self.wobble = Wobble(box, robust)
         numbers = settled_numbers(criterion.numbers(stored.rows, box.campaign.scene.particles))
@@ -92,9 +91,8 @@ class EmulatedSet(EmulatedBox):
 
     def at(self, strings: Floats) -> EmulatedStrings:
         """Return what is known of the quantities of strings, (n, k) in SI units."""
-        points = self.coordinates.of_strings(strings)
-        means, deviations = self.emulator.mean(points), self.emulator.deviation(points)
-        return EmulatedStrings(means, deviations, self.failing(points))
+        failing = self.failing(self.coordinates.of_strings(strings))
+        return EmulatedStrings(self.mean(strings), self.deviation(strings), failing)
 
     @cached_property
     def prior(self) -> tuple[Floats, EmulatedStrings]:
@@ -114,18 +112,6 @@ class EmulatedSet(EmulatedBox):
                 members = np.where(self.box.allowed(strings[inside]), members, 0.0)
             found[inside] = members
         return found
-
-    def drawn_members(self, strings: Floats) -> Floats:
-        """Return where drawn functions have members among strings, (n, k), (functions, n).
-
-        It is the mean over their deviations.
-        """
-
-        def members(strings: Floats) -> Floats:
-            points, stream = self.coordinates.of_strings(strings), self.stream(VOLUME_STREAM)
-            return np.asarray(self.criterion.drawn_members(self.emulator, points, stream))
-
-        return np.asarray(self.wobble.mean(members, strings))
 
     def _members(self, strings: Floats) -> Floats:
         """Return the probability of strings as they are."""

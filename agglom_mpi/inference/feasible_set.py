@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from agglom_mpi.config.certificate_plan import deviations_text, read_robust
+from agglom_mpi.config.certificate_plan import DEFAULT_TOLERANCE, deviations_text, read_robust
 from agglom_mpi.config.given_strings import Parameters
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.errors import UserError, require_library
 from agglom_mpi.inference.calibration import Calibration, calibrate
 from agglom_mpi.inference.certificate import Certificate, certificate_of
-from agglom_mpi.inference.emulated_set import EmulatedSet
+from agglom_mpi.inference.emulated_set import VOLUME_STREAM, EmulatedSet
 from agglom_mpi.inference.measured_mean import mean_posterior
 from agglom_mpi.inference.posterior import Posterior
 from agglom_mpi.inference.searched_box import SearchedBox
@@ -32,7 +32,7 @@ from agglom_mpi.inference.stored_samples import (
     stored_samples,
     why_not_emulated,
 )
-from agglom_mpi.inference.tolerances import DEFAULT_TOLERANCE, recorded_objective, tolerance_of
+from agglom_mpi.inference.tolerances import recorded_objective, tolerance_of
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
@@ -247,11 +247,17 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
         unsure = (points.probability > UNCERTAIN_PROBABILITY) & (
             points.probability < 1.0 - UNCERTAIN_PROBABILITY
         )
-        members = self.emulated.drawn_members(points.strings[unsure])
+        members = self.emulated.wobble.mean(self._drawn_members, points.strings[unsure])
         own = float((members @ points.weights[unsure]).std()) if unsure.any() else 0.0
         squares = float(points.probability**2 @ points.weights**2)
         spread = squares - self.volume**2 / len(points.weights)
         return float(np.hypot(own, np.sqrt(max(spread, 0.0))))
+
+    def _drawn_members(self, strings: Floats) -> Floats:
+        """Return where drawn functions, the same in each call, have members, (functions, n)."""
+        at, stream = self.emulated.coordinates.of_strings(strings), self.emulated.stream
+        members = self.criterion.drawn_members(self.emulated.emulator, at, stream(VOLUME_STREAM))
+        return members.astype(np.float64)
 
     def sample(self, n: int, seed: int = 0) -> "pd.DataFrame":
         """Draw n members: strings uniform in the box, each kept with its probability.

@@ -3,15 +3,13 @@
 from typing import TYPE_CHECKING
 
 from agglom_mpi.config.arguments import mistaken_argument
-from agglom_mpi.config.certificate_plan import DEFAULT_TOLERANCE, read_tolerance
+from agglom_mpi.config.certificate_plan import read_tolerance
 from agglom_mpi.config.user_function import function_of_means
 from agglom_mpi.search.objectives.objective import Objective
 from agglom_mpi.storage.recorded_campaign import allowed_function, recorded_component
 
 if TYPE_CHECKING:
     from agglom_mpi.storage.reader import CampaignData
-
-__all__ = ["DEFAULT_TOLERANCE", "recorded_objective", "tolerance_of"]
 
 
 def recorded_objective(data: "CampaignData") -> Objective:

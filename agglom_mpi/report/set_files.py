@@ -3,17 +3,17 @@
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from agglom_mpi.analysis.tables import with_units
+from agglom_mpi.config.certificate_plan import DEFAULT_TOLERANCE
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.errors import require_library
 from agglom_mpi.formatting import without_nan
 from agglom_mpi.inference.data_posterior import data_posterior
 from agglom_mpi.inference.feasible_set import FeasibleSet
 from agglom_mpi.inference.measured_mean import measurement_of
-from agglom_mpi.inference.tolerances import DEFAULT_TOLERANCE, recorded_objective, tolerance_of
+from agglom_mpi.inference.tolerances import recorded_objective, tolerance_of
 from agglom_mpi.report.set_summary import grid_table, set_as_dict, set_text
 from agglom_mpi.storage.files import atomic_file, require_absent, require_writable_folder
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
@@ -46,7 +46,7 @@ class SetRequest(NamedTuple):
     error: float | str | None = None
     draws: Path | None = None
     grid: Path | None = None
-    robust: Mapping[str, float | str] = MappingProxyType({})
+    robust: Mapping[str, float | str] = {}
 
     def check(self, data: "CampaignData", made: Path | None = None) -> None:
         """Refuse what cannot be computed or written, before either begins.

@@ -115,8 +115,8 @@ class Certification(GivenStrings):
 
     Attributes
     ----------
-    of
-        The campaign file.
+    of, path
+        The campaign file, and that of the certificate.
     """
 
     purpose = CERTIFICATE
@@ -130,7 +130,7 @@ class Certification(GivenStrings):
         self.campaign = replace(fresh, output=Output(), final=None)
         self.max_failures = campaign.stopping.max_failures
         self.max_seconds = campaign.stopping.max_seconds
-        self.strings, self.of = found.strings, data.path
+        self.strings, self.of, self.path = found.strings, data.path, certificate_path(data.path)
         self._test = membership_test(data, plan, found.part)
         self._entries = plan.recorded_entries() | found.part.entries()
         self._entries[f"{ENTRY}of"] = samples_digest(data)
@@ -179,8 +179,7 @@ def certify(options: CertifyOptions, world: "Intracomm | None") -> int:
         data = read_inversion(options.file, options.allow_code)
         plan = stated_plan(data, options.plan)
         found = certification(data, plan, display.message)
-        path = certificate_path(data.path)
-        return RunRequest(found, path, options.accept_code_change, options.database)
+        return RunRequest(found, found.path, options.accept_code_change, options.database)
 
     def finish(request: RunRequest) -> None:
         if not options.quiet:

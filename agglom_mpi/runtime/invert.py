@@ -1,14 +1,12 @@
 """The command `agglom-invert`: what it runs, and what it shows at the end."""
 
 from collections.abc import Callable
-from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 from agglom_mpi.analysis.run_warnings import run_warnings
 from agglom_mpi.analysis.summary import summary_table
 from agglom_mpi.analysis.warm_start import warm_start
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.config.certificate_plan import CertificatePlan
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.searchable import check_search_library, check_searchable
 from agglom_mpi.config.yaml_source import warn
@@ -100,16 +98,12 @@ def request_for(
     request = RunRequest(experiment, path, options.accept_code_change, options.database)
     if (claim := campaign.required_plan.certify) is None:
         return request
-    return request._replace(then=partial(certify_found, request, claim, options.allow_code, show))
 
+    def certificate() -> RunRequest:
+        from agglom_mpi.runtime.certify import certification
 
-def certify_found(
-    request: RunRequest, claim: CertificatePlan, allow_code: bool, show: Callable[[str], None]
-) -> RunRequest:
-    """Return the certificate that follows a search; errors as of `certification`."""
-    from agglom_mpi.inference.certificate import certificate_path
-    from agglom_mpi.runtime.certify import certification
+        data = read_inversion(path, options.allow_code)
+        found = certification(data, claim, show, campaign.user_function)
+        return request._replace(experiment=found, path=found.path)
 
-    data = read_inversion(request.path, allow_code)
-    found = certification(data, claim, show, request.experiment.campaign.user_function)
-    return request._replace(experiment=found, path=certificate_path(request.path), then=None)
+    return request._replace(then=certificate)

@@ -148,22 +148,15 @@ def run_worker(world: "Intracomm", stop: StopRequest) -> int:
             print(error_text(error), file=sys.stderr, flush=True)
             end_job(world, error.exit_code)
             return error.exit_code
-        if experiment is not None:
-            code = serve_experiment(experiment, path, world, stop)
-    return int(code)
-
-
-def serve_experiment(
-    experiment: Experiment, path: Path | None, world: "Intracomm", stop: StopRequest
-) -> int:
-    """Simulate what rank 0 sends, with arguments as of `Start`; return its exit code."""
-    runner = SampleRunner(experiment, world.rank)
-    warm_up(runner, world)
-    nodes = find_nodes(world)
-    file = None if path is None else open_with_rank_zero(path, world, nodes)
-    code = serve_coordinator(world, runner, file, nodes, stop)
-    if file is not None:
-        file.close()
+        if experiment is None:
+            continue
+        runner = SampleRunner(experiment, world.rank)
+        warm_up(runner, world)
+        nodes = find_nodes(world)
+        file = None if path is None else open_with_rank_zero(path, world, nodes)
+        code = serve_coordinator(world, runner, file, nodes, stop)
+        if file is not None:
+            file.close()
     return int(code)
 
 
@@ -201,18 +194,17 @@ def run_rank_zero(
 ) -> int:
     """Run rank 0, one request after the other; return the exit code."""
     stop.listen()
-    requests: list[RunRequest] = []
+    follows: list[Callable[[], RunRequest] | None] = [read]
 
     def next_request() -> RunRequest:
-        if requests and requests[-1].then is not None:
-            requests.append(requests[-1].then())
-        else:
+        if len(follows) == 1:
             check_programs(world, display.message)
-            requests.append(read())
-        return requests[-1]
+        request = (follows[-1] or read)()
+        follows.append(request.then)
+        return request
 
-    code = run_request(next_request, display, finish, stop, world)
-    while code == FINISHED and requests[-1].then is not None:
+    code = FINISHED
+    while code == FINISHED and follows[-1] is not None:
         code = run_request(next_request, display, finish, stop, world)
     return code
 
