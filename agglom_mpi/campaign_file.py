@@ -1,7 +1,7 @@
 """The public campaign file: rows, tables, the best strings and plots."""
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from numbers import Integral
 from pathlib import Path
@@ -258,7 +258,11 @@ class CampaignFile(metaclass=_PlotsFigures):
         k = count_argument(self.path, "k", k, least=1)
         return tables.best(self._snapshot(), k)
 
-    def feasible_set(self, tolerance: float | str = 0.05) -> "FeasibleSet":
+    def feasible_set(
+        self,
+        tolerance: float | str = 0.05,
+        robust: Mapping[str, float | str] | None = None,
+    ) -> "FeasibleSet":
         """Return the set of strings that are compatible with the objective; takes seconds.
 
         Parameters
@@ -266,6 +270,9 @@ class CampaignFile(metaclass=_PlotsFigures):
         tolerance
             Relative to the target or to the maximum, between 0 and 1, as `0.05` or `"5%"`; of a
             user's function, its largest value.
+        robust
+            Tolerances of a process, such as `{"relative_speed": "5%"}`: probabilities are averaged
+            over even deviations of variables by up to this share of themselves, not beyond the box.
 
         Returns
         -------
@@ -279,11 +286,11 @@ class CampaignFile(metaclass=_PlotsFigures):
             If there are too few strings, the emulator is not calibrated, or the noise of strings is
             correlated; with the reason.
         ValueError
-            If the tolerance is impossible.
+            If the tolerance or a deviation is impossible.
         """
         from agglom_mpi.inference.feasible_set import feasible_set
 
-        return feasible_set(self._snapshot(), tolerance)
+        return feasible_set(self._snapshot(), tolerance, robust)
 
     def posterior(self) -> "Posterior":
         """Return the posterior of the variables, given all measured data; takes some ten seconds.

@@ -22,16 +22,12 @@ from agglom_mpi.config.yaml_source import CampaignError, parse
 from agglom_mpi.display.run_display import StudyDisplay
 from agglom_mpi.errors import FINISHED
 from agglom_mpi.outcome import COMPLETED, SampleSummary
-from agglom_mpi.runtime.experiment import Experiment, Restore, SampleSetup, StageProgress
+from agglom_mpi.runtime.experiment import GivenStrings, SampleSetup
 from agglom_mpi.runtime.file_setup import check_writable
 from agglom_mpi.runtime.leg import RunRequest
 from agglom_mpi.runtime.run import run_on_all_ranks
-from agglom_mpi.runtime.stop_request import StopRequest
-from agglom_mpi.search.ending import Generations
 from agglom_mpi.search.ensemble import Ensemble
-from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.objectives.growth import MaximumGrowth
-from agglom_mpi.search.proposals import FixedProposals
 from agglom_mpi.search.stopping import EnsembleState, StoppingRule
 from agglom_mpi.simulation.engines import Engine
 from agglom_mpi.statistics import MeanEstimate, mean_of
@@ -197,7 +193,7 @@ class BudgetedEnsemble(Ensemble):
             self.finished = True
 
 
-class Study(Experiment):
+class Study(GivenStrings):
     """Set-ups by name, each with a budget of particle-steps.
 
     Parameters
@@ -211,8 +207,9 @@ class Study(Experiment):
     """
 
     max_failures = 100
-    top = 1
     purpose = STUDY
+    unit, end = "set-ups", "all set-ups are measured"
+    separators = STUDY_SEPARATORS
 
     def __init__(
         self,
@@ -223,6 +220,7 @@ class Study(Experiment):
         self.campaign = without_data(campaign)
         self.setups = dict(setups)
         self._by_string = list(self.setups.values())
+        self.strings = np.array([setup.parameters for setup in self._by_string])
         self.budget = budget
 
     @property
@@ -246,10 +244,6 @@ class Study(Experiment):
             entries[f"trials.{name}"] = text
         return entries
 
-    def sha256(self) -> str:
-        """Return the digest of `identity`."""
-        return digest(self.identity(), STUDY_SEPARATORS)
-
     def setup(self, string: int) -> SampleSetup:
         """Return how the samples of a string are simulated."""
         setup = self._by_string[string]
@@ -257,31 +251,12 @@ class Study(Experiment):
 
     def kernel_cases(self) -> Iterator[tuple[SampleSetup, NDArray[np.float64]]]:
         """Yield all set-ups; those of one kind of scene cost little after the first."""
-        for string, setup in enumerate(self._by_string):
-            yield self.setup(string), setup.parameters
+        for string, parameters in enumerate(self.strings):
+            yield self.setup(string), parameters
 
-    def ensemble(self, setup: Setup) -> Ensemble:
+    def ensemble(self, string: int) -> Ensemble:
         """Return what takes the samples of a set-up."""
-        return BudgetedEnsemble(setup, self.budget)
-
-    def inversion(self, restore: Restore | None, background: bool = False) -> Inversion:
-        """Return an inversion of one generation whose strings are the set-ups."""
-        ensembles = map(self.ensemble, self._by_string)
-        return Inversion(
-            FixedProposals(np.array([setup.parameters for setup in self._by_string])),
-            lambda string: next(ensembles),
-            Generations(generations=1),
-            restore=restore,
-            summarise=self.campaign.objective.summaries,
-        )
-
-    def stage(self, inversion: Inversion) -> StageProgress:
-        """Return how many set-ups are done; all are measured at the same time."""
-        return StageProgress(len(inversion.results), self.table_sizes.strings, "set-ups")
-
-    def end_reason(self, inversion: Inversion) -> str:
-        """Return why the study is over."""
-        return "all set-ups are measured"
+        return BudgetedEnsemble(self._by_string[string], self.budget)
 
     def collect(self, file: CampaignData) -> dict[str, Rows]:
         """Return the samples of each set-up by its name, completed and failed, in order."""
@@ -366,7 +341,7 @@ def run_stages(
         Number of its stages, as every rank knows from the options; without any, nothing is run.
     """
     display, found = StudyDisplay(options.quiet), list[CampaignData]()
-    stages, stop = program(), StopRequest(options.max_walltime)
+    stages = program()
 
     def advance() -> tuple[str, Study]:
         return stages.send(found[-1]) if found else next(stages)
@@ -375,7 +350,8 @@ def run_stages(
         name, study = advance()
         path = Path(options.out) / name
         check_writable(path)
-        return RunRequest(study, path, options.accept_code_change, options.database)
+        then = read if len(found) + 1 < count else None
+        return RunRequest(study, path, options.accept_code_change, options.database, then=then)
 
     def finish(request: RunRequest) -> None:
         found.append(read_campaign(request.path, options.allow_code))
@@ -389,10 +365,8 @@ def run_stages(
         except StopIteration as end:
             display.message(f"{end.value} with its figures and tables")
 
-    for _ in range(count):
-        code = run_on_all_ranks(read, display, finish, world, stop=stop)
-        if code != FINISHED:
-            return code
-    if count == 0 and (world is None or world.rank == 0):
+    if count:
+        return run_on_all_ranks(read, display, finish, world, max_walltime=options.max_walltime)
+    if world is None or world.rank == 0:
         write()
     return FINISHED

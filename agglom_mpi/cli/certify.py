@@ -15,6 +15,22 @@ from agglom_mpi.cli.common import (
     read_assignments,
     run_connected,
 )
+from agglom_mpi.config.certificate_plan import CertificatePlan
+from agglom_mpi.declaration.declared import meaning_of
+
+
+def plan_options(command: Any) -> Any:
+    """Add an option for each key of the section `certify`."""
+    for name, field in reversed([*CertificatePlan.model_fields.items()]):
+        settings: dict[str, Any] = {"type": int}
+        if name == "robust":
+            settings = {"multiple": True, "callback": read_assignments, "metavar": "NAME=SHARE"}
+        elif field.annotation is float:
+            settings = {"metavar": "SHARE"}
+        default = "may be repeated" if name == "robust" else f"default: {field.default}"
+        meaning = f"{meaning_of(CertificatePlan, name).replace('`', '')}  [{default}]"
+        command = click.option(f"--{name.replace('_', '-')}", help=meaning, **settings)(command)
+    return command
 
 
 @click.command(
@@ -24,53 +40,7 @@ from agglom_mpi.cli.common import (
     )
 )
 @click.argument("file")
-@click.option(
-    "--claim",
-    default="0.9",
-    show_default=True,
-    metavar="SHARE",
-    help="Share of the part, with --robust of its pairs, that is to be right.",
-)
-@click.option(
-    "--confidence", default="0.95", show_default=True, metavar="SHARE", help="Confidence of it."
-)
-@click.option(
-    "--tolerance",
-    default="5%",
-    show_default=True,
-    metavar="SHARE",
-    help="Tolerance of the set, as of agglom report --feasible-set.",
-)
-@click.option(
-    "--robust",
-    multiple=True,
-    callback=read_assignments,
-    metavar="NAME=SHARE",
-    help="Claim pairs of a string and a deviation: each string is judged once, with this variable "
-    "off by a drawn even share of itself, at most this one, and not beyond the box "
-    "(relative_speed=5%); may be repeated.",
-)
-@click.option(
-    "--strings",
-    default=100,
-    show_default=True,
-    type=click.IntRange(1, 10**5),
-    help="Number of strings to draw.",
-)
-@click.option(
-    "--max-samples",
-    default=2560,
-    show_default=True,
-    type=click.IntRange(40, 10**6),
-    help="Maximum number of samples of a string; one that they do not decide counts as wrong.",
-)
-@click.option(
-    "--seed",
-    default=1,
-    show_default=True,
-    type=click.IntRange(0),
-    help="Seed of the strings and of their samples.",
-)
+@plan_options
 @MAX_WALLTIME
 @QUIET
 @DATABASE
@@ -90,16 +60,21 @@ def certify(**options: Any) -> None:
     FILE.h5, the set of reports, JSON and Python shows it. A set is tested once: another claim needs
     the file to be moved away.
 
+    Where the campaign has a section certify, it has the defaults of these options, and
+    agglom-invert makes the certificate itself.
+
     Started by mpirun, the command uses all ranks. A certificate that was stopped or killed is
     continued by the same command.
 
     Exit codes: 0 finished, whatever the verdict; 2 bad input; 75 stopped early; 1 any other
     failure.
     """
+    plan = {name: options.pop(name) for name in CertificatePlan.model_fields}
+    given = {name: value for name, value in plan.items() if value not in (None, {})}
 
     def run(world: Any) -> int:
         from agglom_mpi.runtime.certify import CertifyOptions, certify
 
-        return certify(CertifyOptions(**options), world)
+        return certify(CertifyOptions(plan=given, **options), world)
 
     exit_with(run_connected)(run=run)

@@ -257,7 +257,7 @@ def read_assignments(
     for setting in settings:
         name, equals, value = setting.partition("=")
         if not equals:
-            raise click.BadParameter(f"{setting!r} is not NAME=VALUE", param_hint="--set")
+            raise click.BadParameter(f"{setting!r} is not NAME=VALUE", param=parameter)
         try:
             values[name.strip()] = float(value)
         except ValueError:

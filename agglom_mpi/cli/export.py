@@ -109,6 +109,7 @@ def export(
     arviz: Path | None,
     as_json: Path | None,
     tolerance: str | None,
+    robust: dict[str, float | str],
     measured: str | None,
     error: str | None,
     emulator: Path | None,
@@ -137,7 +138,7 @@ def export(
     if unused and given <= {"--compact", "--paraview"}:
         raise click.UsageError("--unused is for --csv, --xarray, --arviz, --json and --emulator")
     wanted = arviz is not None or as_json is not None
-    request = read_set_request(wanted, tolerance, measured, error)
+    request = read_set_request(wanted, tolerance, robust, measured, error)
     from agglom_mpi.analysis.damage import blame_damage
     from agglom_mpi.report.export import Exports, export
 

@@ -120,6 +120,7 @@ def report(
     what_next_table: Path | None,
     feasible_set: bool,
     tolerance: str | None,
+    robust: dict[str, float | str],
     measured: str | None,
     error: str | None,
     draws: Path | None,
@@ -153,7 +154,9 @@ def report(
         raise click.UsageError("give --posterior or --feasible-set, or both with --out DIR")
     if out is not None and as_json:
         raise click.UsageError("give --out or --json, not both")
-    request = read_set_request(feasible_set, tolerance, measured, error, draws=draws, grid=grid)
+    request = read_set_request(
+        feasible_set, tolerance, robust, measured, error, draws=draws, grid=grid
+    )
     named = {"--draws": draws, "--grid": grid, "--what-next-table": what_next_table}
     require_own_names(named, page=out)
     asked = None

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from agglom_mpi.cli.common import DependentOption
+from agglom_mpi.cli.common import DependentOption, read_assignments
 
 if TYPE_CHECKING:
     from agglom_mpi.report.set_files import SetRequest
@@ -15,7 +15,7 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 
 
 def set_options(owner: str, further: str = "") -> Callable[[Command], Command]:
-    """Return a decorator that adds `--tolerance`, `--measured` and `--error`, for an option.
+    """Return a decorator adding `--tolerance`, `--robust`, `--measured`, `--error` for an option.
 
     A tolerance may also be that of `further` options.
     """
@@ -26,6 +26,16 @@ def set_options(owner: str, further: str = "") -> Callable[[Command], Command]:
         metavar="SHARE",
         help="tolerance relative to the target or the maximum (5% or 0.05); for a Python function, "
         "its largest allowed value.  [default: 5%]",
+    )
+    robust = click.option(
+        "--robust",
+        cls=DependentOption,
+        needs=owner,
+        multiple=True,
+        callback=read_assignments,
+        metavar="NAME=SHARE",
+        help="average probabilities over even deviations of a variable by up to this share of "
+        "itself, not beyond the box (relative_speed=5%); may be repeated.",
     )
     measured = click.option(
         "--measured",
@@ -41,12 +51,13 @@ def set_options(owner: str, further: str = "") -> Callable[[Command], Command]:
         metavar="NUMBER",
         help="standard error of the measured mean (0.04), or a percentage (2%).",
     )
-    return lambda command: tolerance(measured(error(command)))
+    return lambda command: tolerance(robust(measured(error(command))))
 
 
 def read_set_request(
     wanted: bool,
     tolerance: str | None,
+    robust: dict[str, float | str],
     measured: str | None,
     error: str | None,
     **files: Path | None,
@@ -57,7 +68,7 @@ def read_set_request(
     ----------
     wanted
         Whether an option is given that asks for it.
-    tolerance, measured, error
+    tolerance, robust, measured, error
         Values of `set_options`.
     files
         Values of `--draws` and `--grid`, for commands that have them.
@@ -71,7 +82,7 @@ def read_set_request(
         raise click.UsageError("--measured and --error go together")
     if not wanted:
         return None
-    from agglom_mpi.inference.tolerances import DEFAULT_TOLERANCE
+    from agglom_mpi.config.certificate_plan import DEFAULT_TOLERANCE
     from agglom_mpi.report.set_files import SetRequest
 
-    return SetRequest(tolerance or DEFAULT_TOLERANCE, measured, error, **files)
+    return SetRequest(tolerance or DEFAULT_TOLERANCE, measured, error, robust=robust, **files)

@@ -254,6 +254,8 @@ def _search(campaign: "Campaign") -> list[str]:
         f"{_between(least, ensemble.max_samples)} per string",
         f"final answer: {_final(campaign)}",
     ]
+    if campaign.required_plan.certify is not None:
+        lines.append(f"certificate of the set: {campaign.required_plan.certify.text}")
     if ensemble.is_published:
         lines.append("samples per string in the papers: 125 [A] (tolerance 1e-5), 11.84 [B] (5e-4)")
     return lines

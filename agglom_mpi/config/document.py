@@ -11,6 +11,7 @@ from agglom_mpi.config.bounds import (
     required_variables,
     variables_of,
 )
+from agglom_mpi.config.certificate_plan import CertificatePlan
 from agglom_mpi.config.correlations import Correlation, correlated
 from agglom_mpi.config.data_section import DatumEntry, impossible_data, late, read_data
 from agglom_mpi.config.plan import FinalAnswer, Output, Plan, Stopping
@@ -134,14 +135,17 @@ def _search_fits(search: SearchMethod, reading: Reading) -> Problems:
     """Yield given strings outside the box, and a set without a target."""
     earlier = reading.earlier
     if "variables" in earlier and "scene" in earlier and search.listed:
-        box = earlier["variables"]
-        if not isinstance(box, VariableTable):
-            box = variables_of(box, earlier["scene"], reading.variables)
-        yield from check_given_strings(search.listed, box)
+        yield from check_given_strings(search.listed, _box(reading))
     objective = earlier.get("objective")
     if search.looks_for_a_set and objective is not None and not objective.is_magnitude:
         message = f"is 'set', which needs objective growth_target; it is {objective.name}"
         yield ("aim",), message
+
+
+def _box(reading: Reading) -> VariableTable:
+    """Return the variables of a file whose scene and variables are read."""
+    box, scene = reading.earlier["variables"], reading.earlier["scene"]
+    return box if isinstance(box, VariableTable) else variables_of(box, scene, reading.variables)
 
 
 def _ensemble_fits(ensemble: StoppingRule, reading: Reading) -> Problems:
@@ -161,6 +165,16 @@ def _criteria_fit(stopping: Stopping, reading: Reading) -> Problems:
     for key, criterion in stopping.criteria.items():
         for path, message in criterion.misfits(*others):
             yield (key, *path), message
+
+
+def _certificate_fits(plan: CertificatePlan | None, reading: Reading) -> Problems:
+    earlier = reading.earlier
+    if plan is None or not {"objective", "variables", "scene", "ensemble"} <= earlier.keys():
+        return
+    if earlier["ensemble"].common_configurations:
+        yield (), "needs ensemble.common_configurations: false, for their noise is not emulated"
+    searched = [variable.name for variable in _box(reading).own]
+    yield from plan.misfits(earlier["objective"], searched)
 
 
 EXPERIMENTS: Final = "experiments"
@@ -282,6 +296,8 @@ class CampaignDocument(SceneDocument):
         Rule for the number of samples per string.
     stopping
         Criteria that end the search.
+    certify
+        Certificate of the feasible set by fresh runs after the search; `{}` has all defaults.
     """
 
     objective: Annotated[
@@ -300,11 +316,12 @@ class CampaignDocument(SceneDocument):
     stopping: Annotated[
         Stopping, Fits(_criteria_fit), Meaning("what ends the search, like {generations: 10}")
     ]
+    certify: Annotated[CertificatePlan | None, NONE, Fits(_certificate_fits)] = None
 
     @property
     def plan(self) -> Plan:
-        """Sections `search`, `ensemble` and `stopping`."""
-        return Plan(self.search, self.ensemble, self.stopping)
+        """Sections `search`, `ensemble`, `stopping` and `certify`."""
+        return Plan(self.search, self.ensemble, self.stopping, self.certify)
 
 
 def read_document(

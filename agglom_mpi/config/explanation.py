@@ -16,7 +16,7 @@ from agglom_mpi.config.document import CampaignDocument
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.declaration.choices import choice_of
 from agglom_mpi.declaration.components import Component, In, Whole, number_of
-from agglom_mpi.declaration.declared import Declared, declared_in
+from agglom_mpi.declaration.declared import ATTRIBUTES, Declared, declared_in, meaning_of
 from agglom_mpi.declaration.laws import Law
 from agglom_mpi.errors import UserError
 from agglom_mpi.search.ending import EndingCriterion
@@ -40,9 +40,7 @@ are the papers of 2003 and 2004.
 
 {components}"""
 """Reference in Markdown, without its tables."""
-_ATTRIBUTES: Final = re.compile(r"\n\nAttributes\n-+\n")
 _SOURCE: Final = re.compile(r"^\[(\w+)\] +(.+(?:\n .+)*)", re.MULTILINE)
-_ENTRY: Final = re.compile(r"^(\w[\w, ]*)\n((?:    .*(?:\n|$)|\n(?=    ))*)", re.MULTILINE)
 
 
 class UnknownKeyError(UserError, ValueError):
@@ -174,7 +172,7 @@ def _variable(variable: Variable) -> Topic:
 
 def _paragraphs(component: type[Component]) -> list[str]:
     """Return the docstring of a component without the part on its fields."""
-    text = _ATTRIBUTES.split(inspect.getdoc(component) or component.__name__)[0]
+    text = ATTRIBUTES.split(inspect.getdoc(component) or component.__name__)[0]
     paragraphs = [*text.split("\n\n"), *_sources(component, text)]
     return [" ".join(paragraph.split()) for paragraph in paragraphs]
 
@@ -185,26 +183,6 @@ def _sources(component: type[Component], text: str) -> Iterator[str]:
     for label, source in _SOURCE.findall(module):
         if f"[{label}]" in text:
             yield f"[{label}] {source}"
-
-
-def meaning_of(section: type[Any], name: str) -> str:
-    """Return what the docstrings of a class and its bases say of a field; empty if they do not."""
-    for base in section.__mro__:
-        found = _described(base).get(name)
-        if found:
-            return found
-    text = section.model_fields[name].meaning
-    return f"{text[:1].upper()}{text[1:]}." if text else ""
-
-
-@cache
-def _described(section: type[Any]) -> Mapping[str, str]:
-    """Return the texts of the part `Attributes` of a class's own docstring, by name."""
-    parts = _ATTRIBUTES.split(inspect.cleandoc(section.__dict__.get("__doc__") or ""))
-    found: dict[str, str] = {}
-    for names, text in _ENTRY.findall(parts[1]) if len(parts) > 1 else ():
-        found |= {name.strip(): " ".join(text.split()) for name in names.split(",")}
-    return found
 
 
 def _allowed(section: type[Any], name: str) -> str:

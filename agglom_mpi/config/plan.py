@@ -3,6 +3,7 @@
 from functools import partial
 from typing import Annotated, Any, Final, NamedTuple
 
+from agglom_mpi.config.certificate_plan import CertificatePlan
 from agglom_mpi.declaration.components import In, Whole
 from agglom_mpi.declaration.declared import LATER, Declared, FieldError, Reads
 from agglom_mpi.declaration.field_types import NONE, NotEmpty
@@ -84,6 +85,7 @@ class Plan(NamedTuple):
     search: SearchMethod
     ensemble: StoppingRule
     stopping: Stopping
+    certify: CertificatePlan | None = None
 
 
 MAX_VOLUME: Final = 1000

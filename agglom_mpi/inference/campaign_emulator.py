@@ -1,15 +1,18 @@
 """The emulator of a campaign, from its own file or from one that an export has written."""
 
 import os
+from collections.abc import Mapping
 from io import BytesIO
 from typing import Any
 
 import numpy as np
 
+from agglom_mpi.config.certificate_plan import read_robust
 from agglom_mpi.declaration.units import to_si
 from agglom_mpi.file_kinds import is_hdf5
 from agglom_mpi.inference.emulator_file import NoEmulatorError, emulator_arrays
-from agglom_mpi.inference.portable_emulator import GROWTH, PortableEmulator
+from agglom_mpi.inference.portable_emulator import PortableEmulator
+from agglom_mpi.inference.wobble import even_places
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.storage.reader import read_inversion
 
@@ -37,36 +40,37 @@ class CampaignEmulator(PortableEmulator, metaclass=PublicFace):
         known = f"{', '.join(self.quantities)} by {', '.join(self.box)}"
         return f"<CampaignEmulator of {self.about['title']!r}: {known[:150]}>"
 
-    def mean(self, strings: Any, quantity: str = GROWTH) -> Any:
-        """Return the expected mean of the samples of strings; of a size curve (…, q).
+    mean, deviation = PortableEmulator.mean, PortableEmulator.deviation
+
+    def probability(self, strings: Any, robust: Mapping[str, float | str] | None = None) -> Any:
+        """Return the probability that strings are members of the set, but for its constraints.
 
         Parameters
         ----------
         strings
             Each searched variable by its name.
-        quantity
-            A key of `quantities`.
+        robust
+            Deviations to average over, such as `{"relative_speed": "5%"}`, as of `feasible_set`.
 
         Raises
         ------
         ValueError
-            If a string is outside of the box, or a name is unknown.
+            If a string is outside of the box, the objective has no target, or a deviation is
+            impossible.
         """
-        return super().mean(strings, quantity)
-
-    def deviation(self, strings: Any, quantity: str = GROWTH) -> Any:
-        """Return the standard deviation of `mean`, arguments as there: how unsure it is."""
-        return super().deviation(strings, quantity)
-
-    def probability(self, strings: Any) -> Any:
-        """Return the probability that strings are members of the set, but for its constraints.
-
-        Raises
-        ------
-        ValueError
-            As from `mean`, and if the objective has no target.
-        """
-        return super().probability(strings)
+        own = super().probability(strings)
+        if not robust:
+            return own
+        shares = read_robust(self.about["title"], robust, self.box)
+        strings = {name: np.asarray(self._read(name, value)) for name, value in strings.items()}
+        found = []
+        for places in even_places(len(shares)):
+            moved = dict(strings)
+            for (name, share), place in zip(shares.items(), places, strict=True):
+                lower, upper, *_ = self.box[name]
+                moved[name] = np.clip(strings[name] * (1.0 + share * place), lower, upper)
+            found.append(super().probability(moved))
+        return np.mean(found, axis=0)
 
     def _at(self, strings: Any, quantity: str) -> Any:
         read = {str(name): self._read(str(name), value) for name, value in strings.items()}

@@ -12,13 +12,9 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from agglom_mpi.config.certificate_plan import ENTRY, CertificatePlan, deviations_text
 from agglom_mpi.formatting import format_percent, pluralise
-from agglom_mpi.inference.certificate_plan import (
-    ENTRY,
-    CertificateError,
-    CertificatePlan,
-    PartOfSet,
-)
+from agglom_mpi.inference.part_of_set import CertificateError, PartOfSet
 from agglom_mpi.inference.stored_samples import stored_samples
 from agglom_mpi.outcome import COLUMNS, COMPLETED
 from agglom_mpi.search.membership import (
@@ -95,7 +91,7 @@ class Certificate(NamedTuple):
         if a share w of the strings is wrong for more than a share ε of their deviations, then
         1 − c > w·ε. Without deviations it is the lower bound itself.
         """
-        if not self.plan.wobble:
+        if not self.plan.robust:
             return self.least_share
         return max(0.0, 1.0 - (1.0 - self.least_share) / (1.0 - MOST_DEVIATIONS))
 
@@ -133,17 +129,17 @@ class Certificate(NamedTuple):
         if not self.finished:
             judged = self.right + self.wrong + self.undecided
             return [
-                f"not finished: {judged} of {plan.strings} strings are judged; agglom certify with "
-                "the same options continues"
+                f"not finished: {judged} of {plan.strings} strings are judged; the same "
+                "command continues"
             ]
         box = "the box" if self.part.allowed == 1.0 else "the allowed part of the box"
         part = f"{100.0 * self.part.share:.3g} % of {box}"
         confidence = f"with {format_percent(plan.confidence)} confidence"
         fresh = f"{self.right} of {plan.strings} fresh {self._unit}s"
         what = f"of these {part}"
-        if plan.wobble:
+        if plan.robust:
             what = f"of the pairs of a string of these {part} and a deviation"
-        claim = f"the claim of {format_percent(plan.claim)}" + " of the pairs" * bool(plan.wobble)
+        claim = f"the claim of {format_percent(plan.claim)}" + " of the pairs" * bool(plan.robust)
         verdict = f"{claim} is shown"
         if self.refuted:
             most = 100.0 - 100.0 * _floor(1.0 - self.largest_share)
@@ -162,21 +158,20 @@ class Certificate(NamedTuple):
     @property
     def _unit(self) -> str:
         """Noun for what a verdict is about."""
-        return "pair" if self.plan.wobble else "string"
+        return "pair" if self.plan.robust else "string"
 
     @property
     def _of_deviations(self) -> list[str]:
         """The deviations of the pairs, and what follows for strings."""
-        if not self.plan.wobble:
+        if not self.plan.robust:
             return []
-        shares = (f"{name} by up to {100 * s:.3g} %" for name, s in self.plan.wobble.items())
         most, strings = f"{100 * MOST_DEVIATIONS:.0f} %", self.least_share_of_robust
         known = f"at least {_rounded_down(strings)} of these strings are"
         if strings == 0.0:
             known = "it is not shown that any of these strings are"
         return [
-            f"deviations: {', '.join(shares)}, even, ending at the edge of the box; one was drawn "
-            "for each string",
+            f"deviations: {deviations_text(self.plan.robust)}, even, ending at the edge of the "
+            "box; one was drawn for each string",
             f"{known} right for at least {most} of their deviations (Markov's inequality)",
         ]
 
@@ -198,8 +193,7 @@ class Certificate(NamedTuple):
 
     def as_dict(self) -> dict[str, Any]:
         """Return it as plain values for JSON; bounds of an unfinished one are None."""
-        found = self._asdict() | {"plan": self.plan._asdict() | {"wobble": dict(self.plan.wobble)}}
-        found["part"] = self.part._asdict()
+        found = self._asdict() | {"plan": dict(self.plan), "part": self.part._asdict()}
         found |= {name: getattr(self, name) for name in ("finished", "holds", "refuted")}
         found["counted"] = f"{self._unit}s"
         bounds = (
@@ -253,7 +247,7 @@ def verdict_of(data: CampaignData, file: CampaignData) -> Certificate:
     """
     for each in (data, file):
         refuse_damage(each)
-    plan, part = CertificatePlan.of_entries(file.identity), PartOfSet.of_entries(file.identity)
+    plan, part = CertificatePlan.of_identity(file.identity), PartOfSet.of_entries(file.identity)
     test = membership_test(data, plan, part)
     particles, verdicts = recorded_campaign(data).scene.particles, []
     samples = 0

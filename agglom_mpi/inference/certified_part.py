@@ -11,9 +11,10 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from agglom_mpi.config.certificate_plan import CertificatePlan
 from agglom_mpi.emulation.gaussian_process import Floats
-from agglom_mpi.inference.certificate_plan import CertificateError, CertificatePlan, PartOfSet
 from agglom_mpi.inference.emulated_set import EmulatedSet
+from agglom_mpi.inference.part_of_set import CertificateError, PartOfSet
 from agglom_mpi.inference.set_points import OUTER_PROBABILITY, SetPoints
 from agglom_mpi.random_streams import CERTIFICATE, search_stream
 from agglom_mpi.search.criteria import DRAWN_FUNCTIONS
@@ -23,10 +24,8 @@ WANTED_CHANCE: Final = 0.8
 """Minimum probability that the claim is shown; the largest part that has it is chosen."""
 LEAST_POINTS: Final = 20
 """Minimum number of points of a part."""
-WOBBLED_POINTS: Final = 16
-"""Number of wobbled values of a string that its probability is averaged over."""
 
-CHOICE_STREAM, DRAW_STREAM, WOBBLE_STREAM, SAMPLE_STREAM = range(4)
+CHOICE_STREAM, DRAW_STREAM, _, SAMPLE_STREAM = range(4)
 """Random streams of a certificate."""
 
 
@@ -37,55 +36,6 @@ class CertifiedPart(NamedTuple):
     strings: Floats
 
 
-class Wobble:
-    """Values of the variables of strings that deviate evenly by up to a share of themselves.
-
-    The emulator is known in the box alone, so a deviation that would leave the box ends at its
-    edge, both in the probability that the part follows from and in the strings that are judged.
-    Near an edge, that edge is therefore judged more often than any one value inside. Deviations
-    may break the constraints; the emulator then counts them as wrong.
-
-    Parameters
-    ----------
-    emulated
-        The set.
-    plan
-        What wobbles, and the seed.
-    """
-
-    def __init__(self, emulated: EmulatedSet, plan: CertificatePlan) -> None:
-        self._emulated = emulated
-        named = {variable.name: variable for variable in emulated.box.own}
-        self._wobbling = [(named[name], share) for name, share in plan.wobble.items()]
-        stream = search_stream(plan.seed, CERTIFICATE, WOBBLE_STREAM)
-        self._places = stream.uniform(-1.0, 1.0, (WOBBLED_POINTS, len(self._wobbling)))
-
-    def wobbled(self, strings: Floats, places: Floats) -> Floats:
-        """Return strings, (n, k), with values at places from -1 to 1, (n, w) or (w,).
-
-        A value that would leave the box is at its edge.
-        """
-        found = strings.copy()
-        for i, (variable, share) in enumerate(self._wobbling):
-            factors = 1.0 + share * np.asarray(places)[..., i]
-            found[:, variable.column] *= factors ** (1.0 / variable.power)
-        return np.asarray(self._emulated.box.space.clip(found))
-
-    def drawn(self, strings: Floats, random: np.random.Generator) -> Floats:
-        """Return strings, (n, k), each with drawn values."""
-        shape = len(strings), len(self._wobbling)
-        return self.wobbled(strings, random.uniform(-1.0, 1.0, shape)) if shape[1] else strings
-
-    def probability(self, strings: Floats) -> Floats:
-        """Return the probability that strings, (n, k), are members, on average over the wobble."""
-        own = self._emulated.probability(strings)
-        if not self._wobbling:
-            return own
-        shifted = (self.wobbled(strings, places) for places in self._places)
-        mean = np.mean([self._emulated.probability(each) for each in shifted], axis=0)
-        return np.where(self._emulated.box.allowed(strings), mean, 0.0)
-
-
 def certified_part(
     emulated: EmulatedSet, points: SetPoints, plan: CertificatePlan
 ) -> CertifiedPart:
@@ -94,7 +44,7 @@ def certified_part(
     Parameters
     ----------
     emulated
-        The set.
+        The set, with the deviations of the plan.
     points
         Points that measure it.
     plan
@@ -105,8 +55,7 @@ def certified_part(
     CertificateError
         If there are too few members.
     """
-    wobble = Wobble(emulated, plan)
-    probability = wobble.probability(points.strings)
+    wobble, probability = emulated.wobble, points.probability
     order = np.argsort(-probability, kind="stable")
     order = order[probability[order] >= OUTER_PROBABILITY]
     name = emulated.box.campaign.name
@@ -129,7 +78,7 @@ def certified_part(
     part = PartOfSet(least, share, points.allowed, float(chances[last]), least_mean)
 
     def kept(strings: Floats) -> np.ndarray:
-        return np.asarray(wobble.probability(strings) >= least)
+        return np.asarray(emulated.probability(strings) >= least)
 
     random = search_stream(plan.seed, CERTIFICATE, DRAW_STREAM)
     try:

@@ -1,5 +1,6 @@
 """Probability that a string is a member of the set, by an emulator of the campaign's samples."""
 
+from collections.abc import Mapping
 from functools import cached_property
 from typing import Final
 
@@ -10,6 +11,7 @@ from agglom_mpi.formatting import ROUNDING
 from agglom_mpi.inference.posterior_sampling import PRIOR_POINTS
 from agglom_mpi.inference.searched_box import EmulatedBox, EmulatedStrings, SearchedBox
 from agglom_mpi.inference.stored_samples import StoredSamples
+from agglom_mpi.inference.wobble import Wobble
 from agglom_mpi.random_streams import FEASIBLE_SET
 from agglom_mpi.search.criteria import Criterion
 from agglom_mpi.search.membership import extreme_numbers
@@ -38,16 +40,27 @@ class EmulatedSet(EmulatedBox):
         What makes a string a member of the set.
     stored
         The samples.
+    robust
+        By name, the largest relative deviation of a variable that probabilities are averaged over.
 
     Attributes
     ----------
+    wobble : Wobble
+        The deviations.
     criterion : Criterion
         The criterion, with what it takes from the emulator.
     extremes : ndarray, shape (m, k)
         Numbers of the samples that are extreme among all.
     """
 
-    def __init__(self, box: SearchedBox, criterion: Criterion, stored: StoredSamples) -> None:
+    def __init__(
+        self,
+        box: SearchedBox,
+        criterion: Criterion,
+        stored: StoredSamples,
+        robust: Mapping[str, float],
+    ) -> None:
+        self.wobble = Wobble(box, robust)
         numbers = settled_numbers(criterion.numbers(stored.rows, box.campaign.scene.particles))
         given = box, stored.strings, numbers, stored, FEASIBLE_SET
         super().__init__(*given, criterion.compared, criterion.of_ratios)
@@ -78,9 +91,8 @@ class EmulatedSet(EmulatedBox):
 
     def at(self, strings: Floats) -> EmulatedStrings:
         """Return what is known of the quantities of strings, (n, k) in SI units."""
-        points = self.coordinates.of_strings(strings)
-        means, deviations = self.emulator.mean(points), self.emulator.deviation(points)
-        return EmulatedStrings(means, deviations, self.failing(points))
+        failing = self.failing(self.coordinates.of_strings(strings))
+        return EmulatedStrings(self.mean(strings), self.deviation(strings), failing)
 
     @cached_property
     def prior(self) -> tuple[Floats, EmulatedStrings]:
@@ -89,16 +101,26 @@ class EmulatedSet(EmulatedBox):
         return strings, self.at(strings)
 
     def probability(self, strings: Floats) -> Floats:
-        """Return the probability that strings, (n, k), are members, (n,); nan outside the box."""
+        """Return the probability that strings, (n, k), are members, (n,); nan outside the box.
+
+        It is the mean over their deviations; a string that the constraints forbid is no member.
+        """
         found, inside = np.full(len(strings), np.nan), self.box.inside(strings)
         if inside.any():
-            points = self.coordinates.of_strings(strings[inside])
-            members = self.criterion.probability(self.emulator, points)
-            members = members * (1.0 - self.failing(points))
-            if self.box.campaign.relations.constraints:
+            members = self.wobble.mean(self._members, strings[inside])
+            if self.wobble:
                 members = np.where(self.box.allowed(strings[inside]), members, 0.0)
             found[inside] = members
         return found
+
+    def _members(self, strings: Floats) -> Floats:
+        """Return the probability of strings as they are."""
+        points = self.coordinates.of_strings(strings)
+        members = self.criterion.probability(self.emulator, points)
+        members = members * (1.0 - self.failing(points))
+        if self.box.campaign.relations.constraints:
+            members = np.where(self.box.allowed(strings), members, 0.0)
+        return members
 
     def near_best(self) -> Floats:
         """Return allowed strings, (n, k), at which the emulated mean may be nearest to members.

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from agglom_mpi.config.arguments import mistaken_argument
+from agglom_mpi.config.certificate_plan import DEFAULT_TOLERANCE
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.emulation.emulator import Emulator
 from agglom_mpi.emulation.gaussian_process import Floats
@@ -33,7 +34,7 @@ from agglom_mpi.inference.stored_samples import (
     string_values,
     why_not_emulated,
 )
-from agglom_mpi.inference.tolerances import DEFAULT_TOLERANCE, recorded_objective, tolerance_of
+from agglom_mpi.inference.tolerances import recorded_objective, tolerance_of
 from agglom_mpi.random_streams import FEASIBLE_SET
 from agglom_mpi.search.criteria import Criterion, NoCriterionError
 from agglom_mpi.storage.files import atomic_file, require_absent, require_writable_folder

@@ -1,11 +1,12 @@
 """The set of strings that are compatible with a campaign's question, and how sure that is."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from agglom_mpi.config.certificate_plan import DEFAULT_TOLERANCE, deviations_text, read_robust
 from agglom_mpi.config.given_strings import Parameters
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.emulation.gaussian_process import Floats
@@ -32,7 +33,7 @@ from agglom_mpi.inference.stored_samples import (
     stored_samples,
     why_not_emulated,
 )
-from agglom_mpi.inference.tolerances import DEFAULT_TOLERANCE, recorded_objective, tolerance_of
+from agglom_mpi.inference.tolerances import recorded_objective, tolerance_of
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
 from agglom_mpi.storage.schema import LEARNED_FROM
@@ -66,6 +67,9 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
     tolerance
         Relative to the target or to the maximum, between 0 and 1; of a user's function, its largest
         value.
+    robust
+        By name, the largest relative deviation of a variable. Probabilities, and what follows from
+        them, are means over even deviations up to these.
     criterion
         What makes a string a member.
     calibration
@@ -81,8 +85,15 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
         Whether a search for the best proposed some of these strings, by the results of others.
     """
 
-    def __init__(self, data: "CampaignData", tolerance: float | str = DEFAULT_TOLERANCE) -> None:
+    def __init__(
+        self,
+        data: "CampaignData",
+        tolerance: float | str = DEFAULT_TOLERANCE,
+        robust: Mapping[str, float | str] | None = None,
+    ) -> None:
         campaign = recorded_campaign(data)
+        box = SearchedBox(campaign)
+        self.robust = read_robust(data.path, robust or {}, box.names)
         self.tolerance = tolerance_of(data, tolerance)
         criterion = recorded_objective(data).criterion(self.tolerance)
         if reason := why_not_emulated(campaign):
@@ -98,7 +109,9 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
                 f"{data.path}: completed samples of {self.strings} different strings; at least "
                 f"{MIN_STRINGS} are needed for a feasible set"
             )
-        self.emulated = EmulatedSet(SearchedBox(campaign), criterion, stored)
+        if self.robust:
+            criterion.text += f"; P averaged over deviations: {deviations_text(self.robust)}"
+        self.emulated = EmulatedSet(box, criterion, stored, self.robust)
         self.criterion = self.emulated.criterion
         self.points: SetPoints = spread_points(self.emulated)
         self.allowed = self.points.allowed
@@ -224,7 +237,12 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
 
     @property
     def expected_error(self) -> float:
-        """Expected volume that is wrongly in or out of {P ≥ 0.5}, over the set's; inf if empty."""
+        """Expected volume that is wrongly in or out of {P ≥ 0.5}, over the set's; inf if empty.
+
+        Where variables deviate, it is nan: P is then between 0 and 1 for other reasons, too.
+        """
+        if self.robust:
+            return np.nan
         unsure = np.minimum(self.points.probability, 1.0 - self.points.probability)
         volume = self.volume
         return float(unsure @ self.points.weights) / volume if volume > 0.0 else np.inf
@@ -236,13 +254,17 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
         unsure = (points.probability > UNCERTAIN_PROBABILITY) & (
             points.probability < 1.0 - UNCERTAIN_PROBABILITY
         )
-        at = self.emulated.coordinates.of_strings(points.strings[unsure])
-        stream = self.emulated.stream(VOLUME_STREAM)
-        members = self.criterion.drawn_members(self.emulated.emulator, at, stream)
+        members = self.emulated.wobble.mean(self._drawn_members, points.strings[unsure])
         own = float((members @ points.weights[unsure]).std()) if unsure.any() else 0.0
         squares = float(points.probability**2 @ points.weights**2)
         spread = squares - self.volume**2 / len(points.weights)
         return float(np.hypot(own, np.sqrt(max(spread, 0.0))))
+
+    def _drawn_members(self, strings: Floats) -> Floats:
+        """Return where drawn functions, the same in each call, have members, (functions, n)."""
+        at, stream = self.emulated.coordinates.of_strings(strings), self.emulated.stream
+        members = self.criterion.drawn_members(self.emulated.emulator, at, stream(VOLUME_STREAM))
+        return members.astype(np.float64)
 
     def sample(self, n: int, seed: int = 0) -> "pd.DataFrame":
         """Draw n members: strings uniform in the box, each kept with its probability.
@@ -324,7 +346,11 @@ def _flat(values: Floats) -> Floats:
 
 
 @single_threaded
-def feasible_set(data: "CampaignData", tolerance: float | str = DEFAULT_TOLERANCE) -> FeasibleSet:
+def feasible_set(
+    data: "CampaignData",
+    tolerance: float | str = DEFAULT_TOLERANCE,
+    robust: Mapping[str, float | str] | None = None,
+) -> FeasibleSet:
     """Return the feasible set of a campaign file.
 
     Raises
@@ -332,9 +358,9 @@ def feasible_set(data: "CampaignData", tolerance: float | str = DEFAULT_TOLERANC
     NoFeasibleSetError
         If there is none, or the emulator is not calibrated, with the reason.
     CampaignError
-        If the tolerance is impossible.
+        If the tolerance or a deviation is impossible.
     """
-    found = FeasibleSet(data, tolerance)
+    found = FeasibleSet(data, tolerance, robust)
     if not found.calibration.passed:
         raise NoFeasibleSetError(f"{data.path}: {found.calibration.text}; no set is given")
     return found

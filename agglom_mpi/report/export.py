@@ -94,10 +94,11 @@ def export(
     file.with_unused = with_unused
     # Imported below: each form has libraries that are of no use to the others.
     if exports.draws is not None:
-        from agglom_mpi.inference.tolerances import DEFAULT_TOLERANCE
+        from agglom_mpi.config.certificate_plan import DEFAULT_TOLERANCE
         from agglom_mpi.report.set_files import is_of_data
 
-        if exports.draws.tolerance != DEFAULT_TOLERANCE and is_of_data(file, exports.draws):
+        asked = exports.draws.tolerance != DEFAULT_TOLERANCE or exports.draws.robust
+        if asked and is_of_data(file, exports.draws):
             message = "--tolerance is for a feasible set; of measured data the posterior is written"
             raise ExportError(f"{file.path}: {message}")
     targets = [path for path in (compact, exports.xarray, exports.arviz, exports.json) if path]

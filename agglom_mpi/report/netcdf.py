@@ -195,7 +195,7 @@ def _draw_groups(data: "CampaignData", request: SetRequest) -> tuple[Groups, dic
     if is_of_data(data, request):
         of_data = data.derived(data_posterior)
         return of_data.groups(), of_data.attributes()
-    found = feasible_set(data, request.tolerance)
+    found = feasible_set(data, request.tolerance, request.robust)
     box, text = found.emulated.box, found.criterion.text
     if (posterior := request.posterior_of(found)) is not None:
         return posterior.groups(), root_attributes(box.campaign, text)

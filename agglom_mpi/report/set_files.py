@@ -1,17 +1,19 @@
 """The feasible set of a campaign file as text or JSON, and its tables as files."""
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from agglom_mpi.analysis.tables import with_units
+from agglom_mpi.config.certificate_plan import DEFAULT_TOLERANCE
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.errors import require_library
 from agglom_mpi.formatting import without_nan
 from agglom_mpi.inference.data_posterior import data_posterior
 from agglom_mpi.inference.feasible_set import FeasibleSet
 from agglom_mpi.inference.measured_mean import measurement_of
-from agglom_mpi.inference.tolerances import DEFAULT_TOLERANCE, recorded_objective, tolerance_of
+from agglom_mpi.inference.tolerances import recorded_objective, tolerance_of
 from agglom_mpi.report.set_summary import grid_table, set_as_dict, set_text
 from agglom_mpi.storage.files import atomic_file, require_absent, require_writable_folder
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
@@ -31,6 +33,8 @@ class SetRequest(NamedTuple):
     ----------
     tolerance
         As a number, or as a text such as `5%`.
+    robust
+        Deviations that probabilities are averaged over, by name.
     measured, error
         A measured mean and its standard error, for the posterior; None: no posterior.
     draws, grid
@@ -42,6 +46,7 @@ class SetRequest(NamedTuple):
     error: float | str | None = None
     draws: Path | None = None
     grid: Path | None = None
+    robust: Mapping[str, float | str] = {}
 
     def check(self, data: "CampaignData", made: Path | None = None) -> None:
         """Refuse what cannot be computed or written, before either begins.
@@ -79,7 +84,7 @@ class SetRequest(NamedTuple):
 
         The folder `made` is made for them.
         """
-        found = FeasibleSet(data, self.tolerance)
+        found = FeasibleSet(data, self.tolerance, self.robust)
         posterior = self.posterior_of(found)
         if made is not None:
             made.mkdir(parents=True, exist_ok=True)

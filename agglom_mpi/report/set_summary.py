@@ -10,9 +10,9 @@ from agglom_mpi.display.table import Column, Facts, Table
 from agglom_mpi.errors import error_text
 from agglom_mpi.formatting import format_percent, value_with_error, without_nan
 from agglom_mpi.inference.certificate import Certificate
-from agglom_mpi.inference.certificate_plan import CertificateError
 from agglom_mpi.inference.emulated_set import BOX_POINTS
 from agglom_mpi.inference.feasible_set import FeasibleSet
+from agglom_mpi.inference.part_of_set import CertificateError
 from agglom_mpi.inference.set_directions import SetVariable, name_ends, rounded
 from agglom_mpi.inference.set_points import INNER_PROBABILITY, OUTER_PROBABILITY
 from agglom_mpi.report.posterior_summary import measure_text, posterior_text, variable_rows
@@ -82,7 +82,7 @@ def _shares(of: FeasibleSet) -> Facts:
     if not of.empty:
         rows.append((f"  surely (P ≥ {INNER_PROBABILITY:g})", format_percent(of.inner, 3)))
         rows.append((f"  possibly (P ≥ {OUTER_PROBABILITY:g})", format_percent(of.outer, 3)))
-    if of.volume > 0.0 and not of.empty:
+    if of.volume > 0.0 and not of.empty and not of.robust:
         # The search that would take these samples is named where it is not that of the campaign.
         is_other = box.campaign.objective.is_magnitude and not box.campaign.search.looks_for_a_set
         search = " of a search with aim: set" if is_other else ""
@@ -233,10 +233,10 @@ def set_warnings(of: FeasibleSet) -> Iterator[str]:
 def set_as_dict(of: FeasibleSet, posterior: "Posterior | None" = None) -> dict[str, Any]:
     """Return a set as plain values for JSON; without a set where it is not calibrated.
 
-    Keys at the top are `criterion`, `tolerance`, the numbers of `samples` and `strings` of the
-    emulator and of `learned_samples` among them, its `calibration`, the `set`, or None and the
-    `reason`, and the `posterior` if a measured mean is given (`Posterior.as_dict`). Those of the
-    set:
+    Keys at the top are `criterion`, `tolerance`, the deviations `robust`, the numbers of `samples`
+    and `strings` of the emulator and of `learned_samples` among them, its `calibration`, the `set`,
+    or None and the `reason`, and the `posterior` if a measured mean is given (`Posterior.as_dict`).
+    Those of the set:
 
     - `measure`: in what volumes are uniform; `allowed`: share of the box by the constraints.
     - `volume`, `volume_error`, `inner`, `outer`: shares of what is allowed; inner and outer are
@@ -253,6 +253,7 @@ def set_as_dict(of: FeasibleSet, posterior: "Posterior | None" = None) -> dict[s
     found: dict[str, Any] = {
         "criterion": of.criterion.text,
         "tolerance": of.tolerance,
+        "robust": of.robust,
         "samples": of.samples,
         "strings": of.strings,
         "learned_samples": of.learned,
@@ -261,6 +262,7 @@ def set_as_dict(of: FeasibleSet, posterior: "Posterior | None" = None) -> dict[s
     if not of.calibration.passed:
         return found | {"set": None, "reason": of.calibration.text}
     certificate, refused = certificate_or_reason(of)
+    unknown = of.volume <= 0.0 or of.robust
     warnings = [text.removeprefix("warning: ") for text in set_warnings(of)]
     found["set"] = {
         "measure": measure_text(of.emulated.box),
@@ -271,7 +273,7 @@ def set_as_dict(of: FeasibleSet, posterior: "Posterior | None" = None) -> dict[s
         "inner": of.inner,
         "outer": of.outer,
         "expected_error": None if of.empty else without_nan(of.expected_error),
-        "samples_to_halve": samples_to_halve(of) if of.volume > 0.0 and not of.empty else None,
+        "samples_to_halve": None if of.empty or unknown else samples_to_halve(of),
         "certificate": certificate.as_dict() if certificate is not None else None,
         "failed_strings": of.failing,
         "favours_low_objectives": of.favours_low_objectives,

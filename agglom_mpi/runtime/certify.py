@@ -1,21 +1,24 @@
-"""The command `agglom certify`: strings drawn from a feasible set, judged by fresh samples.
+"""Certificates: strings drawn from a feasible set, judged by fresh samples.
 
 They are the strings of a campaign file of its own, run as any other: on ranks, and continued by the
-same command after a stop or a kill.
+same command after a stop or a kill. That is `agglom certify`, or `agglom-invert` of a campaign with
+a section `certify`.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.config.arguments import mistaken_argument
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.config.identity import digest
+from agglom_mpi.config.certificate_plan import ENTRY, CertificatePlan
 from agglom_mpi.config.plan import Output
-from agglom_mpi.config.user_function import read_function
+from agglom_mpi.config.user_function import UserFunction, read_function
+from agglom_mpi.declaration.declared import FieldError, raise_field_errors
 from agglom_mpi.display.run_display import StudyDisplay
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.errors import CodeNotAllowedError
@@ -28,27 +31,20 @@ from agglom_mpi.inference.certificate import (
     samples_digest,
     verdict_of,
 )
-from agglom_mpi.inference.certificate_plan import (
-    ENTRY,
-    CertificateError,
-    CertificatePlan,
-    PartOfSet,
-)
 from agglom_mpi.inference.certified_part import SAMPLE_STREAM, CertifiedPart, certified_part
 from agglom_mpi.inference.feasible_set import feasible_set
+from agglom_mpi.inference.part_of_set import CertificateError, PartOfSet
+from agglom_mpi.inference.tolerances import recorded_objective
 from agglom_mpi.outcome import SampleSummary
 from agglom_mpi.random_streams import CERTIFICATE as CERTIFICATE_STREAM
 from agglom_mpi.random_streams import search_stream
-from agglom_mpi.runtime.experiment import Experiment, Restore, SampleSetup, StageProgress
+from agglom_mpi.runtime.experiment import GivenStrings, SampleSetup
 from agglom_mpi.runtime.file_setup import check_writable
 from agglom_mpi.runtime.leg import RunRequest
 from agglom_mpi.runtime.run import run_on_all_ranks
-from agglom_mpi.search.ending import Generations
 from agglom_mpi.search.ensemble import Ensemble
-from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.membership import MembershipTest, Verdict
 from agglom_mpi.search.objectives.objective import Objective
-from agglom_mpi.search.proposals import FixedProposals
 from agglom_mpi.search.stopping import FixedNumber
 from agglom_mpi.storage.reader import CampaignData, read_inversion
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
@@ -63,13 +59,8 @@ class CertifyOptions(NamedTuple):
     """Options of `agglom certify`, as `cli/certify.py` declares them."""
 
     file: str
-    claim: float | str
-    confidence: float | str
-    tolerance: float | str
-    strings: int
-    max_samples: int
-    seed: int
-    robust: Mapping[str, float | str]
+    plan: Mapping[str, Any]
+    """Keys of the section `certify` that are given, with their values."""
     max_walltime: float | None = None
     quiet: bool = False
     accept_code_change: bool = False
@@ -108,52 +99,57 @@ class JudgedEnsemble(Ensemble):
             self.max_samples, self.finished = looks[looks.index(used) + 1], False
 
 
-class Certification(Experiment):
+class Certification(GivenStrings):
     """Strings that fresh samples test.
 
     Parameters
     ----------
     data
         The finished campaign.
+    campaign
+        The same, with its code.
     plan
         What is claimed.
     found
         The part that is tested, and its strings.
+
+    Attributes
+    ----------
+    of, path
+        The campaign file, and that of the certificate.
     """
 
-    top = 1
     purpose = CERTIFICATE
+    end = "all strings are judged"
 
-    def __init__(self, data: CampaignData, plan: CertificatePlan, found: CertifiedPart) -> None:
-        campaign = runnable_campaign(data)
+    def __init__(
+        self, data: CampaignData, campaign: Campaign, plan: CertificatePlan, found: CertifiedPart
+    ) -> None:
         stream = search_stream(plan.seed, CERTIFICATE_STREAM, SAMPLE_STREAM, campaign.seed)
         fresh = campaign.with_seed(int(stream.integers(1 << 62)))
         self.campaign = replace(fresh, output=Output(), final=None)
         self.max_failures = campaign.stopping.max_failures
         self.max_seconds = campaign.stopping.max_seconds
-        self._strings = found.strings
+        self.strings, self.of, self.path = found.strings, data.path, certificate_path(data.path)
         self._test = membership_test(data, plan, found.part)
-        self._entries = plan.entries() | found.part.entries() | {f"{ENTRY}of": samples_digest(data)}
+        self._entries = plan.recorded_entries() | found.part.entries()
+        self._entries[f"{ENTRY}of"] = samples_digest(data)
 
     @property
     def table_sizes(self) -> TableSizes:
         """Sizes of the tables: one generation of all strings."""
-        count, samples = len(self._strings), self._test.looks[-1]
+        count, samples = len(self.strings), self._test.looks[-1]
         sizes = table_sizes(self.campaign)
         return sizes._replace(strings=count, max_samples=samples, generations=1, population=count)
 
     @property
     def largest(self) -> str:
         """The extent of the certificate, as text."""
-        return f"certificate by {len(self._strings)} strings"
+        return f"certificate by {len(self.strings)} strings"
 
     def identity(self) -> dict[str, object]:
         """Return the campaign's own, with the claim and the part."""
         return self.campaign.identity() | self._entries
-
-    def sha256(self) -> str:
-        """Return the digest of `identity`."""
-        return digest(self.identity())
 
     def setup(self, string: int) -> SampleSetup:
         """Return the campaign's scene."""
@@ -163,28 +159,12 @@ class Certification(Experiment):
         """Yield the scene once."""
         yield SampleSetup(self.campaign), self.campaign.parameters()
 
-    def inversion(self, restore: Restore | None, background: bool = False) -> Inversion:
-        """Return an inversion of one generation."""
-        particles = self.campaign.scene.particles
-        return Inversion(
-            FixedProposals(self._strings),
-            lambda string: JudgedEnsemble(
-                self._test, self.campaign.objective_at(string), particles
-            ),
-            Generations(generations=1),
-            restore=restore,
-            summarise=self._summaries,
-        )
+    def ensemble(self, string: int) -> Ensemble:
+        """Return what takes the samples of a string until they decide."""
+        objective = self.campaign.objective_at(self.strings[string])
+        return JudgedEnsemble(self._test, objective, self.campaign.scene.particles)
 
-    def stage(self, inversion: Inversion) -> StageProgress:
-        """Return the number of tested strings; all are simulated at the same time."""
-        return StageProgress(len(inversion.results), len(self._strings), "strings")
-
-    def end_reason(self, inversion: Inversion) -> str:
-        """Return why the certificate is complete."""
-        return "all strings are judged"
-
-    def _summaries(self, rows: NDArray[np.void]) -> list[SampleSummary]:
+    def summaries(self, rows: NDArray[np.void]) -> list[SampleSummary]:
         """Return summaries of samples with the numbers that are compared as their quantities."""
         numbers = self._test.criterion.numbers(rows, self.campaign.scene.particles).tolist()
         found = zip(self.campaign.objective.summaries(rows), numbers, strict=True)
@@ -193,57 +173,90 @@ class Certification(Experiment):
 
 def certify(options: CertifyOptions, world: "Intracomm | None") -> int:
     """Certify a set on all ranks; return the exit code."""
-    display, read = StudyDisplay(options.quiet), list[CampaignData]()
+    display = StudyDisplay(options.quiet)
 
-    def request() -> RunRequest:
-        data, experiment = certification(options, display)
-        read.append(data)
-        path = certificate_path(data.path)
-        return RunRequest(experiment, path, options.accept_code_change, options.database)
+    def read() -> RunRequest:
+        data = read_inversion(options.file, options.allow_code)
+        plan = stated_plan(data, options.plan)
+        found = certification(data, plan, display.message)
+        return RunRequest(found, found.path, options.accept_code_change, options.database)
 
     def finish(request: RunRequest) -> None:
         if not options.quiet:
-            [data] = read
-            display.table(verdict_of(data, read_certificate(data)).text)
+            display.table(verdict_text(request, options.allow_code))
 
-    return run_on_all_ranks(request, display, finish, world, max_walltime=options.max_walltime)
+    return run_on_all_ranks(read, display, finish, world, max_walltime=options.max_walltime)
+
+
+def verdict_text(request: RunRequest, allow_code: bool) -> str:
+    """Return what a finished certification proves, line by line."""
+    assert isinstance(request.experiment, Certification)
+    data = read_inversion(request.experiment.of, allow_code)
+    return verdict_of(data, read_certificate(data)).text
+
+
+def stated_plan(data: CampaignData, given: Mapping[str, Any]) -> CertificatePlan:
+    """Return the plan that options state for a file; what they leave out is as in its campaign.
+
+    Raises
+    ------
+    ArgumentError
+        If a value is impossible, or the strings are too few for the claim.
+    """
+    campaign = recorded_campaign(data)
+    stated = campaign.required_plan.certify or CertificatePlan()
+    try:
+        plan = CertificatePlan.checked({**dict(stated), **given})
+        searched = [variable.name for variable in campaign.variables.own]
+        raise_field_errors(plan.misfits(recorded_objective(data), searched))
+    except FieldError as error:
+        path, message = error.problems[0]
+        raise mistaken_argument(data.path, ".".join(map(str, path)), message) from None
+    return plan
 
 
 def certification(
-    options: CertifyOptions, display: StudyDisplay
-) -> tuple[CampaignData, Certification]:
-    """Return the campaign that options name, and its certification, begun or not.
+    data: CampaignData,
+    plan: CertificatePlan,
+    show: Callable[[str], None],
+    function: UserFunction | None = None,
+) -> Certification:
+    """Return the certification of a file, begun or not.
+
+    Parameters
+    ----------
+    data
+    plan
+    show
+        Called with lines on the part that is chosen.
+    function
+        That of the objective; by default, the one beside the file.
 
     Raises
     ------
     UserError, OSError
         If there is no set, or no such certificate of it is possible.
     """
-    data = read_inversion(options.file, options.allow_code)
-    given = {name: getattr(options, name) for name in CertificatePlan._fields[:-1]}
-    plan = CertificatePlan.of_arguments(data, options.robust, **given)
     if (state := data.status().state) != "finished":
         raise CertificateError(f"{data.path}: is {state}; must be finished to be certified")
     refuse_damage(data)
-    _ = runnable_campaign(data)
+    campaign = runnable_campaign(data, function)
     path = certificate_path(data.path)
     check_writable(path)
-    if path.exists():
-        begun = begun_part(data, plan, path)
-        if begun is not None:
-            return data, Certification(data, plan, begun)
-    display.message(f"choosing the part of the set of {data.path} to certify")
-    found = part_of_set(data, plan)
-    share, chance = format_percent(found.part.share, 3), format_percent(found.part.expected)
-    display.message(
-        f"strings with P ≥ {found.part.least_probability:.3g}, {share} of the box; the emulator "
-        f"expects the claim to be shown with a probability of {chance}"
-    )
-    return data, Certification(data, plan, found)
+    found = begun_part(data, plan, path) if path.exists() else None
+    if found is None:
+        show(f"choosing the part of the set of {data.path} to certify")
+        found = part_of_set(data, plan)
+        share, chance = format_percent(found.part.share, 3), format_percent(found.part.expected)
+        show(
+            f"strings with P ≥ {found.part.least_probability:.3g}, {share} of the box; the "
+            f"emulator expects the claim to be shown with a probability of {chance}"
+        )
+    return Certification(data, campaign, plan, found)
 
 
-def runnable_campaign(data: CampaignData) -> Campaign:
-    """Return the campaign of a file, with the module of its objective that lies beside it.
+def runnable_campaign(data: CampaignData, known: UserFunction | None = None) -> Campaign:
+    """Return the campaign of a file, with its function, by default that of the module beside it.
 
     Raises
     ------
@@ -259,15 +272,15 @@ def runnable_campaign(data: CampaignData) -> Campaign:
     if not data.allow_code:
         raise CodeNotAllowedError(f"{data.path} has code of its own ({call}); --allow-code runs it")
     try:
-        beside = read_function(data.path.parent, call)
+        beside = known or read_function(data.path.parent, call)
     except ValueError as error:
         raise CertificateError(f"{data.path}: objective: {error}") from None
     if beside.sha256 != function.sha256:
         raise CertificateError(
             f"{data.path}: objective: {beside.file} was edited since the campaign was run"
         )
-    known = function._replace(source=beside.source, folder=beside.folder)
-    return replace(campaign, user_function=known)
+    read = function._replace(source=beside.source, folder=beside.folder)
+    return replace(campaign, user_function=read)
 
 
 def begun_part(data: CampaignData, plan: CertificatePlan, path: Path) -> CertifiedPart | None:
@@ -279,7 +292,7 @@ def begun_part(data: CampaignData, plan: CertificatePlan, path: Path) -> Certifi
         If it is another one.
     """
     file = read_certificate(data)
-    begun = CertificatePlan.of_entries(file.identity)
+    begun = CertificatePlan.of_identity(file.identity)
     if begun != plan:
         raise CertificateError(
             f"{path}: is a certificate with {begun.text}; not with {plan.text}. A set is tested "
@@ -296,7 +309,7 @@ def begun_part(data: CampaignData, plan: CertificatePlan, path: Path) -> Certifi
 @single_threaded
 def part_of_set(data: CampaignData, plan: CertificatePlan) -> CertifiedPart:
     """Return the part of the set of a file that is certified, and its strings; errors as above."""
-    found = feasible_set(data, plan.tolerance)
+    found = feasible_set(data, plan.tolerance, plan.robust)
     if found.empty:
         raise CertificateError(
             f"{data.path}: the set is empty, so nothing can be certified; nearest {found.nearest}"

@@ -11,11 +11,15 @@ from numpy.typing import NDArray
 from agglom_mpi.analysis.learning import Learned, evaluated
 from agglom_mpi.analysis.warm_start import WarmStart
 from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.identity import SEPARATORS, digest
 from agglom_mpi.config.inversion import Restore, inversion_of
 from agglom_mpi.formatting import pluralise
+from agglom_mpi.outcome import SampleSummary
 from agglom_mpi.scheduling.interface import volume_string
 from agglom_mpi.search.ending import Generations
+from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.inversion import Inversion
+from agglom_mpi.search.proposals import FixedProposals
 from agglom_mpi.simulation.engines import Engine
 from agglom_mpi.storage.room import TableSizes, table_sizes
 from agglom_mpi.storage.schema import INVERSION
@@ -159,6 +163,59 @@ class Experiment(ABC):
     def largest(self) -> str:
         """The largest amount of work, as text."""
         return f"at most {pluralise(self.table_sizes.strings, 'string')}"
+
+
+class GivenStrings(Experiment):
+    """Given strings in one generation, all simulated at the same time.
+
+    Attributes
+    ----------
+    strings
+        The strings, shape (n, k).
+    unit
+        What they are, in the plural.
+    end
+        Reason for the end, as text.
+    separators
+        Of the text that `sha256` is the digest of.
+    """
+
+    strings: NDArray[np.float64]
+    top = 1
+    unit = "strings"
+    end: str
+    separators = SEPARATORS
+
+    @abstractmethod
+    def ensemble(self, string: int) -> Ensemble:
+        """Return what takes the samples of a string."""
+
+    def summaries(self, rows: NDArray[np.void]) -> list[SampleSummary]:
+        """Return summaries of samples, rows of `/samples`."""
+        return self.campaign.objective.summaries(rows)
+
+    def sha256(self) -> str:
+        """Return the digest of `identity`."""
+        return digest(self.identity(), self.separators)
+
+    def inversion(self, restore: Restore | None, background: bool = False) -> Inversion:
+        """Return an inversion of one generation."""
+        ensembles = map(self.ensemble, range(len(self.strings)))
+        return Inversion(
+            FixedProposals(self.strings),
+            lambda parameters: next(ensembles),
+            Generations(generations=1),
+            restore=restore,
+            summarise=self.summaries,
+        )
+
+    def stage(self, inversion: Inversion) -> StageProgress:
+        """Return how many strings are done."""
+        return StageProgress(len(inversion.results), len(self.strings), self.unit)
+
+    def end_reason(self, inversion: Inversion) -> str:
+        """Return `end`."""
+        return self.end
 
 
 class InversionExperiment(Experiment):

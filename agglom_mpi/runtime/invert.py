@@ -17,7 +17,8 @@ from agglom_mpi.runtime.file_setup import as_recorded, output_path
 from agglom_mpi.runtime.leg import RunRequest
 from agglom_mpi.runtime.provenance import sources_digest
 from agglom_mpi.runtime.run import run_on_all_ranks
-from agglom_mpi.storage.reader import read_campaign
+from agglom_mpi.storage.reader import read_campaign, read_inversion
+from agglom_mpi.storage.schema import CERTIFICATE
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -45,6 +46,11 @@ def invert(options: InvertOptions, world: "Intracomm | None") -> int:
 
     def finish(request: RunRequest) -> None:
         if options.quiet:
+            return
+        if request.experiment.purpose == CERTIFICATE:
+            from agglom_mpi.runtime.certify import verdict_text
+
+            display.table(verdict_text(request, options.allow_code))
             return
         final = request.experiment.campaign.final
         file = read_campaign(request.path, options.allow_code)
@@ -100,4 +106,15 @@ def request_for(
         raise CampaignError(source.problem(("search", "learn_from"), message))
     experiment = InversionExperiment(campaign, start)
     accepted = options.accept_code_change, options.database, options.accept_new_data
-    return RunRequest(experiment, path, *accepted)
+    request = RunRequest(experiment, path, *accepted)
+    if (claim := campaign.required_plan.certify) is None:
+        return request
+
+    def certificate() -> RunRequest:
+        from agglom_mpi.runtime.certify import certification
+
+        data = read_inversion(path, options.allow_code)
+        found = certification(data, claim, show, campaign.user_function)
+        return request._replace(experiment=found, path=found.path, accept_new_data=False)
+
+    return request._replace(then=certificate)

@@ -36,6 +36,8 @@ class RunRequest(NamedTuple):
     """Who writes samples, `gathered` or `parallel`; None chooses."""
     accept_new_data: bool = False
     """Whether samples of a file may be compared with other data than it was made with."""
+    then: "Callable[[], RunRequest] | None" = None
+    """Returns what the same ranks run once this work is finished; may raise the user's mistakes."""
 
 
 def run_leg(

@@ -101,6 +101,8 @@ class Start(NamedTuple):
     """Work to run; None if there is none."""
     path: Path | None
     """The campaign file, if ranks write their samples there themselves."""
+    more: bool = False
+    """Whether another such broadcast follows once this work is finished."""
 
 
 def receive_start(world: "Intracomm") -> Start:

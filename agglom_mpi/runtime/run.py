@@ -65,33 +65,29 @@ def run_on_all_ranks(
     world: "Intracomm | None",
     *,
     max_walltime: float | None = None,
-    stop: StopRequest | None = None,
 ) -> int:
     """Run an experiment on all ranks; any error but the user's ends the whole job.
 
     Parameters
     ----------
     read
-        Returns what to run; called on rank 0 only, may raise the user's mistakes.
+        Returns what to run first; called on rank 0 only, may raise the user's mistakes.
     display
         Shows the progress.
     finish
-        Called on rank 0 when all is done.
+        Called on rank 0 when a request is done.
     world
         The MPI world; None for a plain run.
     max_walltime
         Time in s after which to stop cleanly.
-    stop
-        Request to stop that several runs in turn share, in place of `max_walltime`.
 
     Returns
     -------
     int
         The exit code.
     """
-    if world is not None and world.rank > 0:
-        stop = StopRequest()  # for the end of the launcher alone; rank 0 sends the others
-    stop = stop or StopRequest(max_walltime)
+    # Of a rank other than 0, for the end of the launcher alone; rank 0 sends the others.
+    stop = StopRequest(max_walltime if world is None or world.rank == 0 else None)
     if world is None:
         return run_this_rank(read, display, finish, stop, world)
     launcher = LauncherWatch(lambda: stop.request("the launcher is gone"))
@@ -144,21 +140,23 @@ def run_worker(world: "Intracomm", stop: StopRequest) -> int:
     """Run a rank other than 0, which reports a `stop`; return the exit code that rank 0 sends."""
     ignore_signals()
     check_programs(world)
-    try:
-        _, code, experiment, path = receive_start(world)
-    except MixedJobError as error:
-        print(error_text(error), file=sys.stderr, flush=True)
-        end_job(world, error.exit_code)
-        return error.exit_code
-    if experiment is None:
-        return int(code)
-    runner = SampleRunner(experiment, world.rank)
-    warm_up(runner, world)
-    nodes = find_nodes(world)
-    file = None if path is None else open_with_rank_zero(path, world, nodes)
-    code = serve_coordinator(world, runner, file, nodes, stop)
-    if file is not None:
-        file.close()
+    code, more = FINISHED, True
+    while more and code == FINISHED:
+        try:
+            _, code, experiment, path, more = receive_start(world)
+        except MixedJobError as error:
+            print(error_text(error), file=sys.stderr, flush=True)
+            end_job(world, error.exit_code)
+            return error.exit_code
+        if experiment is None:
+            continue
+        runner = SampleRunner(experiment, world.rank)
+        warm_up(runner, world)
+        nodes = find_nodes(world)
+        file = None if path is None else open_with_rank_zero(path, world, nodes)
+        code = serve_coordinator(world, runner, file, nodes, stop)
+        if file is not None:
+            file.close()
     return int(code)
 
 
@@ -176,13 +174,15 @@ def broadcast_start(
     code: int,
     experiment: Experiment | None = None,
     path: Path | None = None,
+    more: bool = False,
 ) -> None:
     """Let the workers begin with an experiment, or exit with a code if there is none.
 
-    With a `path` they write their samples there themselves.
+    With a `path` they write their samples there themselves. With `more` they wait for another call
+    once they have finished.
     """
     if world is not None:
-        world.bcast(tuple(Start(own_program(), code, experiment, path)), root=0)
+        world.bcast(tuple(Start(own_program(), code, experiment, path, more)), root=0)
 
 
 def run_rank_zero(
@@ -192,11 +192,33 @@ def run_rank_zero(
     stop: StopRequest,
     world: "Intracomm | None",
 ) -> int:
-    """Run rank 0; return the exit code."""
+    """Run rank 0, one request after the other; return the exit code."""
     stop.listen()
+    follows: list[Callable[[], RunRequest] | None] = [read]
+
+    def next_request() -> RunRequest:
+        if len(follows) == 1:
+            check_programs(world, display.message)
+        request = (follows[-1] or read)()
+        follows.append(request.then)
+        return request
+
+    code = FINISHED
+    while code == FINISHED and follows[-1] is not None:
+        code = run_request(next_request, display, finish, stop, world)
+    return code
+
+
+def run_request(
+    read: Callable[[], RunRequest],
+    display: Display,
+    finish: Callable[[RunRequest], None],
+    stop: StopRequest,
+    world: "Intracomm | None",
+) -> int:
+    """Run one request on rank 0; return the exit code."""
     with ExitStack() as stack:
         try:
-            check_programs(world, display.message)
             request = read()
             experiment, path = request.experiment, Path(os.path.realpath(request.path))
             database = choose_database(request.database, world)
@@ -243,7 +265,7 @@ def run_rank_zero(
                 return error.exit_code
             if complete:
                 end = coordinator.end
-                broadcast_start(world, end.code)
+                broadcast_start(world, end.code, more=request.then is not None)
                 file.refresh()  # deciding again may have written rows that were lost
                 # Killed just after the last generation, or the row is damaged.
                 if file.status().state != end.state or file.damaged:
@@ -252,7 +274,8 @@ def run_rank_zero(
                     display.message(f"{request.path} is finished already: nothing to do")
             else:
                 shared = path if database == PARALLEL else None
-                broadcast_start(world, FINISHED, experiment, shared)
+                more = request.then is not None
+                broadcast_start(world, FINISHED, experiment, shared, more)
                 end, missing = run_leg(request, writer, coordinator, display, stop, world)
                 if missing and world is not None:
                     if not writer.parallel:  # those that are missing would have to join
@@ -278,7 +301,10 @@ def run_rank_zero(
             if world is not None:
                 end_job(world, FAILURE)
             return FAILURE
-    return conclude(end, request, display, finish)
+    code = conclude(end, request, display, finish)
+    if code != end.code and request.then is not None:
+        broadcast_start(world, code)  # the others wait for what follows
+    return code
 
 
 def ended_by(error: BaseException) -> tuple[str, str]:
@@ -320,6 +346,8 @@ def conclude_without(
     Waiting for them, as any call that all ranks join does, might never end.
     """
     code = conclude(end, request, display, finish)
+    if code == FINISHED and request.then is not None:
+        code = STOPPED  # the same command goes on with what follows
     ranks = ", ".join(map(str, sorted(missing)))
     display.error(f"no answer from rank {ranks}: the job is ended without; {request.path} is whole")
     sys.stdout.flush()

@@ -71,6 +71,9 @@ def test_existing_files_are_kept(path, tmp_path):
     ("options", "said"),
     [
         (["--tolerance", "5%"], "--tolerance is for --feasible-set"),
+        (["--robust", "hardness=5%"], "--robust is for --feasible-set"),
+        (["--feasible-set", "--robust", "wind=5%"], "robust.wind: is no searched variable"),
+        (["--feasible-set", "--robust", "5%"], "is not NAME=VALUE"),
         (["--feasible-set", "--tolerance", "wide"], "tolerance: is 'wide'; must be greater than 0"),
         (["--feasible-set", "--tolerance", "-5%"], "tolerance: is -5%; must be greater than 0"),
         (["--feasible-set", "--tolerance", "5"], "did you mean '5%'?"),

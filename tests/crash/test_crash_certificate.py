@@ -9,6 +9,7 @@ import pytest
 from campaign_runs import environment, need_mpirun, samples_in, wait_until
 from held_runs import allow, allow_all, held
 from processes import descendants, end_group, output_of, program, start_group, wait_until_gone
+from set_runs import three_variable_text
 
 from agglom_mpi.inference.certificate import certificate_of, certificate_path
 from agglom_mpi.storage.reader import read_campaign
@@ -16,15 +17,18 @@ from agglom_mpi.storage.reader import read_campaign
 BIN = Path(sys.executable).parent
 CERTIFY = ["agglom", "certify", "three.h5", "--tolerance", "10%", "--strings", "31"]
 CERTIFY += ["--max-samples", "160"]
+INVERT = ["agglom-invert", "three.yaml"]
+SECTION = "{tolerance: 10%, strings: 31, max_samples: 160}"
+"""The same in a campaign."""
 
 
-def command(ranks):
-    words = [str(BIN / CERTIFY[0]), *CERTIFY[1:]]
+def command(ranks, words=CERTIFY):
+    words = [str(BIN / words[0]), *words[1:]]
     return words if ranks == 1 else ["mpirun", "-n", str(ranks), *words]
 
 
-def finish(folder, ranks):
-    with program(command(ranks), cwd=folder, env=environment()) as process:
+def finish(folder, ranks, words=CERTIFY):
+    with program(command(ranks, words), cwd=folder, env=environment()) as process:
         _, errors = output_of(process)
     assert process.returncode == 0, errors
 
@@ -43,14 +47,16 @@ def found(path):
 
 
 @pytest.mark.ranks(guard="runtime/test_certify.py")
-def test_a_killed_certificate_goes_on_to_the_same_verdicts(three, tmp_path):
+@pytest.mark.parametrize("words", [CERTIFY, INVERT], ids=["command", "campaign"])
+def test_a_killed_certificate_goes_on_to_the_same_verdicts(three, tmp_path, words):
     need_mpirun()
     whole, killed = copy(three, tmp_path / "whole"), copy(three, tmp_path / "killed")
     finish(whole.parent, 1)
     folder = killed.parent
+    (folder / "three.yaml").write_text(three_variable_text(final="none", certify=SECTION))
     allow(folder, 600)
     env = environment(held(folder, 0.001))
-    process = start_group(command(2), cwd=folder, env=env)
+    process = start_group(command(2, words), cwd=folder, env=env)
     try:
         wait_until(lambda: samples_in(certificate_path(killed)) >= 300, process)
         living = [each.pid for each in descendants(process)]
@@ -62,7 +68,7 @@ def test_a_killed_certificate_goes_on_to_the_same_verdicts(three, tmp_path):
     kept = samples_in(certificate_path(killed))
     assert not certificate_of(read_campaign(killed)).finished
     allow_all(folder)
-    finish(folder, 2)
+    finish(folder, 2, words)
     assert found(killed) == found(whole)
     assert read_campaign(certificate_path(killed)).damaged == 0
     assert samples_in(certificate_path(killed)) > kept >= 300

@@ -7,14 +7,17 @@ from storage_rows import put_status
 
 from agglom_mpi import open_campaign
 from agglom_mpi.analysis.file_check import check_file
-from agglom_mpi.inference import certified_part, feasible_set
+from agglom_mpi.config.certificate_plan import CertificatePlan
+from agglom_mpi.inference import feasible_set
 from agglom_mpi.inference.certificate import certificate_of, certificate_path, samples_digest
-from agglom_mpi.inference.certificate_plan import CertificateError, CertificatePlan
+from agglom_mpi.inference.part_of_set import CertificateError
+from agglom_mpi.inference.wobble import Wobble
 from agglom_mpi.outcome import SampleSummary
 from agglom_mpi.report.sections.section import plain_text
 from agglom_mpi.report.set_summary import set_as_dict, set_text
 from agglom_mpi.runtime import certify as certify_module
 from agglom_mpi.runtime.certify import CertifyOptions, JudgedEnsemble, certify
+from agglom_mpi.runtime.invert import InvertOptions, invert
 from agglom_mpi.search.criteria import Band
 from agglom_mpi.search.membership import MembershipTest
 from agglom_mpi.storage.reader import read_campaign
@@ -26,9 +29,6 @@ GIVEN = {
     "tolerance": "10%",
     "strings": 31,
     "max_samples": 160,
-    "seed": 1,
-    "robust": {},
-    "quiet": True,
 }
 """A wide tolerance, which needs few samples."""
 
@@ -41,17 +41,18 @@ def remembered_sets(monkeypatch):
     """Compute each set once: copies of a file have the same."""
     made = certify_module.feasible_set
 
-    def known(data, tolerance):
-        key = samples_digest(data), tolerance
+    def known(data, tolerance, robust):
+        key = samples_digest(data), tolerance, *robust.items()
         if key not in _KNOWN:
-            _KNOWN[key] = made(data, tolerance)
+            _KNOWN[key] = made(data, tolerance, robust)
         return _KNOWN[key]
 
     monkeypatch.setattr(certify_module, "feasible_set", known)
 
 
 def options(path, **changed):
-    return CertifyOptions(**{"file": str(path), **GIVEN, **changed})
+    given = {name: changed.pop(name) for name in CertificatePlan.model_fields if name in changed}
+    return CertifyOptions(str(path), GIVEN | given, **{"quiet": True, **changed})
 
 
 @pytest.fixture
@@ -146,16 +147,16 @@ def test_a_set_that_the_emulator_has_wrong_is_refuted(copied, monkeypatch):
 
 def test_wobbling_strings_are_judged_where_they_wobble_to(copied, monkeypatch):
     drawn = []
-    wobbled = certified_part.Wobble.drawn
+    wobbled = Wobble.drawn
 
     def seen(self, strings, random):
         drawn.append((strings, wobbled(self, strings, random)))
         return drawn[-1][1]
 
-    monkeypatch.setattr(certified_part.Wobble, "drawn", seen)
+    monkeypatch.setattr(Wobble, "drawn", seen)
     assert certify(options(copied, robust={"relative_speed": "5%"}), None) == 0
     found = certificate_of(read_campaign(copied))
-    assert found.plan.wobble == {"relative_speed": 0.05}
+    assert found.plan.robust == {"relative_speed": 0.05}
     strings, judged = drawn[-1]
     stored = read_campaign(found.path).parameters
     assert np.array_equal([stored[i] for i in range(31)], judged, equal_nan=True)
@@ -172,7 +173,7 @@ def test_the_share_of_robust_strings_follows_from_that_of_right_pairs(certified)
     found = certificate_of(read_campaign(certified))
     assert found.as_dict()["counted"] == "strings"
     assert found.least_share_of_robust == found.least_share
-    plan = found.plan._replace(wobble={"hardness": 0.9})
+    plan = found.plan.model_copy(update={"robust": {"hardness": 0.9}})
     for right in (31, 20, 0):
         pairs = found._replace(plan=plan, right=right, wrong=31 - right, undecided=0)
         markov = max(0.0, 1.0 - (1.0 - pairs.least_share) / 0.2)
@@ -182,34 +183,6 @@ def test_the_share_of_robust_strings_follows_from_that_of_right_pairs(certified)
         assert "pairs" in first
         assert "90 %" in deviations
         assert "80 %" in robust
-
-
-def test_deviations_end_at_the_edge_of_the_box(three):
-    emulated = three.feasible_set("10%").emulated
-    plan = CertificatePlan(0.9, 0.95, 0.1, 100, 160, 1, {"hardness": 0.9})
-    wobble = certified_part.Wobble(emulated, plan)
-    strings = emulated.box.even_strings(256)
-    drawn = wobble.drawn(strings, np.random.default_rng(651))
-    assert emulated.box.inside(drawn).all()
-    space = emulated.box.space
-    ends = space.lower[3], space.upper[3]
-    assert {*drawn[:, 3].tolist()} > {*map(float, ends)}
-    probability = [emulated.probability(wobble.wobbled(strings, p)) for p in wobble._places]
-    assert np.array_equal(wobble.probability(strings), np.mean(probability, axis=0))
-
-
-def test_the_probability_of_wobbling_strings_is_a_mean(three):
-    emulated = three.feasible_set("10%").emulated
-    plan = CertificatePlan(0.9, 0.95, 0.1, 100, 160, 1, {"hardness": 0.2})
-    wobble = certified_part.Wobble(emulated, plan)
-    strings = emulated.box.even_strings(64)
-    factors = np.linspace(0.8, 1.2, 201)
-    shifted = np.repeat(strings[None], len(factors), axis=0)
-    shifted[:, :, 3] *= factors[:, None]
-    clipped = emulated.box.space.clip(shifted.reshape(-1, strings.shape[1]))
-    exact = emulated.probability(clipped).reshape(len(factors), -1).mean(axis=0)
-    # 16 values of each string: the error of a mean of probabilities is at most 0.5 / 4.
-    assert np.abs(wobble.probability(strings) - exact).max() < 4.5 * 0.125
 
 
 def refused(capsys, path, **changed):
@@ -227,8 +200,8 @@ def refused(capsys, path, **changed):
         ({"confidence": "much"}, "confidence: is 'much'"),
         ({"strings": 30}, "strings: is 30; must be at least 31"),
         ({"tolerance": "7"}, "tolerance: is 7"),
-        ({"robust": {"density": "5%"}}, "robust density"),
-        ({"robust": {"hardness": 2.0}}, "robust hardness: is 2.0"),
+        ({"robust": {"density": "5%"}}, "robust.density: is no searched variable"),
+        ({"robust": {"hardness": 2.0}}, "robust.hardness: is 2.0"),
     ],
 )
 def test_impossible_options_are_named(copied, capsys, changed, said):
@@ -339,3 +312,20 @@ def test_a_function_of_the_user_runs_if_it_may_and_is_the_one_that_was_run(tmp_p
     assert found.right > 20
     (tmp_path / "worth.py").write_text(f"{source}\n\n")
     assert "worth.py was edited" in refused(capsys, path, **given)
+
+
+def test_a_campaign_with_a_section_certify_is_certified_after_its_search(certified, copied, capsys):
+    """The search is finished; the run stops within the certificate, and the next one ends it."""
+    given = ", ".join(f"{name}: {value}" for name, value in GIVEN.items())
+    path = copied.parent / "three.yaml"
+    path.write_text(three_variable_text(final="none", certify=f"{{{given}}}"))
+    codes = []
+    for seconds in (1e-3, None, None):
+        options = InvertOptions(str(path), str(copied), max_walltime=seconds)
+        codes.append(invert(options, None))
+    assert codes == [75, 0, 0]
+    one, other = (certificate_of(read_campaign(each)) for each in (certified, copied))
+    assert other._replace(path="") == one._replace(path="")
+    assert one.lines()[0] in capsys.readouterr().out
+    path.write_text(path.read_text().replace("claim: 0.9", "claim: 0.8"))
+    assert invert(InvertOptions(str(path), str(copied)), None) == 2

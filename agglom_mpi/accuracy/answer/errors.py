@@ -105,11 +105,12 @@ class FreshSamples(Study):
         """Yield the first set-up: all are of one scene."""
         yield next(super().kernel_cases())
 
-    def ensemble(self, setup: Setup) -> Ensemble:
+    def ensemble(self, string: int) -> Ensemble:
         """Return what takes the samples of a string."""
         if self.membership is None:
-            return super().ensemble(setup)
-        return Ensemble(self.membership, setup.campaign.objective, setup.campaign.scene.particles)
+            return super().ensemble(string)
+        campaign = self._by_string[string].campaign
+        return Ensemble(self.membership, campaign.objective, campaign.scene.particles)
 
 
 def estimation(study: AnswerStudy, folder: Path) -> FreshSamples:

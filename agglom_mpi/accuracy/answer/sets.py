@@ -102,7 +102,7 @@ def evolving_set(file: CampaignData, study: AnswerStudy, points: Floats) -> Evol
         if len(np.unique(stored.strings, axis=0)) < MIN_STRINGS:
             continue
         criterion = study.question.objective.criterion(study.tolerance)
-        emulated = EmulatedSet(SearchedBox(study.question), criterion, stored)
+        emulated = EmulatedSet(SearchedBox(study.question), criterion, stored, {})
         members[place] = emulated.probability(points) >= MEMBER
     return EvolvingSet(generations, members)
 

@@ -338,13 +338,14 @@ def draw_reliability(ax: Any, of: "FeasibleSet") -> Any:
 
 def _pairs_caption(shown: PlottedSet) -> str:
     left = len(shown.variables) - MAX_PLOTTED_VARIABLES
+    deviations = f" The set: {shown.of.criterion.text}." if shown.of.robust else ""
     more = f" The {left} freest variables are left out." if left > 0 else ""
     return (
         "The set in pairs of variables. The colour of a pair of values is the fraction of strings "
         "with it, over all values of the other variables, that is in the set. Lines enclose where "
         "it is more than half of its largest value (solid), and all pairs for which "
         f"some strings are possible (P ≥ {OUTER_PROBABILITY:g}, dashed). On the diagonal, "
-        f"marginals as in the next figure.{more}"
+        f"marginals as in the next figure.{more}{deviations}"
     )
 
 
