@@ -150,7 +150,7 @@ class RunnableCampaign(Campaign):
         parameters
             As for `simulate`.
         samples
-            Number of samples, at least 2; samples 0, 1, … of the string are simulated again.
+            Number of samples, at least 3; samples 0, 1, … of the string are simulated again.
         bins
             Bins a decade of mass.
         times
@@ -167,7 +167,7 @@ class RunnableCampaign(Campaign):
         CampaignError
             If an argument is not possible, or the box is sheared.
         RuntimeError
-            If samples fail, and less than two blocks of them are left.
+            If samples fail, and too few are left for standard errors.
         """
         from agglom_mpi.analysis.counted_samples import collision_kernels
 

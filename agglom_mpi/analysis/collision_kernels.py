@@ -35,6 +35,9 @@ LEAST_HITS: Final = 30
 """Collisions without which a pair of bins has no coefficient: its error would be 1/5 or more."""
 
 
+LEAST_BLOCKS: Final = 3
+"""Blocks that have collisions without which a pair of bins has no coefficient, as no error."""
+
 COEFFICIENTS: Final = (
     *("rate", "efficiency", "sticking", "breakage"),
     *("speed", "squared_speed", "loss"),
@@ -102,6 +105,8 @@ class CollisionKernels:
         Of the grains, kg/m³.
     grain_mass
         Of a mean grain, kg.
+    failed
+        Number of samples that failed, which are left out.
     """
 
     sums: BlockSums
@@ -110,6 +115,7 @@ class CollisionKernels:
     volume: float
     density: float
     grain_mass: float
+    failed: int = 0
 
     @property
     def hits(self) -> Floats:
@@ -205,7 +211,8 @@ class CollisionKernels:
         count = len(used)
         spread = without - without.mean(axis=0)
         error = np.sqrt((count - 1) / count * np.sum(spread**2, axis=0))
-        few = whole.impacts[..., HITS] < LEAST_HITS
+        hits = self.sums.impacts[..., HITS]
+        few = (hits.sum(axis=0) < LEAST_HITS) | (np.count_nonzero(hits, axis=0) < LEAST_BLOCKS)
         return Coefficient(np.where(few, np.nan, value), np.where(few, np.nan, error))
 
     def _rates(self, sums: BlockSums) -> Floats:

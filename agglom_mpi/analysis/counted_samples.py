@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from agglom_mpi.analysis.collision_kernels import (
     BLOCKS,
+    LEAST_BLOCKS,
     CollisionKernels,
     add_sample,
     new_sums,
@@ -18,6 +19,7 @@ from agglom_mpi.analysis.collision_kernels import (
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.given_strings import read_string
 from agglom_mpi.config.yaml_source import ArgumentError
+from agglom_mpi.errors import FAILURE, UserError
 from agglom_mpi.outcome import REASONS
 from agglom_mpi.simulation.boundary import is_sheared
 from agglom_mpi.simulation.collision_counts import CollisionCounts, new_collision_counts
@@ -30,6 +32,12 @@ DECADES_BELOW: Final = 2
 """Decades of mass below a mean grain that have bins, where grains differ in size or break."""
 
 
+class CountingError(UserError, RuntimeError):
+    """Samples failed, and too few are left."""
+
+    exit_code = FAILURE
+
+
 def collision_kernels(
     campaign: Campaign,
     parameters: Mapping[str, float | str] | npt.ArrayLike,
@@ -40,7 +48,7 @@ def collision_kernels(
     """Count the collisions of samples of a string; see `RunnableCampaign.collision_kernels`."""
     campaign.require_one_scene("collision_kernels")
     vector = read_string(campaign, parameters)
-    count = campaign.count("samples", samples, least=2)
+    count = campaign.count("samples", samples, least=LEAST_BLOCKS)
     per_decade = campaign.count("bins", bins, least=1)
     campaign.check_scales(vector)
     scene = campaign.at(vector).build(campaign.engine("event"))
@@ -53,32 +61,46 @@ def collision_kernels(
     sums = new_sums(counts, min(BLOCKS, count))
     blocks = len(sums.samples)
 
+    abort = np.zeros(1, np.uint8)
+
     def simulate_block(block: int) -> list[str]:
         found, failures = _new_counts(scene, per_decade, ends), []
         for sample in range(block, count, blocks):
             for each in (found.impacts, found.exposure, found.pairs, found.pieces):
                 each[:] = 0.0
-            reason = count_collisions(scene, random_numbers(campaign, vector, sample), found)
+            random = random_numbers(campaign, vector, sample)
+            reason = count_collisions(scene, random, found, abort)
+            if abort[0]:
+                break
             if reason is None:
                 add_sample(sums, block, found)
             else:
                 failures.append(f"sample {sample} failed: {REASONS[reason]}")
         return failures
 
-    with ThreadPoolExecutor(len(os.sched_getaffinity(0)), "samples") as pool:
-        failures = [each for found in pool.map(simulate_block, range(blocks)) for each in found]
-    if np.count_nonzero(sums.samples) < 2:
-        raise RuntimeError(failures[0])
+    pool = ThreadPoolExecutor(len(os.sched_getaffinity(0)), "samples")
+    try:
+        futures = [pool.submit(simulate_block, block) for block in range(blocks)]
+        failures = [each for future in futures for each in future.result()]
+    finally:
+        abort[0] = 1
+        pool.shutdown(cancel_futures=True)
+    if np.count_nonzero(sums.samples) < LEAST_BLOCKS:
+        raise CountingError(failures[0] if failures else "too few samples for standard errors")
     middle, _ = counts.grid
     masses = middle * 10.0 ** (np.arange(len(counts.present)) / per_decade)
     density = scene.mass / (4.0 / 3.0 * math.pi * scene.radius**3)
     volume = (2.0 * scene.half_width) ** 3
-    return CollisionKernels(sums, masses, np.array([0.0, *ends]), volume, density, scene.mass)
+    box = volume, density, scene.mass
+    return CollisionKernels(sums, masses, np.array([0.0, *ends]), *box, len(failures))
 
 
 def _windows(campaign: Campaign, scene: Scene, times: Sequence[float]) -> npt.NDArray[np.float64]:
     """Return the ends of the windows in s, the last one that of the scene."""
-    ends = np.array([*times, scene.end_time], np.float64)
+    try:
+        ends = np.array([*times, scene.end_time], np.float64)
+    except (TypeError, ValueError):
+        ends = np.zeros(1)
     if not (np.all(np.diff(ends) > 0.0) and ends[0] > 0.0):
         message = f"are {list(times)!r} s; must ascend between 0 and {scene.end_time:g} s"
         raise ArgumentError.of(campaign.name, "times", message)

@@ -96,7 +96,7 @@ def learn_from(campaign: Campaign, path: Path, given: NDArray[np.float64]) -> Le
         raise ValueError(what)
     strings, rows, place = counted_samples(data)
     variables = campaign.variables
-    schema = learned_schema(variables, campaign.objective.quantity_units, campaign.census)
+    schema = learned_schema(variables, campaign.sample_quantities, campaign.census)
     found = fitted(rows, schema.dtype)
     found[LEARNED_STRING] = variables.of_other(strings, data.variables)[place]
     begun = {string.tobytes() for string in np.nan_to_num(given)}

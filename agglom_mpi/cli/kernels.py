@@ -20,7 +20,7 @@ from agglom_mpi.cli.common import ALLOW_CODE, JSON, PATH, SETTINGS, examples, ex
     "--samples",
     default=200,
     show_default=True,
-    type=click.IntRange(2, 10**6),
+    type=click.IntRange(3, 10**6),
     help="Number of samples to simulate.",
 )
 @click.option(

@@ -60,9 +60,12 @@ def _end(campaign: Any) -> float:
 def with_census_of(campaign: Any, stored: CensusLayout | ExperimentLayouts | None) -> Any:
     """Return a campaign whose samples are counted as those of a file, if that suffices.
 
-    A file may have censuses at more times than its campaign has data.
+    A file may have censuses at more times than its campaign has data. A campaign with other
+    experiments than the file is returned as it is.
     """
-    if stored is None or uncounted(campaign, stored):
+    names = {*stored.layouts} if isinstance(stored, ExperimentLayouts) else set()
+    others = names ^ {each.name for each in campaign.experiments}
+    if stored is None or others or uncounted(campaign, stored):
         return campaign
     own = tuple(
         replace(each, campaign=replace(each.campaign, stored_census=stored.of(each.name)))

@@ -56,8 +56,10 @@ class StoredSamples(NamedTuple):
     failed: NDArray[np.bool_]
 
 
-def counted_samples(data: "CampaignData") -> tuple[Floats, NDArray[np.void], NDArray[np.int64]]:
-    """Return the counted samples of a file, and those it learned, each once, also failed ones.
+def counted_samples(
+    data: "CampaignData", learned: bool = True
+) -> tuple[Floats, NDArray[np.void], NDArray[np.int64]]:
+    """Return the counted samples of a file, and those it `learned`, each once, also failed ones.
 
     Equal strings have the same samples, but those that were learned have other random numbers.
 
@@ -78,12 +80,12 @@ def counted_samples(data: "CampaignData") -> tuple[Floats, NDArray[np.void], NDA
     # A sample of equal strings is the same where its random stream, hence its number, is the same.
     first = np.array([campaign.first_sample(int(i)) for i in strings["string"]], np.int64)
     numbers = first[of_row] + rows["sample"]
-    if (learned := data.learned_rows()) is not None:
-        more = np.arange(len(learned))
-        parameters = np.vstack((parameters, learned[LEARNED_STRING]))
+    if learned and (others := data.learned_rows()) is not None:
+        more = np.arange(len(others))
+        parameters = np.vstack((parameters, others[LEARNED_STRING]))
         of_row = np.concatenate((of_row, len(strings) + more))
         numbers = np.concatenate((numbers, -1 - more))  # no number of a sample of the file's own
-        rows = concatenated((rows, fitted(learned, rows.dtype)), rows.dtype)
+        rows = concatenated((rows, fitted(others, rows.dtype)), rows.dtype)
     keys = np.nan_to_num(parameters)  # nan: a variable that the scene does not use
     _, one, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     samples = np.column_stack((which.ravel()[of_row], numbers))
@@ -94,21 +96,22 @@ def counted_samples(data: "CampaignData") -> tuple[Floats, NDArray[np.void], NDA
 def stored_samples(data: "CampaignData") -> StoredSamples:
     """Return the counted samples of a file, and of those pooled with it, each once.
 
-    Rows of several files have no censuses, whose classes may differ.
+    Rows of several files have no censuses, whose classes may differ. Files of one question have
+    learned the same samples, which count once.
     """
-    found = [_own_samples(each) for each in (data, *data.pooled)]
+    found = [_own_samples(data), *(_own_samples(each, learned=False) for each in data.pooled)]
     if len(found) == 1:
         return found[0]
     strings, rows, tried, failed = zip(*found, strict=True)
-    names = rows[0].dtype.names or ()
-    plain = [name for name in names if name not in census_names(names)]
+    names = [n for n in rows[0].dtype.names or () if all(n in each.dtype.fields for each in rows)]
+    plain = [name for name in names if name not in census_names(tuple(names))]
     samples = np.concatenate([repack_fields(each[plain]) for each in rows])
     return StoredSamples(np.concatenate(strings), samples, *map(np.concatenate, (tried, failed)))
 
 
-def _own_samples(data: "CampaignData") -> StoredSamples:
-    """Return the samples that an emulator of a file rests on."""
-    different, rows, place = counted_samples(data)
+def _own_samples(data: "CampaignData", learned: bool = True) -> StoredSamples:
+    """Return the samples of a file that its emulator rests on."""
+    different, rows, place = counted_samples(data, learned)
     completed = rows["state"] == COMPLETED
     count = np.bincount(place, minlength=len(different))
     bad = np.bincount(place[~completed], minlength=len(different))

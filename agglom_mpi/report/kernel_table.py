@@ -79,10 +79,10 @@ def kernel_text(found: CollisionKernels) -> RenderableType:
         for record in records
         if record in most
     ]
-    samples = int(found.sums.samples.sum())
     notes = [
-        f"{samples} samples; efficiency: the rate over that of Maxwellian grains with the same "
-        "partial temperatures; speed: normal to the contact",
+        f"{int(found.sums.samples.sum())} samples, {found.failed} failed",
+        "efficiency: the rate over that of Maxwellian grains with the same partial temperatures; "
+        "speed: normal to the contact",
         f"pairs of bins with fewer than {LEAST_HITS} collisions are left out",
     ]
     if len(most) < len(records):
@@ -93,8 +93,8 @@ def kernel_text(found: CollisionKernels) -> RenderableType:
 def kernel_json(found: CollisionKernels) -> str:
     """Return all pairs as JSON, in SI units."""
     records = [_separate(record, "_error") for record in found.records()]
-    samples = int(found.sums.samples.sum())
-    return json.dumps({"samples": samples, "units": UNITS, "kernels": records}, indent=2)
+    counts = {"samples": int(found.sums.samples.sum()), "failed": found.failed}
+    return json.dumps(counts | {"units": UNITS, "kernels": records}, indent=2, allow_nan=False)
 
 
 def write_kernels(found: CollisionKernels, path: Path) -> None:

@@ -63,12 +63,12 @@ def as_recorded(campaign: Campaign, path: Path) -> Campaign:
     plan = campaign.plan
     if plan is None or not path.exists():
         return campaign
-    stored_file = read_campaign(path)
-    campaign = with_census_of(campaign, stored_file.sizes.census)
+    if campaign.data or campaign.experiments:
+        campaign = with_census_of(campaign, read_campaign(path).sizes.census)
     section = parse(campaign.text, campaign.name).data.get("search") or {}
     if section.keys() - {"start"}:
         return campaign
-    method = str(stored_file.identity.get("search.method"))
+    method = str(read_campaign(path).identity.get("search.method"))
     stored = SearchMethod.components().get(method)
     if stored is None or stored is type(plan.search):
         return campaign
@@ -235,7 +235,8 @@ def check_same_campaign(path: Path, stored: dict[str, Any], wanted: dict[str, An
     if different:
         remedy = "--output names another file"
         if other_data(stored, wanted):
-            remedy = f"--accept-new-data reads its samples with these data, {remedy}"
+            accepts = "--accept-new-data reads its samples with these data, if these suffice"
+            remedy = f"{accepts}; {remedy}"
         raise OutputError(
             f"{path}: belongs to another campaign; {remedy}. Different are:\n"
             + "\n".join(

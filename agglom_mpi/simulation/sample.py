@@ -261,14 +261,17 @@ def initial_radii(
 
 
 def count_collisions(
-    scene: Scene, random: np.random.Generator, counts: CollisionCounts
+    scene: Scene,
+    random: np.random.Generator,
+    counts: CollisionCounts,
+    abort: npt.NDArray[np.uint8],
 ) -> result.FailureReason | None:
     """Simulate a sample to its end and add its collisions to `counts`, from those of `scene`.
 
-    The sample is that of `simulate_scene` with the same stream. Returns why it failed, if it did;
-    its collisions are in the counts then, too.
+    The sample is that of `simulate_scene` with the same stream and `abort`. Returns why it failed,
+    if it did; its collisions are in the counts then, too.
     """
-    particles, abort = new_particles(scene, capacity_of(scene)), np.zeros(1, np.uint8)
+    particles = new_particles(scene, capacity_of(scene))
     if not place_grains(scene, random, particles, abort):
         return result.FailureReason.PLACEMENT_JAMMED
     ledger = new_ledger()._replace(collisions=counts)

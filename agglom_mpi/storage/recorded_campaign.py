@@ -37,7 +37,8 @@ def _campaign(data: "CampaignData") -> "Campaign":
     own, allowed = recorded_reading(data).own, allowed_function(data)
     text, name = data.campaign_text, str(data.path)
     campaign = campaign_of_record(text, name, data.identity, own, allowed)
-    return with_census_of(campaign, data.sizes.census)
+    counts = campaign.data or campaign.experiments
+    return with_census_of(campaign, data.sizes.census) if counts else campaign
 
 
 def recorded_component(

@@ -15,6 +15,8 @@ from agglom_mpi.analysis.collision_kernels import (
 )
 from agglom_mpi.analysis.counted_samples import collision_kernels
 from agglom_mpi.config.yaml_source import CampaignError
+from agglom_mpi.errors import FAILURE, UserError
+from agglom_mpi.outcome import FailureReason
 from agglom_mpi.report.kernel_table import KernelRequest, kernel_json, string_kernels
 from agglom_mpi.simulation.collision_counts import (
     BREAKS,
@@ -66,8 +68,8 @@ def test_counts_are_those_of_the_samples_and_exposures_their_integrals(tmp_path)
     (tmp_path / "reacting.yaml").write_text(REACTING)
     campaign, end = load_campaign(tmp_path / "reacting.yaml"), 40e-6
     string, times = campaign.parameters(), np.array([0.0, 8e-6, 20e-6, end])
-    found = collision_kernels(campaign, string, samples=2, times=times[1:-1])
-    outcomes = [campaign.simulate(string, sample, frames=times) for sample in range(2)]
+    found = collision_kernels(campaign, string, samples=3, times=times[1:-1])
+    outcomes = [campaign.simulate(string, sample, frames=times) for sample in range(3)]
     sums, impacts = found.sums, found.sums.impacts.sum(axis=(1, 2, 3))
     assert impacts[:, HITS].tolist() == [each.collisions for each in outcomes]
     assert impacts[:, STICKS].tolist() == [each.merges for each in outcomes]
@@ -77,7 +79,7 @@ def test_counts_are_those_of_the_samples_and_exposures_their_integrals(tmp_path)
     lost = sums.impacts[..., LOST].sum(axis=(2, 3))
     assert lost == pytest.approx(-np.diff(energies, axis=1))
     masses = np.nansum(frames[0].masses[0]) * np.diff(times)
-    assert sums.exposure[..., MASS].sum(axis=2) == pytest.approx(np.tile(masses, (2, 1)))
+    assert sums.exposure[..., MASS].sum(axis=2) == pytest.approx(np.tile(masses, (3, 1)))
     held = sums.exposure[..., ENERGY].sum(axis=2) / np.diff(times)
     assert np.all(energies[:, 1:] <= held)
     assert np.all(held <= energies[:, :-1])
@@ -100,7 +102,7 @@ def test_counting_changes_no_bit_of_a_sample(tmp_path):
     scene = campaign.at(campaign.parameters()).build(campaign.engine(None))
     counts = new_collision_counts(scene.mass, 12, 20, np.array([scene.end_time]))
     random = random_numbers(campaign, campaign.parameters(), 5)
-    assert count_collisions(scene, random, counts) is None
+    assert count_collisions(scene, random, counts, np.zeros(1, np.uint8)) is None
     outcome = campaign.simulate(campaign.parameters(), 5)
     hits = int(counts.impacts[..., HITS].sum())
     assert hits == outcome.collisions
@@ -198,6 +200,18 @@ def test_windows_beyond_the_sample_are_refused(tmp_path, times):
     with pytest.raises(CampaignError) as error:
         collision_kernels(campaign, campaign.parameters(), times=times)
     assert "times" in str(error.value)
+
+
+def test_samples_that_all_fail_are_one_message(tmp_path, monkeypatch):
+    campaign = small(tmp_path)
+    module = "agglom_mpi.analysis.counted_samples"
+    failed = FailureReason.PLACEMENT_JAMMED
+    monkeypatch.setattr(f"{module}.count_collisions", lambda *arguments: failed)
+    monkeypatch.setattr(f"{module}.ensure_counting_compiled", lambda scene: None)
+    with pytest.raises(UserError) as error:
+        collision_kernels(campaign, campaign.parameters(), samples=3)
+    assert error.value.exit_code == FAILURE
+    assert "\n" not in str(error.value)
 
 
 def test_a_sheared_box_is_refused(tmp_path):

@@ -41,7 +41,8 @@ class World:
 
 @pytest.fixture
 def pool():
-    runner = SimpleNamespace(rank=0, grains=3, result_dtype=RESULT, abort_flag=AbortFlag(None))
+    flag = AbortFlag(None)
+    runner = SimpleNamespace(rank=0, grains=3, spins=False, result_dtype=RESULT, abort_flag=flag)
     pool = WorkerPool(runner, World(), heart_thread=False)
     yield pool
     pool._thread.stop()
