@@ -51,12 +51,16 @@ def test_draws_are_distinct_and_no_more_than_the_effective_size(data, posterior)
 
 
 def test_arviz_takes_the_draws_for_independent_ones(data):
-    """R-hat of independent draws is 1; their effective size is their number within a fifth."""
+    """R-hat of independent draws is 1; their effective size is their number but for estimation.
+
+    Of normal draws the estimate has a deviation of 5 %, more so downwards; here it is the least of
+    several variables.
+    """
     arviz = pytest.importorskip("arviz")
     for group in ("posterior", "prior"):
         found = arviz.summary(data, group=group)
         assert found["r_hat"].max() < 1.03
-        assert found["ess_bulk"].min() > 0.8 * data[group].sizes["draw"] * CHAINS
+        assert found["ess_bulk"].min() > 0.7 * data[group].sizes["draw"] * CHAINS
 
 
 def test_strings_are_drawn_with_their_weights():
