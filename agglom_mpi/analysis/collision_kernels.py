@@ -12,16 +12,19 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from agglom_mpi.analysis.population_balance import Grid, Impacts, maxwellian_law, solve
 from agglom_mpi.physics.kinetic_theory import mixture_contact_values
 from agglom_mpi.simulation.collision_counts import (
     BREAKS,
     ENERGY,
     HITS,
     LOST,
+    LOST_BY_STICKS,
     MASS,
     NUMBER,
     SPEED,
     SQUARED_SPEED,
+    SQUARED_SPEED_OF_STICKS,
     STICKS,
     CollisionCounts,
 )
@@ -60,7 +63,7 @@ class BlockSums(NamedTuple):
 
     Attributes
     ----------
-    impacts, exposure, pairs, pieces
+    impacts, exposure, pairs, pieces, start
         As in `CollisionCounts`, with the blocks as first axis.
     samples
         Number of samples, shape (blocks,).
@@ -70,14 +73,15 @@ class BlockSums(NamedTuple):
     exposure: Floats
     pairs: Floats
     pieces: Floats
+    start: Floats
     samples: npt.NDArray[np.int64]
 
 
 def new_sums(counts: CollisionCounts, blocks: int = BLOCKS) -> BlockSums:
     """Return sums of no samples yet."""
-    arrays = counts.impacts, counts.exposure, counts.pairs, counts.pieces
-    impacts, exposure, pairs, pieces = (np.zeros((blocks, *each.shape)) for each in arrays)
-    return BlockSums(impacts, exposure, pairs, pieces, np.zeros(blocks, np.int64))
+    names = BlockSums._fields[:-1]
+    zeros = {name: np.zeros((blocks, *getattr(counts, name).shape)) for name in names}
+    return BlockSums(**zeros, samples=np.zeros(blocks, np.int64))
 
 
 def add_sample(sums: BlockSums, block: int, counts: CollisionCounts) -> None:
@@ -167,6 +171,72 @@ class CollisionKernels:
         duration = np.diff(self.times)[:, None] * self.sums.samples.sum()
         return np.asarray(self.sums.exposure.sum(axis=0)[..., NUMBER] / duration)
 
+    @property
+    def breaks(self) -> bool:
+        """Whether particles broke."""
+        return bool(self.sums.impacts[..., BREAKS].any())
+
+    @cached_property
+    def means(self) -> Coefficient:
+        """Mean number of particles and kinetic energy in J of a sample, shape (windows, 2)."""
+        duration = np.diff(self.times)[:, None]
+
+        def found(sums: BlockSums) -> Floats:
+            totals = sums.exposure[..., [NUMBER, ENERGY]].sum(axis=1)
+            return np.asarray(totals / (duration * sums.samples))
+
+        return Coefficient(*self._jackknife(found))
+
+    def balance(self) -> Floats:
+        """Return the `means` that the Smoluchowski equations of numbers and energies give instead.
+
+        They begin as the samples and take each window's efficiency, sticking and losses; where a
+        pair has too few collisions, the mean of all pairs.
+
+        Returns
+        -------
+        array, shape (windows, 2)
+
+        Raises
+        ------
+        ValueError
+            If particles broke, which is not in the equations.
+        """
+        if self.breaks:
+            raise ValueError("particles broke; the equations have no breakage")
+        grid, samples = Grid(self.masses), self.sums.samples.sum()
+        numbers, _, energies = self.sums.start.sum(axis=0).T / samples
+        found = np.empty((len(self.times) - 1, 2))
+        for w, duration in enumerate(np.diff(self.times).tolist()):
+            law = maxwellian_law(grid, self._impacts(grid, w), self.density, self.volume)
+            n, e = solve(grid, law, numbers, energies, duration)
+            for place, values in enumerate((n, e)):
+                found[w, place] = np.trapezoid(values.sum(axis=0)) / (values.shape[1] - 1)
+            numbers, energies = n[:, -1], e[:, -1]
+        return found
+
+    def _impacts(self, grid: Grid, w: int) -> Impacts:
+        """Return what the impacts of a window are like, of each pair or else of all."""
+        sums = BlockSums(*(each.sum(axis=0) for each in self.sums))
+        first, second = grid.pairs
+        of_pairs = sums.impacts[w, first, second].T
+        hits, sticks, squared, lost = of_pairs[[HITS, STICKS, SQUARED_SPEED, LOST]]
+        per_mass = np.nan_to_num(_temperatures(sums.exposure[w])) / self.masses
+        scale = per_mass[first] + per_mass[second]
+        reduced = self.masses[first] * self.masses[second] / self.masses[grid.pairs].sum(axis=0)
+        bounces, normal = hits - sticks, squared - of_pairs[SQUARED_SPEED_OF_STICKS]
+        expected = (self._maxwellian(sums) * sums.pairs / self.volume)[w, first, second]
+        stuck = of_pairs[LOST_BY_STICKS]
+        # The share of energy that is lost in an impact with the normal speed w is 1 − e².
+        losses = _of_each(2.0 * (lost - stuck), reduced * normal, hits)
+        return Impacts(
+            _of_each(hits, expected, hits),
+            _of_each(sticks, hits, hits),
+            _of_each(normal, bounces * scale, hits),
+            _of_each(2.0 * stuck, reduced * sticks * scale, hits),
+            np.sqrt((1.0 - losses).clip(0.0)),
+        )
+
     @cached_property
     def temperatures(self) -> Floats:
         """Partial granular temperatures m⟨v²⟩/3 in J, shape (windows, bins); nan without any."""
@@ -198,7 +268,14 @@ class CollisionKernels:
         )
 
     def _of_blocks(self, function: Any) -> Coefficient:
-        """Return the coefficient of all samples, and its error by the jackknife."""
+        """Return the coefficients of pairs that have enough collisions."""
+        value, error = self._jackknife(function)
+        hits = self.sums.impacts[..., HITS]
+        few = (hits.sum(axis=0) < LEAST_HITS) | (np.count_nonzero(hits, axis=0) < LEAST_BLOCKS)
+        return Coefficient(np.where(few, np.nan, value), np.where(few, np.nan, error))
+
+    def _jackknife(self, function: Any) -> tuple[Floats, Floats]:
+        """Return what a function of sums gives of all samples, and its standard error."""
         used = np.flatnonzero(self.sums.samples)
         whole = BlockSums(*(each[used].sum(axis=0) for each in self.sums))
         value = function(whole)
@@ -211,9 +288,7 @@ class CollisionKernels:
         count = len(used)
         spread = without - without.mean(axis=0)
         error = np.sqrt((count - 1) / count * np.sum(spread**2, axis=0))
-        hits = self.sums.impacts[..., HITS]
-        few = (hits.sum(axis=0) < LEAST_HITS) | (np.count_nonzero(hits, axis=0) < LEAST_BLOCKS)
-        return Coefficient(np.where(few, np.nan, value), np.where(few, np.nan, error))
+        return value, error
 
     def _rates(self, sums: BlockSums) -> Floats:
         return self.volume * _over(sums.impacts[..., HITS], sums.pairs)
@@ -240,6 +315,13 @@ class CollisionKernels:
 
 def _temperatures(exposure: Floats) -> Floats:
     return _over(2.0 / 3.0 * exposure[..., ENERGY], exposure[..., NUMBER])
+
+
+def _of_each(sums: Floats, weights: Floats, hits: Floats) -> Floats:
+    """Return the ratio of each pair that has enough collisions; of others that of all sums."""
+    whole = sums.sum() / weights.sum() if weights.sum() > 0.0 else 0.0
+    enough = (hits >= LEAST_HITS) & (weights > 0.0)
+    return np.asarray(np.divide(sums, weights, out=np.full(sums.shape, whole), where=enough))
 
 
 def _over(sums: Floats, weights: Floats) -> Floats:

@@ -16,6 +16,7 @@ from agglom_mpi.storage.files import atomic_file, require_absent
 
 UNITS: Final = {
     **{"from": "s", "to": "s", "rate": "m^3/s", "loss": "J"},
+    **{"energy": "J", "energy_by_equations": "J"},
     **{"speed": "m/s", "squared_speed": "m^2/s^2"},
     **{f"{one}_mass": "kg" for one in ("first", "second")},
     **{f"{one}_temperature": "J" for one in ("first", "second")},
@@ -30,6 +31,15 @@ COLUMNS: Final = (
     Column("window", unit="s"),
     Column("collisions", format=",d"),
     *(Column(name, unit=UNITS.get(name, "")) for name in COEFFICIENTS if name != "squared_speed"),
+)
+
+
+BALANCE_COLUMNS: Final = (
+    Column("window", unit="s"),
+    Column("particles"),
+    Column("particles_by_equations", "by equations", format=".4g"),
+    Column("energy", "kinetic energy", unit="J"),
+    Column("energy_by_equations", "by equations", unit="J", format=".4g"),
 )
 
 
@@ -87,14 +97,47 @@ def kernel_text(found: CollisionKernels) -> RenderableType:
     ]
     if len(most) < len(records):
         notes.append(f"{len(records) - len(most)} more pairs: --csv and --json have all")
-    return Group(Table(COLUMNS, rows), *notes)
+    return Group(Table(COLUMNS, rows), *notes, *_balance_text(found))
+
+
+def _balance_text(found: CollisionKernels) -> list[RenderableType]:
+    if found.breaks:
+        return []
+    rows = [
+        record | {"window": f"{record['from']:.3g}–{record['to']:.3g}"}
+        for record in balance_records(found)
+    ]
+    title = "Means of a sample, simulated and by the Smoluchowski equations with these kernels"
+    return ["", Table(BALANCE_COLUMNS, rows, title)]
+
+
+def balance_records(found: CollisionKernels) -> list[dict[str, Any]]:
+    """Return a record for each window of a string whose particles do not break.
+
+    Means of a sample are pairs of value and standard error.
+    """
+    solved, (value, error) = found.balance(), found.means
+    return [
+        {
+            "from": found.times[w],
+            "to": found.times[w + 1],
+            "particles": (value[w, 0], error[w, 0]),
+            "particles_by_equations": solved[w, 0],
+            "energy": (value[w, 1], error[w, 1]),
+            "energy_by_equations": solved[w, 1],
+        }
+        for w in range(len(solved))
+    ]
 
 
 def kernel_json(found: CollisionKernels) -> str:
     """Return all pairs as JSON, in SI units."""
     records = [_separate(record, "_error") for record in found.records()]
-    counts = {"samples": int(found.sums.samples.sum()), "failed": found.failed}
-    return json.dumps(counts | {"units": UNITS, "kernels": records}, indent=2, allow_nan=False)
+    balance = [] if found.breaks else balance_records(found)
+    shown: dict[str, Any] = {"samples": int(found.sums.samples.sum()), "failed": found.failed}
+    shown |= {"units": UNITS, "kernels": records}
+    shown["balance"] = [_separate(record, "_error") for record in balance]
+    return json.dumps(shown, indent=2, allow_nan=False)
 
 
 def write_kernels(found: CollisionKernels, path: Path) -> None:

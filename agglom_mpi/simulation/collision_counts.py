@@ -22,8 +22,11 @@ BREAKS: Final = 2
 SPEED: Final = 3
 SQUARED_SPEED: Final = 4
 LOST: Final = 5
+SQUARED_SPEED_OF_STICKS: Final = 6
+LOST_BY_STICKS: Final = 7
 """Places in `CollisionCounts.impacts`: collisions, those after which there is one particle, those
-that broke one; sums of the normal speed in m/s, its square, and the kinetic energy lost in J."""
+that broke one; sums of the normal speed in m/s, its square, and the kinetic energy lost in J; the
+last two of collisions that stick alone."""
 
 NUMBER: Final = 0
 MASS: Final = 1
@@ -47,15 +50,15 @@ class CollisionCounts(NamedTuple):
     ends
         Ends of the windows in s, shape (windows,).
     impacts
-        Shape (windows, bins, bins, 6); the lower bin comes first.
+        Shape (windows, bins, bins, 8); the lower bin comes first.
     exposure
         Integrals of `present` over time, shape (windows, bins, 3).
     pairs
         Integral of the number of pairs over time in s, shape (windows, bins, bins).
     pieces
         Pieces of broken particles by the bins of whole and piece, shape (windows, bins, bins).
-    present
-        What is in each bin now, shape (bins, 3).
+    start, present
+        What is in each bin at the start and now, shape (bins, 3).
     since
         Times up to which the exposure of each bin, and in the last place pairs, are added, shape
         (bins + 1,), s.
@@ -69,6 +72,7 @@ class CollisionCounts(NamedTuple):
     exposure: NDArray[np.float64]
     pairs: NDArray[np.float64]
     pieces: NDArray[np.float64]
+    start: NDArray[np.float64]
     present: NDArray[np.float64]
     since: NDArray[np.float64]
     place: NDArray[np.int64]
@@ -94,10 +98,11 @@ def new_collision_counts(
     return CollisionCounts(
         np.array([mass, per_decade]),
         np.array(ends, np.float64),
-        np.zeros((windows, bins, bins, LOST + 1)),
+        np.zeros((windows, bins, bins, LOST_BY_STICKS + 1)),
         np.zeros((windows, bins, ENERGY + 1)),
         np.zeros((windows, bins, bins)),
         np.zeros((windows, bins, bins)),
+        np.zeros((bins, ENERGY + 1)),
         np.zeros((bins, ENERGY + 1)),
         np.zeros(bins + 1),
         np.zeros(1, np.int64),
@@ -136,6 +141,9 @@ def _fill_bins(counts, particles):
     counts.present[:] = 0.0
     for i in range(particles.size[0]):
         add_particle(counts, particles.records[i], 1.0)
+    for k in range(counts.present.shape[0]):
+        for place in range(ENERGY + 1):
+            counts.start[k, place] = counts.present[k, place]
 
 
 @inlined
@@ -241,6 +249,9 @@ def add_impact(counts, i, j, kind, speed, lost):
     impacts[LOST] += lost
     if kind != HITS:
         impacts[kind] += 1.0
+    if kind == STICKS:
+        impacts[SQUARED_SPEED_OF_STICKS] += speed * speed
+        impacts[LOST_BY_STICKS] += lost
 
 
 @dispatch

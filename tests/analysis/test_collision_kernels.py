@@ -112,10 +112,11 @@ def test_counting_changes_no_bit_of_a_sample(tmp_path):
 
 def test_errors_are_those_of_a_mean_where_all_blocks_have_as_many_pairs():
     random = np.random.default_rng(2)
-    impacts = np.zeros((20, 1, 1, 1, 6))
+    impacts = np.zeros((20, 1, 1, 1, 8))
     impacts[..., HITS] = random.poisson(400.0, (20, 1, 1, 1))
     pairs, exposure = np.full((20, 1, 1, 1), 5.0), np.ones((20, 1, 1, 3))
-    sums = BlockSums(impacts, exposure, pairs, np.zeros((20, 1, 1, 1)), np.ones(20, np.int64))
+    nothing, start = np.zeros((20, 1, 1, 1)), np.ones((20, 1, 3))
+    sums = BlockSums(impacts, exposure, pairs, nothing, start, np.ones(20, np.int64))
     found = CollisionKernels(sums, np.ones(1), np.array([0.0, 1.0]), 3.0, 2500.0, 1.0)
     rates = 3.0 * impacts[:, 0, 0, 0, HITS] / 5.0
     assert found.rate.value[0, 0, 0] == pytest.approx(rates.mean())
