@@ -41,7 +41,7 @@ def _own_layout(campaign: Any) -> CensusLayout | None:
     if not (campaign.data or campaign.has_layout):
         return None
     own = {math.inf if time is None else time for time in data_times(campaign.data)}
-    times = sorted(own | {time for time in campaign.output.census if time <= _end(campaign)})
+    times = sorted(own | {time for time in campaign.output.census if time <= common_end(campaign)})
     volume = max(campaign.final.larger, default=1) if campaign.final else 1
     largest = (volume * campaign.most_grains) ** (1.0 / 3.0)
     drawn = list(_drawn_radii(campaign))
@@ -50,7 +50,7 @@ def _own_layout(campaign: Any) -> CensusLayout | None:
     return CensusLayout.between(tuple(times), smallest, largest)
 
 
-def _end(campaign: Any) -> float:
+def common_end(campaign: Any) -> float:
     """Return the end of all samples in s; 0 where it differs between strings."""
     end = campaign.scene.end_time
     differs = isinstance(end, str) or "end_time" in campaign.variables.of_scene

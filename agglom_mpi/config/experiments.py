@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from agglom_mpi.config.census_layout import common_end
 from agglom_mpi.config.data_section import built_data
 from agglom_mpi.config.experiments_section import (
     ReadExperiment,
@@ -18,6 +19,7 @@ from agglom_mpi.config.given_strings import read_string
 from agglom_mpi.config.searchable import check_ends, check_start
 from agglom_mpi.config.yaml_source import ArgumentError, CampaignError, Problem, Source, parse
 from agglom_mpi.declaration.reading import Reading
+from agglom_mpi.formatting import value_with_prefix
 from agglom_mpi.measurements.layout import prefix_of
 from agglom_mpi.random_streams import experiment_seed
 from agglom_mpi.variables import PAPER_VARIABLES, Variable, VariableTable
@@ -88,6 +90,11 @@ def campaign_of_experiments(
             check_ends(alone)
         except CampaignError as error:
             raise CampaignError(*placed(source, {name: error.problems})) from None
+    ends = [common_end(each.campaign) for each in found]
+    for i, time in enumerate(shared.output.census):
+        if time > max(ends):
+            message = f"is {value_with_prefix(time, 's')}, which samples of no experiment reach"
+            raise CampaignError(source.problem(("output", "census", i), message))
     data = tuple(datum for each in found for datum in each.campaign.data)
     campaign = replace(shared, experiments=tuple(found), data=data, data_entries=entries)
     check_start(campaign, campaign.given_strings())

@@ -80,12 +80,16 @@ def create_campaign_file(
         _lay_out(file, attributes, sizes)
         rows = _variable_rows(sizes.variables, *box)
         Rows(file[VARIABLE_TABLE.name], path).write(0, rows)
-        now = datetime.now(UTC).timestamp()
-        status = make_row(STATUS.dtype, state="stopped", updated=now, reason="not started yet")
-        Rows(file[STATUS.name], path).write(0, sealed(status))
+        _write_stopped(file, path, "not started yet")
         if learned is not None:
             Table(file, LEARNED, path).write(0, learned)
         write_checksums(file)
+
+
+def _write_stopped(file: h5py.File, path: Path, reason: str) -> None:
+    now = datetime.now(UTC).timestamp()
+    status = make_row(STATUS.dtype, state="stopped", updated=now, reason=reason)
+    Rows(file[STATUS.name], path).write(0, sealed(status))
 
 
 def enlarge_campaign_file(path: str | os.PathLike[str], sizes: TableSizes) -> bool:
@@ -142,7 +146,7 @@ def replace_data(
         changes = [*json.loads(attributes.get(EARLIER_DATA, "[]")), counts | {"data": earlier}]
         attributes |= {**description, EARLIER_DATA: json.dumps(changes, sort_keys=True)}
         kept = [each for each in known.tables() if each.name not in ("results", "generations")]
-        _copy_tables(old, path, attributes, (known, known), kept)
+        _copy_tables(old, path, attributes, (known, known), kept, "has new data")
 
 
 def _copy_tables(
@@ -151,14 +155,20 @@ def _copy_tables(
     attributes: Mapping[str, Any],
     sizes: tuple[TableSizes, TableSizes],
     tables: Iterable[TableSchema],
+    stopped: str = "",
 ) -> None:
-    """Replace a file by one with other attributes and sizes, and the rows of some tables."""
+    """Replace a file by one with other attributes and sizes, and the rows of some tables.
+
+    It says that its run is `stopped` if a reason is given.
+    """
     known, wanted = sizes
     with atomic_file(path, replace=True) as temporary, new_file(temporary) as (new, _):
         _lay_out(new, attributes, wanted)
         for schema in tables:
             rooms = _samples_of_string(known, schema), _samples_of_string(wanted, schema)
             _copy(old, new, schema, path, *rooms)
+        if stopped:
+            _write_stopped(new, path, stopped)
         if CHECKSUMS in attributes:
             write_checksums(new)
 

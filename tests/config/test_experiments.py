@@ -121,6 +121,7 @@ def test_an_experiment_replaces_the_key_that_stands_for_the_same(tmp_path):
         ("{law: misfit}", "{law: maximum_growth}", "objective.law"),
         ("samples: 6}", "samples: 6, volumes: [2]}", "final.volumes"),
         ("stopping:", "output: {final_particles: true}\nstopping:", "output.final_particles"),
+        ("stopping:", "output: {census: [6 ms]}\nstopping:", "output.census.0"),
         ("stopping:", "constraints: ['density < 3000']\nstopping:", "constraints"),
         ("stopping:", "data: []\nstopping:", "data"),
         ("stopping: {generations: 3}\n", "", "stopping"),
