@@ -37,7 +37,6 @@ BLOCKS: Final = 20
 LEAST_HITS: Final = 30
 """Collisions without which a pair of bins has no coefficient: its error would be 1/5 or more."""
 
-
 LEAST_BLOCKS: Final = 3
 """Blocks that have collisions without which a pair of bins has no coefficient, as no error."""
 
@@ -121,10 +120,15 @@ class CollisionKernels:
     grain_mass: float
     failed: int = 0
 
+    @cached_property
+    def _whole(self) -> BlockSums:
+        """Sums over all samples, without the axis of the blocks."""
+        return BlockSums(*(each.sum(axis=0) for each in self.sums))
+
     @property
     def hits(self) -> Floats:
         """Number of collisions, shape (windows, bins, bins)."""
-        return np.asarray(self.sums.impacts.sum(axis=0)[..., HITS])
+        return self._whole.impacts[..., HITS]
 
     @cached_property
     def rate(self) -> Coefficient:
@@ -168,8 +172,8 @@ class CollisionKernels:
     @cached_property
     def numbers(self) -> Floats:
         """Mean number of particles of each bin in a sample, shape (windows, bins)."""
-        duration = np.diff(self.times)[:, None] * self.sums.samples.sum()
-        return np.asarray(self.sums.exposure.sum(axis=0)[..., NUMBER] / duration)
+        duration = np.diff(self.times)[:, None] * self._whole.samples
+        return np.asarray(self._whole.exposure[..., NUMBER] / duration)
 
     @property
     def breaks(self) -> bool:
@@ -204,28 +208,31 @@ class CollisionKernels:
         """
         if self.breaks:
             raise ValueError("particles broke; the equations have no breakage")
-        grid, samples = Grid(self.masses), self.sums.samples.sum()
-        numbers, _, energies = self.sums.start.sum(axis=0).T / samples
+        grid, expected = Grid(self.masses), self._maxwellian(self._whole)
+        numbers, _, energies = self._whole.start.T / self._whole.samples
         found = np.empty((len(self.times) - 1, 2))
         for w, duration in enumerate(np.diff(self.times).tolist()):
-            law = maxwellian_law(grid, self._impacts(grid, w), self.density, self.volume)
+            impacts = self._impacts(grid, w, expected[w])
+            law = maxwellian_law(grid, impacts, self.density, self.volume)
             n, e = solve(grid, law, numbers, energies, duration)
             for place, values in enumerate((n, e)):
                 found[w, place] = np.trapezoid(values.sum(axis=0)) / (values.shape[1] - 1)
             numbers, energies = n[:, -1], e[:, -1]
         return found
 
-    def _impacts(self, grid: Grid, w: int) -> Impacts:
-        """Return what the impacts of a window are like, of each pair or else of all."""
-        sums = BlockSums(*(each.sum(axis=0) for each in self.sums))
-        first, second = grid.pairs
+    def _impacts(self, grid: Grid, w: int, maxwellian: Floats) -> Impacts:
+        """Return the properties of the impacts of a window, of each pair or else of all.
+
+        `maxwellian` are the rate coefficients of Maxwellian gases in m³/s, (bins, bins).
+        """
+        sums, (first, second) = self._whole, grid.pairs
         of_pairs = sums.impacts[w, first, second].T
         hits, sticks, squared, lost = of_pairs[[HITS, STICKS, SQUARED_SPEED, LOST]]
         per_mass = np.nan_to_num(_temperatures(sums.exposure[w])) / self.masses
         scale = per_mass[first] + per_mass[second]
         reduced = self.masses[first] * self.masses[second] / self.masses[grid.pairs].sum(axis=0)
         bounces, normal = hits - sticks, squared - of_pairs[SQUARED_SPEED_OF_STICKS]
-        expected = (self._maxwellian(sums) * sums.pairs / self.volume)[w, first, second]
+        expected = (maxwellian * sums.pairs[w] / self.volume)[first, second]
         stuck = of_pairs[LOST_BY_STICKS]
         # The share of energy that is lost in an impact with the normal speed w is 1 − e².
         losses = _of_each(2.0 * (lost - stuck), reduced * normal, hits)
@@ -240,7 +247,7 @@ class CollisionKernels:
     @cached_property
     def temperatures(self) -> Floats:
         """Partial granular temperatures m⟨v²⟩/3 in J, shape (windows, bins); nan without any."""
-        return _temperatures(self.sums.exposure.sum(axis=0))
+        return _temperatures(self._whole.exposure)
 
     def records(self) -> list[dict[str, Any]]:
         """Return a record for each window and pair of bins that has coefficients.
@@ -276,8 +283,7 @@ class CollisionKernels:
 
     def _jackknife(self, function: Any) -> tuple[Floats, Floats]:
         """Return what a function of sums gives of all samples, and its standard error."""
-        used = np.flatnonzero(self.sums.samples)
-        whole = BlockSums(*(each[used].sum(axis=0) for each in self.sums))
+        used, whole = np.flatnonzero(self.sums.samples), self._whole
         value = function(whole)
         without = np.array(
             [

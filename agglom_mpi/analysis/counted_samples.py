@@ -60,14 +60,12 @@ def collision_kernels(
     ensure_counting_compiled(scene)
     sums = new_sums(counts, min(BLOCKS, count))
     blocks = len(sums.samples)
-
     abort = np.zeros(1, np.uint8)
 
     def simulate_block(block: int) -> list[str]:
-        found, failures = _new_counts(scene, per_decade, ends), []
+        failures = []
         for sample in range(block, count, blocks):
-            for each in (found.impacts, found.exposure, found.pairs, found.pieces):
-                each[:] = 0.0
+            found = _new_counts(scene, per_decade, ends)
             random = random_numbers(campaign, vector, sample)
             reason = count_collisions(scene, random, found, abort)
             if abort[0]:

@@ -29,7 +29,7 @@ TOLERANCE: Final = 1e-7
 
 
 class PairRates(NamedTuple):
-    """What happens to pairs, each shape (pairs,) in the order of `Grid`.
+    """Rates of the pairs, and energies in them, each shape (pairs,) in the order of `Grid`.
 
     Attributes
     ----------
@@ -65,21 +65,19 @@ class Grid:
         self.pairs = np.array(np.triu_indices(len(masses)))
         joint = masses[self.pairs].sum(axis=0)
         above = np.searchsorted(masses, joint).clip(1, len(masses) - 1)
-        self._above = above
-        self._share = (joint - masses[above - 1]) / (masses[above] - masses[above - 1])
-        # Beyond the grid mass is conserved, and number is not.
         beyond = joint > masses[-1]
-        self._weights = (
-            np.where(beyond, 0.0, 1.0 - self._share),
-            np.where(beyond, joint / masses[-1], self._share),
-        )
-        self._shares = np.where(beyond, 0.0, 1.0 - self._share), np.where(beyond, 1.0, self._share)
+        share = (joint - masses[above - 1]) / (masses[above] - masses[above - 1])
+        share = np.where(beyond, 1.0, share)
+        # Beyond the grid mass is conserved, and number is not.
+        number = np.where(beyond, joint / masses[-1], share)
+        # Where a pair goes, and the parts of its number and its energy that do.
+        self._sides = (above - 1, 1.0 - share, 1.0 - share), (above, number, share)
 
     def change(self, rates: PairRates) -> tuple[Floats, Floats]:
         """Return the changes of numbers, (bins,), in 1/s and of energies, (bins,), in W."""
         first, second = self.pairs
         sticking, taken, made, gained = rates
-        bins, above = len(self.masses), self._above
+        bins = len(self.masses)
 
         def summed(places: npt.NDArray[np.int64], values: Floats) -> Floats:
             return np.asarray(np.bincount(places, values, bins), np.float64)
@@ -87,10 +85,8 @@ class Grid:
         numbers = -summed(first, sticking) - summed(second, sticking)
         energies = summed(first, gained[0] - sticking * taken[0])
         energies += summed(second, gained[1] - sticking * taken[1])
-        for place, weight, share in zip(
-            (above - 1, above), self._weights, self._shares, strict=True
-        ):
-            numbers += summed(place, weight * sticking)
+        for place, number, share in self._sides:
+            numbers += summed(place, number * sticking)
             energies += summed(place, share * sticking * made)
         return numbers, energies
 
@@ -156,7 +152,7 @@ class Impacts(NamedTuple):
     relative
         Mean square of the relative speed of those that stick over the same.
     restitution
-        Coefficient by which the others lose as much energy as they do.
+        Coefficient of restitution that gives the energy which the others lose.
     """
 
     efficiency: Floats

@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from numpy.typing import ArrayLike
 
+from agglom_mpi.config.data_section import fixed_end
 from agglom_mpi.measurements.datum import absent_time, data_times, exact_values
 from agglom_mpi.measurements.layout import CensusLayout, ExperimentLayouts
 from agglom_mpi.physics.scales import grain_radius
@@ -52,9 +53,7 @@ def _own_layout(campaign: Any) -> CensusLayout | None:
 
 def common_end(campaign: Any) -> float:
     """Return the end of all samples in s; 0 where it differs between strings."""
-    end = campaign.scene.end_time
-    differs = isinstance(end, str) or "end_time" in campaign.variables.of_scene
-    return 0.0 if differs else float(end)
+    return fixed_end(campaign.scene.end_time, campaign.variables.of_scene) or 0.0
 
 
 def with_census_of(campaign: Any, stored: CensusLayout | ExperimentLayouts | None) -> Any:

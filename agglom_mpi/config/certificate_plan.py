@@ -119,7 +119,7 @@ def read_robust(
     Parameters
     ----------
     file
-        Of which the variables are, for errors.
+        File of the variables, for errors.
     given
         Fractions between 0 and 1 by name, such as `"5%"`.
     searched

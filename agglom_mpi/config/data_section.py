@@ -5,7 +5,7 @@ An entry gives one number with its error, or the file of a size distribution or 
 needs no file.
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Container, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, Self
 
@@ -291,6 +291,14 @@ def built_data(entries: Sequence[DatumEntry], experiment: str = "") -> tuple[Dat
             datum = replace(datum, experiment=experiment, name=f"{experiment}: {datum.name}")
         found.append(datum)
     return tuple(found)
+
+
+def fixed_end(end: float | str, varied: Container[str]) -> float | None:
+    """Return the end of all samples in s; None where it differs between strings.
+
+    `end` is that of the scene, and `varied` the numbers of the scene that are variables.
+    """
+    return None if isinstance(end, str) or "end_time" in varied else float(end)
 
 
 def late(time: float, end: float | None) -> str:

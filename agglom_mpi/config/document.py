@@ -13,7 +13,13 @@ from agglom_mpi.config.bounds import (
 )
 from agglom_mpi.config.certificate_plan import CertificatePlan
 from agglom_mpi.config.correlations import Correlation, correlated
-from agglom_mpi.config.data_section import DatumEntry, impossible_data, late, read_data
+from agglom_mpi.config.data_section import (
+    DatumEntry,
+    fixed_end,
+    impossible_data,
+    late,
+    read_data,
+)
 from agglom_mpi.config.plan import FinalAnswer, Output, Plan, Stopping
 from agglom_mpi.config.relations import quantity_problems, read_constraints, read_derived
 from agglom_mpi.config.scene import MAX_PARTICLES, SceneSection
@@ -76,16 +82,10 @@ def _data_fit_scene(data: tuple[DatumEntry, ...], reading: Reading) -> Problems:
     if "scene" not in reading.earlier:
         return ()
     scene: SceneSection = reading.earlier["scene"]
-    end = _fixed_end(reading)
+    end = fixed_end(scene.end_time, reading.variables)
     varies = reading.variables.has_numbers_of("restitution")
     always_bonds = None if varies else scene.restitution.always_bonds
     return impossible_data(data, end, not scene.heating.is_absent, always_bonds)
-
-
-def _fixed_end(reading: Reading) -> float | None:
-    """Return the end of all samples in s; None where it differs between strings."""
-    end = reading.earlier["scene"].end_time
-    return None if isinstance(end, str) or "end_time" in reading.variables else end
 
 
 def _census_fits(output: Output, reading: Reading) -> Problems:
@@ -95,8 +95,9 @@ def _census_fits(output: Output, reading: Reading) -> Problems:
     if output.census and not reading.earlier["data"]:
         yield ("census",), "is given, but nothing is measured; needs a section data"
         return
+    end = fixed_end(reading.earlier["scene"].end_time, reading.variables)
     for i, time in enumerate(output.census):
-        if message := late(time, _fixed_end(reading)):
+        if message := late(time, end):
             yield ("census", i), message
 
 

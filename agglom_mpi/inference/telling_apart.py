@@ -1,4 +1,4 @@
-"""What to measure next to tell two laws apart: how probable the right one is expected to be then.
+"""Next measurements that tell two laws apart: the expected probability of the right one after it.
 
 Each law predicts a further measurement from the posterior of the data that there are: a mixture of
 normal densities, with the doubt of its emulator and the error of the measurement. Measurements are
@@ -40,7 +40,7 @@ POINTS_STREAM, TELLING_STREAM = 2, 3
 
 
 class Prediction(NamedTuple):
-    """What a law predicts for a measurement, at points of its posterior."""
+    """Prediction of a law for a measurement, at points of its posterior."""
 
     points: WeightedPoints
     candidate: Candidate

@@ -13,7 +13,7 @@ DEVIATIONS: Final = 16
 
 
 def even_places(count: int) -> Floats:
-    """Return deviations of so many variables, (`DEVIATIONS`, count), evenly from -1 to 1."""
+    """Return deviations of `count` variables, (`DEVIATIONS`, count), evenly from -1 to 1."""
     from scipy.stats import qmc
 
     points = qmc.Sobol(count, scramble=False).random(DEVIATIONS)

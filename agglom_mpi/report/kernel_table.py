@@ -79,15 +79,14 @@ def string_kernels(request: KernelRequest, show: Callable[[str], None]) -> Colli
 def kernel_text(found: CollisionKernels) -> RenderableType:
     """Return the pairs with the most collisions as a table."""
     records, grain = found.records(), found.grain_mass
-    most = sorted(records, key=lambda record: -record["collisions"])[:SHOWN]
+    most = sorted(range(len(records)), key=lambda k: -records[k]["collisions"])[:SHOWN]
     rows = [
         record
         | {
             "pair": f"{record['first_mass'] / grain:.3g}, {record['second_mass'] / grain:.3g}",
-            "window": f"{record['from']:.3g}–{record['to']:.3g}",
+            "window": _window(record),
         }
-        for record in records
-        if record in most
+        for record in map(records.__getitem__, sorted(most))
     ]
     notes = [
         f"{int(found.sums.samples.sum())} samples, {found.failed} failed",
@@ -100,13 +99,14 @@ def kernel_text(found: CollisionKernels) -> RenderableType:
     return Group(Table(COLUMNS, rows), *notes, *_balance_text(found))
 
 
+def _window(record: dict[str, Any]) -> str:
+    return f"{record['from']:.3g}–{record['to']:.3g}"
+
+
 def _balance_text(found: CollisionKernels) -> list[RenderableType]:
     if found.breaks:
         return []
-    rows = [
-        record | {"window": f"{record['from']:.3g}–{record['to']:.3g}"}
-        for record in balance_records(found)
-    ]
+    rows = [record | {"window": _window(record)} for record in balance_records(found)]
     title = "Means of a sample, simulated and by the Smoluchowski equations with these kernels"
     return ["", Table(BALANCE_COLUMNS, rows, title)]
 
@@ -132,17 +132,17 @@ def balance_records(found: CollisionKernels) -> list[dict[str, Any]]:
 
 def kernel_json(found: CollisionKernels) -> str:
     """Return all pairs as JSON, in SI units."""
-    records = [_separate(record, "_error") for record in found.records()]
+    records = [_separate(record) for record in found.records()]
     balance = [] if found.breaks else balance_records(found)
     shown: dict[str, Any] = {"samples": int(found.sums.samples.sum()), "failed": found.failed}
     shown |= {"units": UNITS, "kernels": records}
-    shown["balance"] = [_separate(record, "_error") for record in balance]
+    shown["balance"] = [_separate(record) for record in balance]
     return json.dumps(shown, indent=2, allow_nan=False)
 
 
 def write_kernels(found: CollisionKernels, path: Path) -> None:
     """Write all pairs as CSV, with units in the headings."""
-    records = [_separate(record, "_error") for record in found.records()]
+    records = [_separate(record) for record in found.records()]
     names = list(records[0]) if records else ["from", "to"]
     units = {name: UNITS.get(name.removesuffix("_error"), "") for name in names}
     headings = [f"{name} ({units[name]})" if units[name] else name for name in names]
@@ -152,12 +152,12 @@ def write_kernels(found: CollisionKernels, path: Path) -> None:
         writer.writerows([[record[name] for name in names] for record in records])
 
 
-def _separate(record: dict[str, Any], suffix: str) -> dict[str, Any]:
+def _separate(record: dict[str, Any]) -> dict[str, Any]:
     """Return a record with values and errors as numbers of their own."""
     found: dict[str, Any] = {}
     for name, value in record.items():
         if isinstance(value, tuple):
-            found[name], found[name + suffix] = value
+            found[name], found[f"{name}_error"] = value
         else:
             found[name] = float(value) if not isinstance(value, int) else value
     return found

@@ -190,8 +190,9 @@ def _alone(
 def _keep(wanted: Ledger | None, ledger: Ledger) -> None:
     """Copy a ledger to the one that was asked for."""
     if wanted is not None:
-        for target, source in zip(wanted[:3], ledger[:3], strict=True):
-            target[:] = source
+        for target, source in zip(wanted, ledger, strict=True):
+            if target is not None:
+                target[:] = source
 
 
 def _with_frames(

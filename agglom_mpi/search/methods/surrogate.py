@@ -305,7 +305,7 @@ class SurrogateSearch(EvaluatedStrings):
         return np.vstack((best, candidates[np.argmin(objectives, axis=1)]))
 
     def _count(self, generations: int) -> int:
-        """Return the number of strings that are known after so many generations."""
+        """Return the number of strings that are known after a number of generations."""
         return self._learned_count + self.method.strings(max(generations, 0))
 
     def _model(self, fitted: int, generation: int) -> "GaussianProcess | None":
