@@ -12,22 +12,18 @@ from rules import difference, ensemble_of, half_width, settled_moments
 from agglom_mpi.accuracy.time_integration import stopping_study
 from agglom_mpi.accuracy.time_integration.ensemble import ensemble_section
 from agglom_mpi.accuracy.time_integration.stopping_study import (
-    FIRST_MOMENT,
     OWN,
     PUBLISHED_TOLERANCES,
-    WITH_ERROR,
+    Truth,
     at_goal,
     at_stop,
     families,
     of_rules,
-    pooled_moments,
     proportion,
     root_mean_square,
     run_paths,
-    samples_needed,
     stop,
     study,
-    truth_of,
 )
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, summaries
@@ -36,6 +32,7 @@ from agglom_mpi.search.studied_rules import STUDIED_RULES
 from agglom_mpi.statistics import t_95
 
 GRAINS = 60
+FIRST_MOMENT, WITH_ERROR = "successive difference, mean radius", "standard error"
 CAMPAIGN = """
 title: A pool to draw from
 seed: 5
@@ -95,8 +92,8 @@ def test_stops_are_those_of_the_ensemble_that_judges_one_by_one(rule, min_sample
     pool = pool_of_radii(40, seed=1)
     outcomes = summaries(pool)
     draws = drawn(pool, most, 20, seed=2)
-    paths = run_paths(pool, objective, draws)
-    stops = stop(rule, paths, min_samples, most)
+    states, signed = run_paths(pool, objective, draws)
+    used, satisfied = stop(rule, states, min_samples, most)
     for order, rows in enumerate(draws.T):
         judged = ensemble_of(rule, objective, GRAINS, min_samples, most)
         for row in rows:
@@ -104,16 +101,16 @@ def test_stops_are_those_of_the_ensemble_that_judges_one_by_one(rule, min_sample
             if judged.finished:
                 break
         result = judged.result()
-        assert stops.used[order] == result.samples_used
-        assert stops.satisfied[order] != result.hit_maximum
+        assert used[order] == result.samples_used
+        assert satisfied[order] != result.hit_maximum
         # Sums of at most 150 terms in another order: 150 roundings, of a spread of some 10 %.
-        assert at_stop(paths.mean, stops)[order] == pytest.approx(
+        assert at_stop(states.mean_radius_ratio, used)[order] == pytest.approx(
             result.mean_radius_ratio, rel=150 * 2.0**-53
         )
-        assert abs(at_stop(paths.deviation, stops)[order]) == pytest.approx(
+        assert abs(at_stop(signed, used)[order]) == pytest.approx(
             result.objective, abs=150 * 2.0**-53
         )
-        assert at_stop(paths.standard_error, stops)[order] == pytest.approx(
+        assert at_stop(states.standard_error, used)[order] == pytest.approx(
             result.standard_error, rel=1e-12
         )
 
@@ -129,32 +126,34 @@ def test_moments_of_a_path_are_those_of_all_its_particles():
             row[f"radius_moment_{order}"] = np.mean((radii - radii.mean()) ** order)
     everyone = np.concatenate(groups)
     expected = [np.mean((everyone - everyone.mean()) ** order) for order in (2, 3, 4)]
-    assert pooled_moments(pool)[1:] == pytest.approx(expected, rel=1e-12)
+    states, _ = run_paths(pool, growth_target(), np.arange(len(pool))[:, None])
+    found = [moment[-1, 0] for moment in states.central_moments]
+    assert found == pytest.approx(expected, rel=1e-12)
 
 
 def test_the_first_moment_alone_is_the_successive_difference_of_the_mean_radius():
     pool = pool_of_radii(50, seed=4)
-    paths = run_paths(pool, growth_target(), drawn(pool, 200, 50, seed=5))
+    paths, _ = run_paths(pool, growth_target(), drawn(pool, 200, 50, seed=5))
     first = stop(settled_moments(1e-3, 1), paths, 2, 200)
     published = stop(difference(1e-3, "mean_radius"), paths, 2, 200)
-    assert np.array_equal(first.used, published.used)
+    assert np.array_equal(first[0], published[0])
 
 
 def test_equal_samples_end_every_rule_at_once():
     pool = np.repeat(pool_of_radii(1, seed=6), 30)
-    paths = run_paths(pool, growth_target(), drawn(pool, 20, 3, seed=7))
+    paths, _ = run_paths(pool, growth_target(), drawn(pool, 20, 3, seed=7))
     for rule, fewest in (
         (difference(1e-100, "objective"), 2),
         (half_width(1e-100), 5),
     ):
-        assert np.all(stop(rule, paths, 2, 20).used == fewest)
+        assert np.all(stop(rule, paths, 2, 20)[0] == fewest)
 
 
 def test_a_rule_that_is_satisfied_by_the_last_sample_did_not_end_at_the_limit():
     pool = np.repeat(pool_of_radii(1, seed=6), 30)
-    paths = run_paths(pool, growth_target(), drawn(pool, 20, 3, seed=7))
-    assert np.all(stop(difference(1e-6), paths, 2, 2).satisfied)
-    assert not np.any(stop(half_width(1e-6, 5), paths, 2, 4).satisfied)
+    paths, _ = run_paths(pool, growth_target(), drawn(pool, 20, 3, seed=7))
+    assert np.all(stop(difference(1e-6), paths, 2, 2)[1])
+    assert not np.any(stop(half_width(1e-6, 5), paths, 2, 4)[1])
 
 
 def test_intervals_of_a_fixed_number_of_normal_samples_cover_95_percent():
@@ -162,49 +161,37 @@ def test_intervals_of_a_fixed_number_of_normal_samples_cover_95_percent():
     objective = growth_target()
     orders = 4000
     for samples in (5, 30):
-        paths = run_paths(pool, objective, drawn(pool, samples, orders, seed=samples))
-        half_width = t_95(samples - 1) * paths.standard_error[-1]
-        missed = np.abs(paths.deviation[-1] - truth_of(pool, objective).deviation) > half_width
+        states, signed = run_paths(pool, objective, drawn(pool, samples, orders, seed=samples))
+        half_width = t_95(samples - 1) * states.standard_error[-1]
+        missed = np.abs(signed[-1] - Truth.of_pool(pool, objective).deviation) > half_width
         error = math.sqrt(0.05 * 0.95 / orders)
         assert abs(np.mean(missed) - 0.05) < 4.0 * error
 
 
 def test_error_of_a_fixed_number_is_the_spread_over_its_root():
     pool = pool_of_radii(200, seed=9)
-    truth = truth_of(pool, growth_target())
+    truth = Truth.of_pool(pool, growth_target())
     for samples in (4, 50):
         orders = 4000
-        paths = run_paths(pool, growth_target(), drawn(pool, samples, orders, seed=samples))
-        squares = (paths.mean[-1] - truth.mean) ** 2
+        states, _ = run_paths(pool, growth_target(), drawn(pool, samples, orders, seed=samples))
+        squares = (states.mean_radius_ratio[-1] - truth.mean) ** 2
         error = np.std(squares, ddof=1) / math.sqrt(orders)
         assert abs(np.mean(squares) - truth.spread**2 / samples) < 4.0 * error
 
 
 def rules_on(pool, samples, orders, seed):
     objective = growth_target()
-    rules = families(truth_of(pool, objective), samples)
+    rules = families(Truth.of_pool(pool, objective), samples)
     return study(pool, objective, rules, drawn(pool, samples, orders, seed))
 
 
-def test_published_rule_stops_by_luck():
-    frame = rules_on(normal_pool(5000, 2.0, 0.1, seed=10), 400, 1000, seed=11)
+def test_a_published_rule_is_off_by_more_than_a_fixed_number_of_as_many_samples():
+    pool = normal_pool(5000, 2.0, 0.1, seed=10)
+    frame = rules_on(pool, 400, 1000, seed=11)
     row = frame[(frame["rule"] == FIRST_MOMENT) & (frame["tolerance"] == 1e-4)].iloc[0]
-    # Half of normal errors are beyond 0.67 spread/√n, here at n = 400 still 0.0017 of the mean.
-    assert row["stopped by luck"] > 0.5
-    assert row["median error"] > 0.0017
-    assert row["rms error"] > row["rms error, fixed number"]
-
-
-def test_standard_error_rule_is_further_off_than_its_tolerance_in_5_percent():
-    orders = 1000
-    frame = rules_on(normal_pool(5000, 2.0, 0.1, seed=10), 400, orders, seed=11)
-    rows = frame[(frame["rule"] == WITH_ERROR) & (frame["samples, mean"] > 150)]
-    assert len(rows) > 0
-    for _, row in rows.iterrows():
-        # What stopping at a random number costs is of order 1/n (Woodroofe 1977).
-        early = 1.0 / row["samples, 10 %"]
-        error = math.sqrt(0.05 * 0.95 / orders)
-        assert abs(row["stopped by luck"] - 0.05) < early + 4.0 * error
+    fixed = 0.05 / math.sqrt(row["samples, mean"])
+    assert row["rms error"] > fixed
+    assert row["rms error"] > 10.0 * row["tolerance"]
 
 
 def test_stopping_early_costs_coverage():
@@ -225,7 +212,6 @@ def test_tighter_tolerances_take_more_samples():
 def test_a_proportion_has_an_error_even_where_everything_hits():
     assert proportion(np.ones(100, bool))[0] == 1.0
     assert proportion(np.ones(100, bool))[1] > 0.0
-    assert math.isnan(proportion(np.ones(0, bool))[0])
     hits = np.arange(1000) < 300
     assert proportion(hits)[1] == pytest.approx(math.sqrt(0.3 * 0.7 / 1000), rel=0.01)
 
@@ -241,15 +227,6 @@ def test_band_of_a_root_mean_square_holds_it_in_95_percent():
     # Student's statistic is then -2.2/n (Hall 1992).
     expected = 0.95 - 2.2 / 400
     assert abs(held / trials - expected) < 4.0 * math.sqrt(0.05 * 0.95 / trials)
-
-
-def test_samples_needed_lie_between_the_tolerances_around_the_goal():
-    import pandas as pd
-
-    rows = pd.DataFrame({"rms error": [0.1, 0.02, 0.005], "samples, mean": [4.0, 100.0, 1600.0]})
-    assert samples_needed(rows, 0.01) == pytest.approx(400.0)  # error ∝ 1/√n between the last two
-    assert samples_needed(rows, 0.2) == 4.0
-    assert math.isinf(samples_needed(rows, 0.001))
 
 
 def test_section_leaves_out_failed_samples_and_can_be_drawn():
@@ -275,9 +252,9 @@ def test_section_judges_the_campaigns_own_rule_within_its_own_limits():
     frame = {table.name: frame_of(table) for table in section.tables}["ensemble_rules"]
     own = frame[frame["rule"] == OWN].iloc[0]
     same = frame[(frame["rule"] == FIRST_MOMENT) & (frame["tolerance"] == 1e-4)].iloc[0]
-    assert own["samples, 90 %"] <= 300.0
+    assert own["samples, mean"] <= 300.0
     assert own["ended at max_samples"] >= same["ended at max_samples"]
-    assert own["samples, 10 %"] == same["samples, 10 %"]  # what ends before both limits
+    assert own["samples, mean"] <= same["samples, mean"]
     assert set(frame["tolerance"]) >= set(PUBLISHED_TOLERANCES)
     goal = at_goal(of_rules(frame), 1e-2)
     assert np.all(goal["ended at max_samples"] <= 0.5)

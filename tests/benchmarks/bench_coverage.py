@@ -60,16 +60,16 @@ def searched(campaign, law, pool, rng):
     rules = campaign.ensemble
     truth, _ = law.of_rows(pool)
     draws = rng.integers(len(pool), size=(rules.max_samples, ORDERS))
-    paths = run_paths(pool, law, draws)
-    stops = stop(rules.build(), paths, rules.min_samples, rules.max_samples)
-    values = np.abs(at_stop(paths.deviation, stops))
-    errors = at_stop(paths.standard_error, stops)
-    rows = zip(values, errors, stops.used, strict=True)
+    states, signed = run_paths(pool, law, draws)
+    ends, _ = stop(rules, states, rules.min_samples, rules.max_samples)
+    values = np.abs(at_stop(signed, ends))
+    errors = at_stop(states.standard_error, ends)
+    rows = zip(values, errors, ends, strict=True)
     held = np.array([covers(truth, *row) for row in rows]).reshape(-1, RIVALS)
     best = values.reshape(-1, RIVALS).argmin(axis=1)
     lucky = np.take_along_axis(held, best[:, np.newaxis], axis=1)
     bias = values.reshape(-1, RIVALS).min(axis=1).mean() - truth
-    return held.mean(), lucky.mean(), stops.used.mean(), bias
+    return held.mean(), lucky.mean(), ends.mean(), bias
 
 
 def of_moments(pool, samples, repeats, rng):

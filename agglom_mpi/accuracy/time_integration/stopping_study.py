@@ -1,4 +1,4 @@
-"""Stopping rules over their tolerances: error of the mean, samples spent, luck, coverage.
+"""Stopping rules over their tolerances: error of the mean, samples spent, coverage.
 
 The rules are those of `search.studied_rules.STUDIED_RULES`; a new one there is studied as well. One
 pool of samples is drawn in many random orders. `search.ensemble.Ensemble` decides sample by sample.
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.accuracy.time_integration.steps import cost_at, lasting
+from agglom_mpi.accuracy.time_integration.steps import lasting
 from agglom_mpi.search.objectives.objective import RadiusObjective
 from agglom_mpi.search.stopping import EnsembleState, StoppingRule
 from agglom_mpi.search.studied_rules import STUDIED_RULES
@@ -24,61 +24,15 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-FIRST_MOMENT: Final = "successive difference, mean radius"
-"""Name of a studied rule, which the moments rule of order 1 is too."""
-
-WITH_ERROR: Final = "standard error"
-"""Name of the studied rule whose tolerance is a half-width."""
-
 OWN: Final = "this campaign's"
-
 PUBLISHED_TOLERANCES: Final = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6)
 """Tolerances of rules whose tolerance is a share; an absolute one follows from the spread."""
 
 
-class EstimatePaths(NamedTuple):
-    """Statistics of the first 1, 2, … samples of each order; arrays of shape (samples, orders).
-
-    Attributes
-    ----------
-    mean
-        Of b^f/b⁰ over samples.
-    deviation, standard_error
-        Mean over samples of the objective's signed deviation, and its standard error, which is nan
-        for one sample.
-    central
-        Moments 2, 3, 4 of b/b⁰ about its mean, over the particles of all samples [A 24].
-    """
-
-    mean: Floats
-    deviation: Floats
-    standard_error: Floats
-    central: tuple[Floats, Floats, Floats]
-
-    @property
-    def moments(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """Moments 1 to 4 as stopping rules compare them."""
-        return (self.mean, *self.central)
-
-    @property
-    def states(self) -> EnsembleState[Floats]:
-        """Statistics after each sample, as stopping rules take them."""
-        count = np.arange(1, len(self.mean) + 1)[:, None]
-        objective = np.abs(self.deviation)
-        return EnsembleState(count, self.mean, objective, self.standard_error, self.central)
-
-
-class Stops(NamedTuple):
-    """Samples used by each order, and whether the rule was satisfied then; shape (orders,)."""
-
-    used: NDArray[np.int64]
-    satisfied: NDArray[np.bool_]
-
-
 def run_paths(
     pool: np.ndarray, objective: RadiusObjective, draws: NDArray[np.int64]
-) -> EstimatePaths:
-    """Return the running statistics of samples taken from a pool.
+) -> tuple[EnsembleState[Floats], Floats]:
+    """Return the running statistics of samples taken from a pool, and the objective's with sign.
 
     Sums are taken about a member of the pool, so that equal samples give exact zeros.
 
@@ -92,35 +46,11 @@ def run_paths(
     count = np.arange(1.0, len(draws) + 1.0)[:, None]
     ratio = pool["mean_radius_ratio"]
     mean, _ = _running(ratio, draws, count)
-    deviation, error = _running(objective.deviation(ratio), draws, count)
-    return EstimatePaths(mean, deviation, error, _pooled(pool, draws))
-
-
-def stop(rule: StoppingRule, paths: EstimatePaths, min_samples: int, max_samples: int) -> Stops:
-    """Return where an `Ensemble` with this rule and these limits would end.
-
-    Parameters
-    ----------
-    min_samples, max_samples
-        Fewest and most samples, at most as many as the paths have; the rule is evaluated from the
-        second sample on at the earliest.
-    """
-    enough = rule.satisfied_paths(paths.states)[:max_samples]
-    enough[: max(min_samples, 2) - 1] = False
-    satisfied: NDArray[np.bool_] = np.logical_or.reduce(enough)
-    return Stops(np.where(satisfied, enough.argmax(axis=0) + 1, len(enough)), satisfied)
-
-
-def at_stop(values: Floats, stops: Stops) -> Floats:
-    """Return the value that each order ended with, shape (orders,), of paths (samples, orders)."""
-    return values[stops.used - 1, np.arange(values.shape[1])]
-
-
-def pooled_moments(pool: np.ndarray) -> Floats:
-    """Return mean b^f/b⁰ over samples and pooled central moments 2, 3, 4 of a pool, shape (4,)."""
-    everyone = np.arange(len(pool))[:, None]
-    central = [float(moment[-1, 0]) for moment in _pooled(pool, everyone)]
-    return np.array([float(np.mean(pool["mean_radius_ratio"])), *central])
+    signed, error = _running(objective.deviation(ratio), draws, count)
+    states = EnsembleState(
+        count.astype(np.int64), mean, np.abs(signed), error, _pooled(pool, draws)
+    )
+    return states, signed
 
 
 def _member(values: Floats) -> float:
@@ -162,8 +92,29 @@ def _pooled(pool: np.ndarray, draws: NDArray[np.int64]) -> tuple[Floats, Floats,
     )
 
 
+def stop(
+    rule: StoppingRule, states: EnsembleState[Floats], min_samples: int, max_samples: int
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Return the samples after which an `Ensemble` with this rule and these limits would end.
+
+    Returns
+    -------
+    tuple
+        Samples used by each order, and whether the rule was satisfied then, (orders,) each.
+    """
+    enough = rule.satisfied_paths(states)[:max_samples]
+    enough[: max(min_samples, 2) - 1] = False  # there is no rule before the second sample
+    satisfied: NDArray[np.bool_] = np.logical_or.reduce(enough)
+    return np.where(satisfied, enough.argmax(axis=0) + 1, len(enough)), satisfied
+
+
+def at_stop(values: Floats, used: NDArray[np.int64]) -> Floats:
+    """Return the value that each order ended with, shape (orders,), of paths (samples, orders)."""
+    return values[used - 1, np.arange(values.shape[1])]
+
+
 class Truth(NamedTuple):
-    """Exact statistics of the pool that samples are drawn from.
+    """Exact statistics of the pool that samples are drawn from, with replacement.
 
     Attributes
     ----------
@@ -173,28 +124,20 @@ class Truth(NamedTuple):
         Mean of the objective's signed deviation; the objective is its magnitude.
     slope
         Change of the deviation with b^f/b⁰, positive.
-    moments
-        Mean and pooled central moments 2, 3, 4, shape (4,).
     """
 
     mean: float
     spread: float
     deviation: float
     slope: float
-    moments: Floats
 
-
-def truth_of(pool: np.ndarray, objective: RadiusObjective) -> Truth:
-    """Return the exact statistics of a pool from which samples are drawn with replacement."""
-    ratio = pool["mean_radius_ratio"]
-    ends = objective.deviation(np.array([0.0, 1.0]))  # linear in b^f/b⁰ up to one single sphere
-    return Truth(
-        mean=float(np.mean(ratio)),
-        spread=float(np.std(ratio)),
-        deviation=float(np.mean(objective.deviation(ratio))),
-        slope=abs(float(ends[1] - ends[0])),
-        moments=pooled_moments(pool),
-    )
+    @classmethod
+    def of_pool(cls, pool: np.ndarray, objective: RadiusObjective) -> "Truth":
+        """Return the statistics of a pool of completed samples."""
+        ratio = pool["mean_radius_ratio"]
+        ends = objective.deviation(np.array([0.0, 1.0]))  # linear in b^f/b⁰ up to a single sphere
+        deviation, slope = float(np.mean(objective.deviation(ratio))), abs(float(ends[1] - ends[0]))
+        return cls(float(np.mean(ratio)), float(np.std(ratio)), deviation, slope)
 
 
 Rules = list[tuple[str, StoppingRule]]
@@ -231,63 +174,36 @@ def study(
 ) -> "pd.DataFrame":
     """Apply every rule to the same orders of a pool; one row per rule and tolerance.
 
-    Parameters
-    ----------
-    draws
-        Which row of the pool each order takes next, shape (samples, orders).
+    Proportions come with binomial standard errors. The `draws` are those of `run_paths`.
     """
     import pandas as pd
 
-    truth = truth_of(pool, objective)
-    paths = run_paths(pool, objective, draws)
-    return pd.DataFrame([evaluate(label, rule, paths, truth) for label, rule in rules])
-
-
-def nominal_error(rule: StoppingRule, truth: Truth) -> float:
-    """Return the relative error of mean b^f/b⁰ that the tolerance is, taken as an error bound."""
-    tolerance = rule.tolerance
-    if rule.relative_to == "mean_radius":
-        return tolerance
-    if rule.relative_to == "objective":
-        tolerance = tolerance * abs(truth.deviation)
-    return tolerance / truth.slope / truth.mean
-
-
-def evaluate(
-    label: str, rule: StoppingRule, paths: EstimatePaths, truth: Truth
-) -> dict[str, object]:
-    """Return the row of a rule; proportions come with binomial standard errors."""
-    stops = stop(rule, paths, rule.min_samples, min(rule.max_samples, len(paths.mean)))
-    bound = nominal_error(rule, truth)
-    error = at_stop(paths.mean, stops) / truth.mean - 1.0
-    rms, low, high = root_mean_square(error)
-    place = rule.highest_moment - 1
-    highest = at_stop(paths.moments[place], stops) / truth.moments[place]
-    factor = np.array([t_95(used - 1) for used in stops.used.tolist()])
-    half_width = factor * at_stop(paths.standard_error, stops)
-    covered = np.abs(at_stop(paths.deviation, stops) - truth.deviation) <= half_width
-    lucky, lucky_error = proportion((np.abs(error) > bound)[stops.satisfied])
-    coverage, coverage_error = proportion(covered)
-    return {
-        "rule": label,
-        "tolerance": rule.tolerance,
-        "error believed": bound,
-        "orders": len(error),
-        "samples, mean": float(np.mean(stops.used)),
-        "samples, 10 %": float(np.quantile(stops.used, 0.1)),
-        "samples, 90 %": float(np.quantile(stops.used, 0.9)),
-        "rms error": rms,
-        "rms error, fixed number": truth.spread / truth.mean / math.sqrt(np.mean(stops.used)),
-        "rms error, low": low,
-        "rms error, high": high,
-        "median error": float(np.median(np.abs(error))),
-        "rms error, highest moment": root_mean_square(highest - 1.0)[0],
-        "stopped by luck": lucky,
-        "stopped by luck, standard error": lucky_error,
-        "coverage": coverage,
-        "coverage, standard error": coverage_error,
-        "ended at max_samples": float(np.mean(~stops.satisfied)),
-    }
+    truth, rows = Truth.of_pool(pool, objective), []
+    states, signed = run_paths(pool, objective, draws)
+    for label, rule in rules:
+        most = min(rule.max_samples, len(draws))
+        used, satisfied = stop(rule, states, rule.min_samples, most)
+        error = at_stop(states.mean_radius_ratio, used) / truth.mean - 1.0
+        rms, low, high = root_mean_square(error)
+        factor = np.array([t_95(count - 1) for count in used.tolist()])
+        half_width = factor * at_stop(states.standard_error, used)
+        covered = np.abs(at_stop(signed, used) - truth.deviation) <= half_width
+        coverage, coverage_error = proportion(covered)
+        rows.append(
+            {
+                "rule": label,
+                "tolerance": rule.tolerance,
+                "orders": len(error),
+                "samples, mean": float(np.mean(used)),
+                "rms error": rms,
+                "rms error, low": low,
+                "rms error, high": high,
+                "coverage": coverage,
+                "coverage, standard error": coverage_error,
+                "ended at max_samples": float(np.mean(~satisfied)),
+            }
+        )
+    return pd.DataFrame(rows)
 
 
 def root_mean_square(errors: Floats) -> tuple[float, float, float]:
@@ -299,13 +215,11 @@ def root_mean_square(errors: Floats) -> tuple[float, float, float]:
 
 
 def proportion(hits: NDArray[np.bool_]) -> tuple[float, float]:
-    """Return the proportion of hits and its standard error, nan of none (Agresti and Coull 1998).
+    """Return the proportion of hits and its standard error (Agresti and Coull 1998).
 
     The error is that of two hits and two misses more, so that it is not 0 where all hit or miss.
     """
     count = len(hits)
-    if count == 0:
-        return math.nan, math.nan
     smooth = (np.count_nonzero(hits) + 2.0) / (count + 4.0)
     return float(np.mean(hits)), math.sqrt(smooth * (1.0 - smooth) / (count + 4.0))
 
@@ -333,13 +247,3 @@ def at_goal(frame: "pd.DataFrame", goal: float) -> "pd.DataFrame":
         reached = np.flatnonzero(lasting(rows["rms error"], goal))
         picked.append(rows.index[reached[0] if len(reached) else -1])
     return frame.loc[picked]
-
-
-def samples_needed(rows: "pd.DataFrame", goal: float) -> float:
-    """Return the mean number of samples at which a rule reaches a relative error; inf if never."""
-    return cost_at(rows["rms error"], rows["samples, mean"], goal)
-
-
-def covers_too_little(rows: "pd.DataFrame") -> "pd.Series[bool]":
-    """Return for each row whether its 95 % intervals contain the truth too rarely for chance."""
-    return rows["coverage"] < 0.95 - 4.0 * rows["coverage, standard error"]
