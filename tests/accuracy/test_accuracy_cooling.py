@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from accuracy_rows import frame_of
 
-from agglom_mpi.accuracy.maps.cooling import (
+from agglom_mpi.accuracy.maps.law_references import (
     EXAMPLE_LAW,
     euler,
     exact,

@@ -6,7 +6,7 @@ from typing import ClassVar
 import pytest
 
 from agglom_mpi import load_campaign
-from agglom_mpi.accuracy.maps.cooling import grain_of, linear_limit
+from agglom_mpi.accuracy.maps.law_references import grain_of, linear_limit
 from agglom_mpi.config.describe import missing_fields
 from agglom_mpi.physics import scales
 from agglom_mpi.physics.contact import CompressionRecoveryDuration, Duration

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.accuracy.maps.cells import Axis, MapPlane
-from agglom_mpi.accuracy.maps.cooling import grain_of
+from agglom_mpi.accuracy.maps.law_references import grain_of
 from agglom_mpi.accuracy.maps.scene import MapScene, Values
 from agglom_mpi.accuracy.study import with_scene
 from agglom_mpi.accuracy.time_integration.published_method import as_published

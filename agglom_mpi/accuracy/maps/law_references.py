@@ -1,6 +1,6 @@
-"""Impacts of one pair of spheres: solved by any solver, timed, and known without the package.
+"""Single impacts and cooling grains: solved as the package does, and known without it.
 
-The references are closed forms, and a search by brute force. Everything in them is dimensionless.
+The references of impacts are closed forms and a search by brute force, all dimensionless.
 `X` is the pressure of a perfectly plastic impact over the one that bonds it, both at the
 temperature that such an impact reaches, so that every pair bonds from X = 1. The final contact area
 is the cross section of the smaller sphere, a_f = 1.
@@ -10,11 +10,18 @@ import math
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agglom_mpi.compilation.kernels import kernel
 from agglom_mpi.physics.constants import GAS_CONSTANT
 from agglom_mpi.physics.contact import CompressionRecoveryDuration, ContactArea, MeanSpeedDuration
+from agglom_mpi.physics.cooling import (
+    RadiativeCooling,
+    cooling_rate,
+    euler_step,
+    exact_temperature,
+    rate_slope,
+    rest_temperature,
+)
 from agglom_mpi.physics.hardness import ArrheniusHardness
 from agglom_mpi.physics.heating import PairSplit
 from agglom_mpi.physics.pair import ContactPair
@@ -23,7 +30,7 @@ from agglom_mpi.physics.restitution import (
     PressureRestitution,
     solve_restitution,
 )
-from agglom_mpi.stopwatch import Stopwatch, TimeSpent
+from agglom_mpi.simulation.scene import Scene
 
 LOWEST: Final = -60.0
 """Logarithm of the deficit d = 1 − e down to which the brute force looks for roots."""
@@ -125,24 +132,24 @@ PAIR: Final = ContactPair(
     tangent_i=0.0,
     tangent_j=0.0,
 )
-"""Equal spheres, head on; X is set by the hardness, which alone differs between the impacts."""
-
-REPEATS: Final = 3
-"""Number of timed loops; the median is reported."""
+"""Equal spheres, head on; X is set by the hardness."""
 
 
-def impact_laws(material: Material, solver: Any) -> ImpactLaws:
-    """Return the laws of a material for `PAIR`; the kernels fill in the hardness."""
+def impact_laws(material: Material, solver: Any, x: float) -> ImpactLaws:
+    """Return the laws with which `PAIR` has the X of an impact of a material."""
     energy = material.softening * GAS_CONSTANT * TEMPERATURE
+    length = 1e-6 if material.mean_speed else 1.0
+    force = PAIR.reduced_mass * SPEED**2 / (2.0 * length * RADIUS)
+    hardening = math.exp(material.softening / (1.0 + material.rise))
+    hardness = force / (2.0 * math.pi * RADIUS**2) / (hardening * x)
     # Each sphere gets half of ½m*w², and m* is half its mass.
     heated = SPEED**2 / (8.0 * TEMPERATURE)
+    duration = MeanSpeedDuration if material.mean_speed else CompressionRecoveryDuration
     return ImpactLaws(
         restitution=PressureRestitution.Numbers(),
-        duration=MeanSpeedDuration.Numbers(1e-6)
-        if material.mean_speed
-        else CompressionRecoveryDuration.Numbers(1.0),
+        duration=duration.Numbers(length),
         contact_area=ContactArea.Numbers(material.initial, 1.0),
-        hardness=ArrheniusHardness.Numbers(1.0, energy),
+        hardness=ArrheniusHardness.Numbers(hardness, energy),
         friction=None,
         heating=PairSplit.Numbers(),
         reaction=None,
@@ -152,70 +159,83 @@ def impact_laws(material: Material, solver: Any) -> ImpactLaws:
     )
 
 
-def hardness_of(material: Material, x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return H₀ in Pa at which `PAIR` has these X, shape (n,)."""
-    length = (1e-6 if material.mean_speed else 1.0) * RADIUS
-    force = PAIR.reduced_mass * SPEED**2 / (2.0 * length)
-    hardening = math.exp(material.softening / (1.0 + material.rise))
-    return force / (2.0 * math.pi * RADIUS**2) / (hardening * x)
+@kernel
+def solve_impact(laws, pair):
+    """Return the deficit 1 − e of a pair, whether it bonds, and whether it ends at the cap."""
+    solution = solve_restitution(laws.restitution, laws, pair)
+    return solution.deficit, solution.bonds, solution.capped
 
 
-HARDNESS: Final = ArrheniusHardness.Numbers
-"""Numbers of the hardness law of all impacts, by a name that kernels know."""
+EXAMPLE_LAW: Final = RadiativeCooling(emissivity=0.5, surroundings=300.0).build({})
+"""Radiation as in [B], where a scene has no cooling."""
+EXAMPLE_CAPACITY: Final = 1000.0
+"""J/(kg K), where a scene has no heat."""
+
+
+class Grain(NamedTuple):
+    """A grain that cools: law, surface in m², heat capacity in J/K, rest temperature in K."""
+
+    law: Any
+    surface: float
+    capacity: float
+    rest: float
+
+
+class EulerRun(NamedTuple):
+    """Temperature in K after Euler steps; whether any overshot the rest or went below 0 K."""
+
+    temperature: float
+    overshoots: bool
+    negative: bool
+
+
+def grain_of(scene: Scene) -> Grain:
+    """Return a grain of the scene; [B]'s radiation is the example if the scene has no cooling."""
+    capacity = scene.laws.heat_capacity
+    specific = capacity if math.isfinite(capacity) else EXAMPLE_CAPACITY
+    law = EXAMPLE_LAW if scene.cooling is None else scene.cooling.law
+    return Grain(law, 4.0 * math.pi * scene.radius**2, scene.mass * specific, rest_temperature(law))
 
 
 @kernel
-def with_hardness(laws, base):
-    """Return the same laws with another H₀ in Pa."""
-    return ImpactLaws(
-        laws.restitution,
-        laws.duration,
-        laws.contact_area,
-        HARDNESS(base, laws.hardness.activation_energy),
-        laws.friction,
-        laws.heating,
-        laws.reaction,
-        laws.fragmentation,
-        laws.solver,
-        laws.heat_capacity,
-    )
+def step_on(law, rest, surface, capacity, temperature, step, steps):
+    """Take Euler steps in s; temperature in K, whether one overshot `rest`, went below zero.
 
-
-@kernel
-def solve_repeatedly(laws, pair, hardness, repeats, deficit, bonds, capped):
-    """Solve the impact of a pair at every H₀ in Pa, `repeats` times over; fills the last three."""
-    for _ in range(repeats):
-        for i in range(hardness.size):
-            own = with_hardness(laws, hardness[i])
-            solution = solve_restitution(own.restitution, own, pair)
-            deficit[i] = solution.deficit
-            bonds[i] = solution.bonds
-            capped[i] = solution.capped
-
-
-def solve_all(laws: ImpactLaws, hardness: NDArray[np.float64], repeats: int = 1) -> tuple[Any, ...]:
-    """Solve the impact of `PAIR` at every H₀ in Pa, shape (n,), `repeats` times over.
-
-    Returns
-    -------
-    tuple
-        Deficit 1 − e, whether they bond, and whether they end at the cap, each (n,).
+    What a step does is judged before the package holds it at the rest of the quartic law, and puts
+    what is below zero to zero.
     """
-    count = len(hardness)
-    found = np.empty(count), np.empty(count, np.bool_), np.empty(count, np.bool_)
-    solve_repeatedly(laws, PAIR, hardness, repeats, *found)
-    return found
+    overshoots = negative = False
+    for _ in range(steps):
+        free = temperature - step * cooling_rate(law, temperature, surface, capacity)
+        overshoots = overshoots or (free - rest) * (temperature - rest) < 0.0
+        negative = negative or free < 0.0
+        temperature = max(0.0, euler_step(law, temperature, surface, capacity, step))
+    return temperature, overshoots, negative
 
 
-def times_of_impact(laws: ImpactLaws, hardness: NDArray[np.float64], least: int) -> list[TimeSpent]:
-    """Return the times in s of an impact, of loops over at least `least` impacts."""
-    repeats = -(-least // len(hardness))
-    solve_all(laws, hardness)  # compiles
-    times = []
-    for _ in range(REPEATS):
-        stopwatch = Stopwatch()
-        solve_all(laws, hardness, repeats)
-        wall, cpu = stopwatch.read()
-        count = repeats * len(hardness)
-        times.append(TimeSpent(wall / count, cpu / count))
-    return times
+@kernel
+def cool_on(law, surface, capacity, temperature, step, steps):
+    """Exact temperature in K after `steps` intervals of `step` s each."""
+    for _ in range(steps):
+        temperature = exact_temperature(law, temperature, surface, capacity, step)
+    return temperature
+
+
+def euler(grain: Grain, temperature: float, step: float, steps: int) -> EulerRun:
+    """Take `steps` Euler steps of `step` in s from a temperature in K."""
+    law, surface, capacity, rest = grain
+    return EulerRun(*step_on(law, rest, surface, capacity, temperature, step, steps))
+
+
+def exact(grain: Grain, temperature: float, duration: float, intervals: int = 1) -> float:
+    """Return the exact temperature in K after a duration in s, taken in equal intervals."""
+    step = duration / intervals
+    return float(cool_on(grain.law, grain.surface, grain.capacity, temperature, step, intervals))
+
+
+def linear_limit(grain: Grain, temperature: float) -> float:
+    """Return the inverse in s of the slope of the rate with the temperature.
+
+    The linear law of that slope overshoots with any longer Euler step.
+    """
+    return 1.0 / rate_slope(grain.law, temperature, grain.surface, grain.capacity)
