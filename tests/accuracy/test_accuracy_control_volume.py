@@ -52,8 +52,9 @@ def test_the_limit_of_many_grains_is_that_of_a_law_linear_in_inverse_n(campaign)
         noise = random.normal(size=400)
         noise -= noise.mean()
         samples[name] = made_up(1.8 + 12.0 / number + noise / np.sqrt(number), 1e-6 * number)
-    sizes, _ = module.measured_volumes(studied(campaign, False), samples)
-    assert module.limit_of(sizes).limit.value == pytest.approx(1.8, abs=1e-9)
+    size = module.finite_size(studied(campaign, False), samples)
+    assert size.volumes[0].grains == own
+    assert size.growth.limit.value == pytest.approx(1.8, abs=1e-9)
     found = module.control_volume_part(studied(campaign, False)).section(samples)
     assert "box_finite_size" in [figure.name for figure in found.figures]
 
