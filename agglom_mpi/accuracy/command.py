@@ -21,7 +21,7 @@ from agglom_mpi.accuracy.study import (
 )
 from agglom_mpi.accuracy.time_integration.control_volume import control_volume_part
 from agglom_mpi.accuracy.time_integration.ensemble import ensemble_part
-from agglom_mpi.accuracy.time_integration.extremes import extremes_part, read_scenes
+from agglom_mpi.accuracy.time_integration.published_method import extremes_part, read_scenes
 from agglom_mpi.accuracy.time_integration.search_history import history_part
 from agglom_mpi.accuracy.time_integration.steps import StudiedScene, steps_part
 from agglom_mpi.analysis.tables import time_on_free_core, wall_over_cpu

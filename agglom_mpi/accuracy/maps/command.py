@@ -25,7 +25,7 @@ from agglom_mpi.accuracy.study import (
     require_steps,
     run_stages,
 )
-from agglom_mpi.accuracy.time_integration.extremes import read_scenes
+from agglom_mpi.accuracy.time_integration.published_method import read_scenes
 from agglom_mpi.analysis.tables import time_on_free_core
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign

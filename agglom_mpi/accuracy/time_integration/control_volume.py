@@ -17,7 +17,8 @@ from agglom_mpi.accuracy.report import (
 )
 from agglom_mpi.accuracy.soundness import summary
 from agglom_mpi.accuracy.study import Rows, Setup, StudyPart, completed
-from agglom_mpi.accuracy.time_integration.steps import EVENT, StudiedScene, event_engine
+from agglom_mpi.accuracy.time_integration.published_method import event_engine
+from agglom_mpi.accuracy.time_integration.steps import EVENT, StudiedScene
 from agglom_mpi.analysis.finite_size import FiniteSize, growth_of_many, means_of_rows, why_no_limit
 from agglom_mpi.display.table import Column
 from agglom_mpi.report.drawing import Drawing

@@ -37,13 +37,13 @@ from agglom_mpi.accuracy.study import (
     paired_difference,
     with_scene,
 )
-from agglom_mpi.accuracy.time_integration.published_method import as_published
+from agglom_mpi.accuracy.time_integration.published_method import as_published, event_engine
 from agglom_mpi.analysis.tables import time_on_free_core
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.display.table import Column
 from agglom_mpi.formatting import format_percent
 from agglom_mpi.report.drawing import Drawing
-from agglom_mpi.simulation.engines import AdaptiveSteps, Engine, EventDriven, FixedSteps
+from agglom_mpi.simulation.engines import AdaptiveSteps, Engine, FixedSteps
 from agglom_mpi.statistics import MeanEstimate, mean_of
 
 if TYPE_CHECKING:
@@ -155,12 +155,6 @@ def steppers(end_time: float, quick: bool) -> Iterator[Stepper]:
             floor = share * end_time
             family = f"adaptive, steps to {cap:g} × the floor"
             yield Stepper(family, floor, AdaptiveSteps(floor=floor, ceiling=cap * floor))
-
-
-def event_engine(campaign: Campaign) -> Engine:
-    """Return the event engine of a campaign, its own if it has one."""
-    engine = campaign.scene.engine
-    return EventDriven() if engine.has_time_steps else engine
 
 
 def published_setups(scene: StudiedScene) -> dict[str, Setup]:
