@@ -29,7 +29,7 @@ def compare(files: tuple[str, ...], allow_code: bool, as_json: bool) -> int:
     from agglom_mpi.analysis.damage import blame_damage
     from agglom_mpi.display.run_display import print_wide
     from agglom_mpi.inference.law_comparison import compare_files
-    from agglom_mpi.report.law_table import law_text
+    from agglom_mpi.report.posterior_summary import law_text
     from agglom_mpi.storage.reader import read_inversion
 
     opened = [read_inversion(file, allow_code) for file in files]

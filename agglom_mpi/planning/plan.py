@@ -80,8 +80,7 @@ def plan(
             samples = read_recorded_samples(source, campaign)
             return forecast_all(experiment, samples, path, ranks, status.update)
         # Imported here: both load the kernels.
-        from agglom_mpi.planning.finite_size_pilot import advise_grains
-        from agglom_mpi.planning.pilot import run_pilot
+        from agglom_mpi.planning.pilot import advise_grains, run_pilot
 
         announce = status.update if console.is_terminal else LOG.info
         samples = run_pilot(campaign, seconds, status.update, announce)

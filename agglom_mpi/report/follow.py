@@ -7,10 +7,11 @@ from typing import Final
 import numpy as np
 
 from agglom_mpi.analysis.ranking import ranks_itself
-from agglom_mpi.display.progress import RunProgress, best_of
-from agglom_mpi.display.remaining_time import (
+from agglom_mpi.display.progress import (
     DurationStatistics,
     RemainingTime,
+    RunProgress,
+    best_of,
     format_rounded,
     remaining_by_work,
     remaining_in_turns,

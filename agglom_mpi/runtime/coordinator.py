@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.analysis.failed_samples import no_result
 from agglom_mpi.analysis.replay import stored_outcomes
-from agglom_mpi.display.progress import RunProgress
-from agglom_mpi.display.remaining_time import remaining_by_work, remaining_in_turns
+from agglom_mpi.display.progress import RunProgress, remaining_by_work, remaining_in_turns
 from agglom_mpi.errors import FAILURE, FINISHED, STOPPED
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.runtime.experiment import Experiment

@@ -5,8 +5,7 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.display.progress import Best, RunProgress
-from agglom_mpi.display.remaining_time import DurationStatistics
+from agglom_mpi.display.progress import Best, DurationStatistics, RunProgress
 from agglom_mpi.outcome import FAILED
 from agglom_mpi.storage.reader import CampaignData
 

@@ -9,8 +9,13 @@ import time
 
 import pytest
 
-from agglom_mpi.display.progress import Best, RunProgress, log_line
-from agglom_mpi.display.remaining_time import DurationStatistics, remaining_in_turns
+from agglom_mpi.display.progress import (
+    Best,
+    DurationStatistics,
+    RunProgress,
+    log_line,
+    remaining_in_turns,
+)
 from agglom_mpi.display.terminal import LiveLines, Terminal
 from agglom_mpi.runtime.coordinator import TICK
 

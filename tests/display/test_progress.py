@@ -4,13 +4,13 @@ import pytest
 
 from agglom_mpi.display.progress import (
     Best,
+    RemainingTime,
     RunProgress,
     format_clock,
     format_rate,
     log_line,
     terminal_lines,
 )
-from agglom_mpi.display.remaining_time import RemainingTime
 
 FULL = RunProgress(
     done=12,

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from agglom_mpi.display.remaining_time import (
+from agglom_mpi.display.progress import (
     UNITS,
     DurationStatistics,
     RemainingTime,

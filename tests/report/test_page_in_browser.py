@@ -11,8 +11,8 @@ from browser import browser, console, need_browser, on_paper, printed
 from once import made_once, shared_folder
 from processes import wait_for
 
-from agglom_mpi.report.embedding import SCROLLED
 from agglom_mpi.report.page import write_report
+from agglom_mpi.report.sections.section import SCROLLED
 from agglom_mpi.storage.reader import read_campaign
 
 pytestmark = pytest.mark.slow

@@ -16,7 +16,7 @@ from agglom_mpi.inference.next_measurement import NextMeasurement, NextMeasureme
 from agglom_mpi.measurements.datum import Datum, datum_name
 from agglom_mpi.measurements.quantities import AssumedError
 from agglom_mpi.report.figures.figure import figures
-from agglom_mpi.report.figures.next_measurement import MAX_BARS, draw_next
+from agglom_mpi.report.figures.posterior_figures import MAX_BARS, draw_next
 from agglom_mpi.report.posterior_summary import MAX_MEASUREMENTS, _compared, next_text
 from agglom_mpi.report.sections.section import plain_text
 from agglom_mpi.report.set_files import PosteriorRequest

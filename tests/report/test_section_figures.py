@@ -3,7 +3,7 @@
 import re
 
 from agglom_mpi.report.drawing import STRING_LINK, Drawing, write_drawing
-from agglom_mpi.report.embedding import MAX_SVG_BYTES, embedded
+from agglom_mpi.report.sections.section import MAX_SVG_BYTES, embedded
 
 
 def held(folder, draw, caption="what is seen"):
