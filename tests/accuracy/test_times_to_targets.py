@@ -111,35 +111,3 @@ def test_bands_contain_the_expected_time_where_runs_fail():
     # The number of successes is discrete: its share of one value is up to 1.3/√n.
     share, error = coverage(draw, 10.0, 40)
     assert 0.95 - 4 * error - 0.5 * 1.3 / math.sqrt(40) < share
-
-
-def test_equal_settings_have_a_ratio_of_one_within_the_band():
-    random = np.random.default_rng(7)
-    inside, trials = 0, 400
-    for _ in range(trials):
-        one, other = (times(random.uniform(1, 3, 20), np.full(20, 5.0)) for _ in range(2))
-        [ratio] = one.relative_to(other, random)
-        inside += ratio.low <= 1.0 <= ratio.high
-    assert inside / trials > 0.95 - 4 * math.sqrt(0.95 * 0.05 / trials) - 0.5 / 20
-
-
-@pytest.mark.parametrize("scale", [0.5, 3.0])
-def test_a_ratio_is_that_of_the_expected_times(scale):
-    one = times([2, 4, INF], [9, 9, 9])
-    other = times(scale * np.array([2, 4, INF]), scale * np.array([9, 9, 9]))
-    [ratio] = other.relative_to(one, np.random.default_rng(0))
-    assert ratio.value == pytest.approx(scale)
-
-
-def test_a_ratio_to_runs_that_fail_is_a_bound():
-    random = np.random.default_rng(0)
-    some, never = times([2.0] * 10, [9.0] * 10), times([INF] * 10, [9.0] * 10)
-    [more], [less] = never.relative_to(some, random), some.relative_to(never, random)
-    assert (more.value, more.low, more.high) == (INF, pytest.approx(never.least / 2.0), INF)
-    assert (less.value, less.low, less.high) == (0.0, 0.0, pytest.approx(2.0 / never.least))
-
-
-def test_two_that_never_reach_a_target_are_not_compared():
-    never = times([INF, INF], [1, 1])
-    [ratio] = never.relative_to(never, np.random.default_rng(0))
-    assert all(math.isnan(value) for value in ratio)

@@ -2,7 +2,7 @@
 
 import math
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -22,7 +22,7 @@ from agglom_mpi.accuracy.report import (
 )
 from agglom_mpi.accuracy.study import StudyOptions
 from agglom_mpi.analysis.tables import wall_over_cpu
-from agglom_mpi.config.answer_study import DEFAULT, AnswerStudy, file_stem
+from agglom_mpi.config.answer_study import AnswerStudy, file_stem
 from agglom_mpi.display.table import Column
 from agglom_mpi.formatting import format_digits, format_duration, format_percent, format_seconds
 from agglom_mpi.report.drawing import Drawing
@@ -80,7 +80,6 @@ def answer_section(study: AnswerStudy, answers: Answers, times: Sequence[Times])
     """Return the section on all settings."""
     expected, last = expected_times(study, times), last_answers(study, answers)
     compared = expected[expected["target"] == study.compared]
-    place = study.targets.index(study.compared)
     small = [f"{target:g}" for target in study.targets if target < answers.resolution]
     sentences = Sentences(
         "answer",
@@ -88,8 +87,8 @@ def answer_section(study: AnswerStudy, answers: Answers, times: Sequence[Times])
         answers=answers,
         small=", ".join(small),
         lines=[
-            (setting.name, sentence(setting.name, each, times[0], place))
-            for setting, each in zip(study.settings, times, strict=True)
+            (row["setting"], _reaching(row), band_text(_expected(row, COST_SAMPLES)))
+            for _, row in compared.iterrows()
         ],
     )
     what = f"Expected cost of an error of at most {study.compared:g}: one row is one setting."
@@ -128,14 +127,13 @@ def times_of(study: AnswerStudy, answers: Answers) -> list[Times]:
 
 
 def expected_times(study: AnswerStudy, times: Sequence[Times]) -> "pd.DataFrame":
-    """Return the expected run times of each setting and target, with bands and ratios."""
+    """Return the expected run times of each setting and target, with bands."""
     import pandas as pd
 
     rows = []
     for setting, each in zip(study.settings, times, strict=True):
         random = np.random.default_rng(BOOTSTRAP_SEED)
-        bands = [each[cost].band(random) for cost in COSTS]
-        ratios = [each[cost].relative_to(times[0][cost], random) for cost in COSTS]
+        bands = {cost: each[cost].band(random) for cost in COSTS}
         runs = each[COST_SAMPLES]
         for place, target in enumerate(study.targets):
             row: dict[str, object] = {
@@ -145,10 +143,8 @@ def expected_times(study: AnswerStudy, times: Sequence[Times]) -> "pd.DataFrame"
                 "runs": runs.runs,
                 "runs that reach it": int(runs.successes[place]),
             }
-            for cost, band, ratio in zip(COSTS, bands, ratios, strict=True):
+            for cost, band in bands.items():
                 row |= dict(zip(band_names(f"expected {cost}"), band[place], strict=True))
-                relative = band_names(f"{cost}, relative to the default")
-                row |= dict(zip(relative, ratio[place], strict=True))
             rows.append(row)
     return pd.DataFrame(rows)
 
@@ -180,52 +176,30 @@ def last_answers(study: AnswerStudy, answers: Answers) -> "pd.DataFrame":
     return pd.DataFrame(rows)
 
 
-def band_text(band: Band, form: str = "number") -> str:
-    """Return a band as text: `310 (250 to 420)`; a ratio has the form `ratio`, seconds `time`."""
+def band_text(band: Band, form: Callable[[float], str] = "{:.0f}".format) -> str:
+    """Return a band as text: `310 (250 to 420)`."""
     if math.isnan(band.value):
         return "unknown"
-    value, low, high = ("∞" if math.isinf(end) else _number(end, form) for end in band)
+    value, low, high = ("∞" if math.isinf(end) else form(end) for end in band)
     return f"more than {low}" if math.isinf(band.value) else f"{value} ({low} to {high})"
-
-
-def _number(value: float, form: str) -> str:
-    if form == "time":
-        return format_seconds(value)
-    return format_digits(value) if form == "ratio" else f"{value:.0f}"
-
-
-def verdict(ratio: Band, cost: str) -> str:
-    """Return what a ratio of expected costs says, as a clause; it is resolved if its band is."""
-    what = "samples" if cost == COST_SAMPLES else "processor time"
-    if math.isnan(ratio.value):
-        return f"{what}: not compared"
-    text = band_text(ratio, "ratio")
-    if ratio.value == 0.0:
-        text = f"less than {_number(ratio.high, 'ratio')}"
-    found = "more" if ratio.low > 1.0 else "less" if ratio.high < 1.0 else "not resolved"
-    return f"{what}: {text} × the default's, {found}"
-
-
-def sentence(name: str, each: Times, default: Times, target: int) -> str:
-    """Return one sentence on a setting at one of the targets, by its place."""
-    runs = each[COST_SAMPLES]
-    count = f"{runs.successes[target]} of {runs.runs} runs reach it"
-    if name == DEFAULT:
-        return f"{count}."
-    random = np.random.default_rng(BOOTSTRAP_SEED)
-    ratios = {cost: each[cost].relative_to(default[cost], random)[target] for cost in COSTS}
-    return f"{count}; {'; '.join(verdict(ratio, cost) for cost, ratio in ratios.items())}."
 
 
 def _expected(row: Any, cost: str) -> Band:
     return Band(*(row[name] for name in band_names(f"expected {cost}")))
 
 
+def _reaching(row: Any) -> str:
+    return f"{row['runs that reach it']} of {row['runs']} runs"
+
+
 EXPECTED_COLUMNS: Final = (
     Column("factor", text=True),
     Column("setting", text=True),
+    RowColumn("reached", format=_reaching),
     RowColumn("samples", format=lambda row: band_text(_expected(row, COST_SAMPLES))),
-    RowColumn("processor time", format=lambda row: band_text(_expected(row, COST_SECONDS), "time")),
+    RowColumn(
+        "processor time", format=lambda row: band_text(_expected(row, COST_SECONDS), format_seconds)
+    ),
 )
 LAST_COLUMNS: Final = (
     Column("setting", text=True),

@@ -84,7 +84,8 @@ class TimesToTargets(NamedTuple):
 
     def band(self, random: np.random.Generator) -> list[Band]:
         """Return the expected run time of each target with its bootstrap band."""
-        drawn = self._drawn(random)
+        draws = random.integers(self.runs, size=(RESAMPLES, self.runs))
+        drawn = _expected(self.reached[draws], self.spent[draws])
         return [
             Band(float(value), *_ends(values, self.runs))
             if np.isfinite(value)
@@ -101,33 +102,6 @@ class TimesToTargets(NamedTuple):
         """
         most = 1.0 - TAIL ** (1.0 / self.runs)
         return float(self.spent.mean() * (1.0 - most) / most)
-
-    def relative_to(self, other: "TimesToTargets", random: np.random.Generator) -> list[Band]:
-        """Return ratios of the expected run times to those of other runs, with bootstrap bands.
-
-        Where the runs of one of the two reach no target, its bound takes the place of its band and
-        the ratio is inf or 0; where none of both does, the ratio is nan.
-        """
-        mine, theirs = self.band(random), other.band(random)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            drawn = self._drawn(random) / other._drawn(random)
-        runs = min(self.runs, other.runs)
-        found = []
-        for own, its, ratios in zip(mine, theirs, drawn.T, strict=True):
-            if math.isinf(own.value) and math.isinf(its.value):
-                found.append(Band(math.nan, math.nan, math.nan))
-            elif math.isinf(own.value):
-                found.append(Band(math.inf, own.low / its.high, math.inf))
-            elif math.isinf(its.value):
-                found.append(Band(0.0, 0.0, own.high / its.low))
-            else:
-                found.append(Band(own.value / its.value, *_ends(ratios, runs)))
-        return found
-
-    def _drawn(self, random: np.random.Generator) -> Floats:
-        """Return the expected run times of sets of runs drawn from these, (`RESAMPLES`, m)."""
-        draws = random.integers(self.runs, size=(RESAMPLES, self.runs))
-        return _expected(self.reached[draws], self.spent[draws])
 
 
 def cost_to(costs: ArrayLike, errors: ArrayLike, targets: ArrayLike) -> Floats:
