@@ -55,7 +55,7 @@ FINALS: Final = 8  # from a worker: rows of `/final_particles`
 FRAMES: Final = 9  # from a worker: one row of `/frames`
 ALIVE: Final = 10  # both ways: `HEARTBEAT`
 CANCEL: Final = 11  # to a worker: strings that need no more samples, int64
-PROGRAM: Final = 12  # from a worker, first of all: its program, as in `programs.py`
+PROGRAM: Final = 12  # from a worker, first of all: its program, as in `launch.py`
 """Message tags."""
 
 RESULT: Final = sample_dtype
