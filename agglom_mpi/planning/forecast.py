@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 from agglom_mpi.config.campaign import Campaign
 
 if TYPE_CHECKING:
-    from agglom_mpi.planning.finite_size_pilot import GrainAdvice
+    from agglom_mpi.planning.pilot import GrainAdvice
 
 WELL_USED: Final = 0.5
 """Minimum share of the ranks' time spent on needed samples for a number of ranks to be advised."""

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from agglom_mpi.display.run_display import Display
-from agglom_mpi.planning.cluster_simulator import DrawnSamples, Workload
 from agglom_mpi.planning.forecast import MessageCosts
+from agglom_mpi.planning.workload import DrawnSamples, Workload
 from agglom_mpi.runtime.coordinator import Coordinator
 from agglom_mpi.runtime.experiment import Experiment
 from agglom_mpi.runtime.file_setup import prepare

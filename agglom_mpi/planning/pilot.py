@@ -1,22 +1,37 @@
-"""Pilot samples: random strings simulated here for a short time."""
+"""Pilot samples, simulated here: of random strings, and of one in several control volumes.
 
+The first show how long a campaign takes, the second how many grains it needs.
+"""
+
+import math
 import time
 from collections.abc import Callable, Iterable, Iterator
 from threading import Timer
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.analysis.extrapolation import Extrapolation
+from agglom_mpi.analysis.finite_size import (
+    VolumeMeans,
+    enough_grains,
+    growth_of_many,
+    means_of_rows,
+    why_no_limit,
+)
 from agglom_mpi.config.campaign import Campaign
+from agglom_mpi.config.scene import MAX_PARTICLES
 from agglom_mpi.config.yaml_source import CampaignError, Problem
 from agglom_mpi.formatting import pluralise
+from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.planning.workload import PilotSamples
 from agglom_mpi.random_streams import RANDOM_STRING, search_stream
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.messages import RankMessage, merged
 from agglom_mpi.runtime.task_runner import SampleRunner
-from agglom_mpi.scheduling.interface import new_tasks
+from agglom_mpi.scheduling.interface import new_tasks, number_in_volume
+from agglom_mpi.storage.table import concatenated
 
 STRINGS_PER_SAMPLE: Final = 4
 """Ratio of strings to samples per string: times differ more between strings than within one."""
@@ -122,3 +137,182 @@ def simulate_for(
                 return
     finally:
         alarm.cancel()
+
+
+VOLUMES: Final = (1, 2, 4)
+"""Control volumes of the pilot samples, relative to the campaign's box."""
+FEWER: Final = (1, 2)
+"""Those where the time, or the most grains, does not suffice for the largest."""
+SHARE: Final = 0.25
+"""Time of these samples relative to that of all other pilot samples."""
+ROUND: Final = 10
+"""Number of samples of each volume that are simulated in turn."""
+MAX_ROUNDS: Final = 40
+"""Maximum number of such rounds."""
+DEFAULT_SAMPLES: Final = 100
+"""Number of samples that the error of the answer is forecast for where nothing is estimated
+again."""
+
+
+class GrainAdvice(NamedTuple):
+    """How the number of grains shifts the answer, by pilot samples.
+
+    Attributes
+    ----------
+    grains
+        Number of grains of the campaign.
+    samples
+        Pilot samples in each volume.
+    fit
+        Extrapolation of the mean of b/b⁰.
+    error
+        Standard error that the final estimate will have, by the spread of one sample.
+    answer_samples
+        Number of samples that the final estimate will have.
+    why_no_limit
+        Why the pilot samples show no shift; empty if they do.
+    volumes
+        Control volumes of the pilot samples.
+    """
+
+    grains: int
+    samples: int
+    fit: Extrapolation
+    error: float
+    answer_samples: int
+    why_no_limit: str = ""
+    volumes: tuple[int, ...] = VOLUMES
+
+    @property
+    def exceeds(self) -> bool:
+        """Whether the shift is resolved and above the standard error of the answer."""
+        return self.fit.shift.is_resolved and abs(self.fit.shift.value) > self.error
+
+    @property
+    def enough(self) -> int:
+        """Number of grains whose shift is at most the standard error; else the campaign's own."""
+        return enough_grains(self.grains, self.fit, self.error) if self.exceeds else self.grains
+
+    @property
+    def text(self) -> str:
+        """Two lines for readers."""
+        volumes = ", ".join(f"{volume * self.grains:,}" for volume in self.volumes)
+        if self.volumes != VOLUMES:
+            volumes += f" ({VOLUMES[-1] * self.grains:,} are too many for this time)"
+        head = f"finite size, by {self.samples} samples each of one string with {volumes} grains: "
+        if self.why_no_limit:
+            return f"{head}no shift is known\n  {self.why_no_limit}"
+        return (
+            f"{head}mean b/b0 is shifted by {self.fit.shift.text}, the final estimate will have "
+            f"the standard error {self.error:.2g}\n  {self._advice}"
+        )
+
+    @property
+    def _advice(self) -> str:
+        if not self.fit.shift.is_resolved:
+            return f"no shift is resolved: {self.grains:,} grains are kept"
+        if not self.exceeds:
+            return f"the shift is within that error: {self.grains:,} grains are enough"
+        return (
+            f"take {self.enough:,} grains ({pluralise(self._equal_samples, 'sample')} then have "
+            f"the error of {self.answer_samples}), or final: {{volumes: {list(VOLUMES)}}}"
+        )
+
+    @property
+    def _equal_samples(self) -> int:
+        """Samples with enough grains whose mean has the same error: variances fall as 1/N."""
+        return max(2, math.ceil(self.answer_samples * self.grains / self.enough))
+
+    def as_dict(self) -> dict[str, float | int | bool | str]:
+        """Return plain values for JSON."""
+        return {
+            "grains": self.grains,
+            "samples": self.samples,
+            "shift": self.fit.shift.value,
+            "shift_standard_error": self.fit.shift.error,
+            "limit": self.fit.limit.value,
+            "limit_standard_error": self.fit.limit.error,
+            "answer_standard_error": self.error,
+            "exceeds": self.exceeds,
+            "enough_grains": self.enough,
+            "why_no_limit": self.why_no_limit,
+            "largest_grains": self.volumes[-1] * self.grains,
+        }
+
+
+def advise_grains(
+    campaign: Campaign, pilot: PilotSamples, seconds: float, show: Callable[[str], None]
+) -> GrainAdvice | None:
+    """Simulate the best pilot string in several volumes, and return how many grains are enough.
+
+    Parameters
+    ----------
+    campaign
+        The campaign.
+    pilot
+        Samples of random strings; the best of these is simulated.
+    seconds
+        Time limit of all other pilot samples, s.
+    show
+        Called with a line on the progress.
+
+    Returns
+    -------
+    GrainAdvice or None
+        None where the time allows for too few samples, or grains are too many, even without the
+        largest volume.
+    """
+    for volumes in (VOLUMES, FEWER):
+        if campaign.scene.particles * volumes[-1] <= MAX_PARTICLES:
+            show("simulating one string in larger volumes")
+            found = _by_volumes(campaign, pilot, seconds, volumes)
+            if found is not None:
+                return found
+    return None
+
+
+def _by_volumes(
+    campaign: Campaign, pilot: PilotSamples, seconds: float, volumes: tuple[int, ...]
+) -> GrainAdvice | None:
+    """Return the advice by samples in some volumes; arguments as of `advise_grains`."""
+    runner = SampleRunner(InversionExperiment(campaign), 0)
+    string = _best(campaign, pilot)
+    limit, begun = SHARE * seconds, time.monotonic()
+
+    def tasks() -> Iterator[np.void]:
+        for done in range(MAX_ROUNDS):
+            spent = time.monotonic() - begun
+            if done and spent * (done + 1) / done > limit:
+                return
+            for volume in volumes:
+                number = number_in_volume(0, volume)
+                yield task_of(number, done * ROUND, ROUND, pilot.parameters[string])
+
+    parts = [message.results for message in simulate_for(limit, runner, tasks())]
+    rounds = (len(parts) - runner.abort_flag.stopped) // len(volumes)  # the last one may be cut
+    if not rounds:
+        return None
+    known: list[VolumeMeans] = []
+    for place, volume in enumerate(volumes):
+        rows = concatenated(parts[place :: len(volumes)][:rounds], parts[0].dtype)
+        means = means_of_rows(rows, volume, volume * campaign.scene.particles)
+        if means is None:
+            return None
+        known.append(means)
+    # A line detects a shift with a seventh of the samples that a parabola takes.
+    fit = growth_of_many(known, order=1)
+    answer = DEFAULT_SAMPLES if campaign.final is None else campaign.final.samples
+    error = known[0].spread / math.sqrt(answer)
+    why = why_no_limit(known, fit)
+    samples = rounds * ROUND
+    return GrainAdvice(campaign.scene.particles, samples, fit, error, answer, why, volumes)
+
+
+def _best(campaign: Campaign, pilot: PilotSamples) -> int:
+    """Return the pilot string with the lowest objective, the first where none has any."""
+    done = pilot.rows[pilot.rows["state"] == COMPLETED]
+    if not len(done):
+        return 0
+    strings = np.unique(done["string"])
+    values = [float(done["objective"][done["string"] == string].mean()) for string in strings]
+    return int(strings[int(np.nanargmin(values))]) if np.isfinite(values).any() else int(strings[0])

@@ -5,9 +5,8 @@ import pytest
 
 from agglom_mpi.analysis.extrapolation import extrapolated
 from agglom_mpi.config.loading import load_campaign
-from agglom_mpi.planning import finite_size_pilot as module
-from agglom_mpi.planning.finite_size_pilot import GrainAdvice, advise_grains
-from agglom_mpi.planning.pilot import run_pilot
+from agglom_mpi.planning import pilot as module
+from agglom_mpi.planning.pilot import GrainAdvice, advise_grains, run_pilot
 from agglom_mpi.statistics import MeanEstimate
 
 GRAINS = (100, 200, 400)
