@@ -36,14 +36,14 @@ def doctor(folder: Path) -> int:
 
 def run_checks(folder: Path) -> "Iterator[Finding]":
     """Yield the findings of all checks; `folder` is that of the campaign files."""
-    from agglom_mpi.doctor import folders, machine, ranks
+    from agglom_mpi.doctor import machine, ranks
 
     yield from machine.check_libraries()
     yield from ranks.check_mpi()
     yield from ranks.check_shared_memory()
     yield from machine.check_nodes()
     yield from machine.check_processors()
-    yield from folders.check_storage(folder)
+    yield from machine.check_storage(folder)
     yield from machine.check_batch_system()
 
 

@@ -29,9 +29,8 @@ from agglom_mpi.scheduling.estimators import RANGE_SECONDS, ROUND_TRIP_SECONDS
 from agglom_mpi.scheduling.interface import means_of
 from agglom_mpi.search.ensemble import judge_of
 from agglom_mpi.search.inversion import Inversion
-from agglom_mpi.storage.checksums import checksums
 from agglom_mpi.storage.schema import samples_schema
-from agglom_mpi.storage.table import fitted
+from agglom_mpi.storage.table import checksums, fitted
 from agglom_mpi.storage.writer import CampaignWriter
 
 LATENCY: Final = 2e-3

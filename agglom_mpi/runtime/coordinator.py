@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.analysis.completeness import finished_reason
 from agglom_mpi.analysis.failed_samples import no_result
 from agglom_mpi.analysis.replay import stored_outcomes
 from agglom_mpi.display.progress import RunProgress
@@ -32,7 +33,6 @@ from agglom_mpi.runtime.stop_request import StopRequest
 from agglom_mpi.runtime.worker_pool import WorkerPool
 from agglom_mpi.scheduling.scheduler import Scheduler
 from agglom_mpi.scheduling.static_scheduler import StaticScheduler
-from agglom_mpi.storage.finished_counts import finished_reason
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.writer import CampaignWriter
 

@@ -28,10 +28,10 @@ from agglom_mpi.runtime.experiment import Experiment
 from agglom_mpi.runtime.messages import own_host
 from agglom_mpi.runtime.stop_request import StopRequest
 from agglom_mpi.scheduling.interface import volume_string
-from agglom_mpi.storage.checksums import checksums
 from agglom_mpi.storage.lock import NOTES_OFFSET, CampaignLock
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.schema import samples_schema
+from agglom_mpi.storage.table import checksums
 from agglom_mpi.storage.writer import CampaignWriter
 from agglom_mpi.verbs.simulate import simulate
 

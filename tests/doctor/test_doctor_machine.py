@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from agglom_mpi.cli import main
 from agglom_mpi.cli.doctor import as_table
-from agglom_mpi.doctor import folders, machine
+from agglom_mpi.doctor import machine
 from agglom_mpi.doctor import ranks as mpi
 from agglom_mpi.doctor.machine import Finding
 
@@ -33,29 +33,29 @@ lustre@tcp:/big /my\040scratch lustre rw,flock 0 0
 )
 def test_the_innermost_mount_says_which_file_system_it_is(tmp_path, folder, kind):
     (tmp_path / "mounts").write_text(MOUNTS)
-    assert folders.file_system(Path(folder), tmp_path / "mounts") == kind
+    assert machine.file_system(Path(folder), tmp_path / "mounts") == kind
 
 
 def test_without_a_list_of_mounts_nothing_is_claimed(tmp_path):
-    assert folders.file_system(tmp_path, tmp_path / "none") == "unknown"
+    assert machine.file_system(tmp_path, tmp_path / "none") == "unknown"
 
 
 def test_a_file_system_that_two_machines_write_to_is_left_to_rank_0(tmp_path, monkeypatch):
-    monkeypatch.setattr(folders, "file_system", lambda folder: "nfs4")
-    output, kernels = folders.check_storage(tmp_path)
+    monkeypatch.setattr(machine, "file_system", lambda folder: "nfs4")
+    output, kernels = machine.check_storage(tmp_path)
     assert "--database gathered" in output.advice
     assert "NUMBA_CACHE_DIR" in kernels.advice
     assert not list(tmp_path.iterdir())
 
 
 def test_a_folder_that_cannot_be_written_is_broken():
-    output, _ = folders.check_storage(Path("/proc"))
+    output, _ = machine.check_storage(Path("/proc"))
     assert output.broken
     assert "/proc (proc)" in output.found
 
 
 def test_this_folder_is_timed_and_has_locks(tmp_path):
-    seconds, locks = folders.measure_fsync(tmp_path)
+    seconds, locks = machine.measure_fsync(tmp_path)
     assert locks
     assert 0.0 < seconds < 60.0
 
