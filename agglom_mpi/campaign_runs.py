@@ -283,8 +283,7 @@ class RunnableCampaign(Campaign):
         'finished'
         """
         from agglom_mpi.campaign_file import open_campaign
-        from agglom_mpi.runtime.invert import InvertOptions
-        from agglom_mpi.runtime.python_runs import run_by_ranks, run_here
+        from agglom_mpi.runtime.invert import InvertOptions, run_by_ranks, run_here
 
         name = None if output is None else os.fspath(output)
         options = InvertOptions(

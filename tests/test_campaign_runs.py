@@ -23,9 +23,9 @@ from processes import program, wait_until_gone
 import agglom_mpi
 from agglom_mpi.campaign_file import CampaignFile
 from agglom_mpi.campaign_runs import RANKS_PER_CORE
-from agglom_mpi.runtime import python_runs
+from agglom_mpi.runtime import invert as python_runs
 from agglom_mpi.runtime.coordinator import IDLE_LEGS
-from agglom_mpi.runtime.python_runs import RunFailedError
+from agglom_mpi.runtime.invert import RunFailedError
 from agglom_mpi.runtime.stop_request import stop_signals
 from agglom_mpi.storage.lock import CampaignLock
 

@@ -15,13 +15,12 @@ from types import CodeType
 from typing import Any, Final
 
 import numba
+from numba.core import ir, types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import LoweringPass, register_pass
 from numba.core.typed_passes import AnnotateTypes, NopythonRewrites
 from numba.core.untyped_passes import InlineClosureLikes
-
-from agglom_mpi.compilation.kernel_indices import UnsignedIndices
 
 TRIED: Final = ((0, 64), (0, 68))
 """First and last version of Numba that were seen to give the same bits both ways."""
@@ -129,6 +128,51 @@ class ChooseLibrary(LoweringPass):
         state.library = chosen(state.targetctx.codegen(), state.func_id.func_qualname)
         state.library.enable_object_caching()
         return False
+
+
+@register_pass(mutates_CFG=False, analysis_only=False)
+class UnsignedIndices(LoweringPass):
+    """Make the indices of arrays unsigned, where Numba has found them to be signed numbers.
+
+    As in Python, a negative index counts from the end, and Numba takes three instructions for that
+    at each access by a number that it cannot foresee: a third of those of a loop over cells. No
+    kernel wants it.
+    """
+
+    _name = "unsigned_indices"
+
+    def __init__(self) -> None:
+        LoweringPass.__init__(self)
+
+    def run_pass(self, state: Any) -> bool:
+        """Change the types that calls for an item are made with; return whether any was."""
+        changed = False
+        for block in state.func_ir.blocks.values():
+            for statement in block.body:
+                access = statement.value if isinstance(statement, ir.Assign) else statement
+                if not _is_access(access):
+                    continue
+                array, index, *rest = state.calltypes[access].args
+                if isinstance(array, types.Array) and unsigned(index) != index:
+                    found = state.calltypes.pop(access)  # an entry cannot be overwritten
+                    state.calltypes[access] = found.replace(args=(array, unsigned(index), *rest))
+                    changed = True
+        return changed
+
+
+def _is_access(access: Any) -> bool:
+    getting = isinstance(access, ir.Expr) and access.op == "getitem"
+    return getting or isinstance(access, ir.SetItem)
+
+
+def unsigned(index: Any) -> Any:
+    """Return the type of an index without a sign; as it is where it is a literal or a slice."""
+    known: Any = index  # Numba's annotations know neither parts nor signs
+    if isinstance(index, types.BaseTuple):
+        return types.Tuple([unsigned(part) for part in known])
+    if isinstance(index, types.Literal) or not isinstance(index, types.Integer):
+        return index
+    return types.uintp if known.signed else index
 
 
 def needless_passes(code: CodeType) -> set[type]:

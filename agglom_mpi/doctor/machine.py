@@ -1,4 +1,4 @@
-"""Checks of what is installed, processors, file systems, the batch system and several nodes."""
+"""Checks of what is installed, of processors, batch system, nodes and file systems."""
 
 import errno
 import fcntl
@@ -48,24 +48,14 @@ def answer_of(
 
 
 class Finding(NamedTuple):
-    """Result of one check.
-
-    Attributes
-    ----------
-    topic : str
-        Subject of the check, a word or two.
-    found : str
-        Result, one line.
-    advice : str
-        Advised change; empty if there is none.
-    broken : bool
-        Whether campaigns cannot run, or not on several ranks, unless this is changed.
-    """
+    """Result of one check: its subject, a word or two, and what was found, one line."""
 
     topic: str
     found: str
     advice: str = ""
+    """Advised change; empty if there is none."""
     broken: bool = False
+    """Whether campaigns cannot run, or not on several ranks, unless this is changed."""
 
 
 NEEDED_FOR: Final = {

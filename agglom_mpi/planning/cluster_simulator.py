@@ -3,69 +3,48 @@
 import heapq
 import math
 from collections import deque
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from functools import partial
-from typing import Final, NamedTuple, Protocol
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from agglom_mpi.judge import Judge, samples_needed
-from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.planning.forecast import FREE, MAX_SIMULATED, Forecast, MessageCosts
+from agglom_mpi.planning.workload import DrawnSamples, Workload
 from agglom_mpi.scheduling.interface import ReturnedPart, means_of
 from agglom_mpi.scheduling.scheduler import Scheduler
 from agglom_mpi.search.decisions import Decision, StringEvaluated, StringsProposed
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.proposals import AGAIN, MODEL, OFFSPRING
 
-BLOCK: Final = 16
-"""Minimum number of samples of a string that are drawn from a workload at once."""
-
 PROGRESS_MESSAGES: Final = 500
 """Number of messages between two reports of the progress."""
 
 
-class SampleInFlight(NamedTuple):
-    """A sample in flight on a simulated rank.
+@dataclass(slots=True)
+class TaskInFlight:
+    """A task in flight on a simulated rank.
 
     Attributes
     ----------
-    string
-        Its string.
+    string, first
+        Its string, and the number of its first sample.
     seconds
-        Its time, s.
-    needed
-        Whether it is not withdrawn.
-    sample
-        Its number.
-    ends
-        Whether it is the last one of its task.
-    leaves_out
-        Whether those after it in the task were left out.
+        Times of its samples, s, and of one that is withdrawn while it is under way.
+    done
+        How many of them are returned.
+    left_out
+        Whether those after them are left out.
     begin
-        Time in s that the rank takes before it: it is the first one of its task.
+        Time that the rank takes before the first, s.
     """
 
     string: int
-    seconds: float
-    needed: bool = True
-    sample: int = 0
-    ends: bool = False
-    leaves_out: bool = False
+    first: int
+    seconds: list[float]
+    done: int
+    left_out: bool = False
     begin: float = 0.0
-
-
-def returned_parts(samples: Iterable[SampleInFlight]) -> Iterator[ReturnedPart]:
-    """Yield what a rank returns of its tasks."""
-    task: list[SampleInFlight] = []
-    for sample in samples:
-        task.append(sample)
-        if sample.ends:
-            done = sum(each.needed for each in task)
-            left_out = sample.leaves_out or done < len(task)
-            yield ReturnedPart(sample.string, task[0].sample, done, left_out)
-            task.clear()
 
 
 class SimulatedRank:
@@ -76,95 +55,52 @@ class SimulatedRank:
     free_at
         Time at which the rank has finished its earlier batches, s.
     batches
-        Arrival time (s) and samples of each batch.
+        Arrival time (s) and tasks of each batch.
     """
 
     def __init__(self) -> None:
         self.free_at = 0.0
-        self.batches: deque[tuple[float, list[SampleInFlight]]] = deque()
+        self.batches: deque[tuple[float, list[TaskInFlight]]] = deque()
 
-    def put(self, now: float, samples: list[SampleInFlight]) -> None:
+    def put(self, now: float, tasks: list[TaskInFlight]) -> None:
         """Add a batch that arrives at time `now`, s."""
-        self.batches.append((now, samples))
+        self.batches.append((now, tasks))
 
     @property
     def end(self) -> float:
         """Time at which the first batch is finished, s."""
-        received, samples = self.batches[0]
-        spent = sum(sample.begin + sample.seconds for sample in samples)
+        received, tasks = self.batches[0]
+        spent = sum(seconds for task in tasks for seconds in _steps(task))
         return max(self.free_at, received) + spent
 
-    def take(self) -> list[SampleInFlight]:
+    def take(self) -> list[TaskInFlight]:
         """Remove and return the first batch, which is finished."""
         self.free_at = self.end
         return self.batches.popleft()[1]
 
     def cancel(self, now: float, strings: Collection[int]) -> None:
         """Drop samples of some strings that are not finished at time `now`, s."""
-        for samples, place, end in list(self.schedule()):
-            sample = samples[place]
-            if sample.string in strings and end > now:
-                spent = max(0.0, now - (end - sample.seconds))
-                samples[place] = sample._replace(seconds=spent, needed=False)
+        for task, ends in list(self.schedule()):
+            done = sum(end <= now for end in ends)
+            if task.string in strings and done < len(ends):
+                spent = max(0.0, now - (ends[done] - task.seconds[done]))
+                task.seconds[done:] = [spent]
+                task.done, task.left_out = done, True
 
-    def schedule(self) -> Iterator[tuple[list[SampleInFlight], int, float]]:
-        """Yield batch, index in it, and end time (s) of every sample in flight."""
+    def schedule(self) -> Iterator[tuple[TaskInFlight, list[float]]]:
+        """Yield every task in flight, and the times at which its samples end, s."""
         end = self.free_at
-        for received, samples in self.batches:
+        for received, tasks in self.batches:
             end = max(end, received)
-            for place, sample in enumerate(samples):
-                end += sample.begin + sample.seconds
-                yield samples, place, end
+            for task in tasks:
+                ends = [end := end + seconds for seconds in _steps(task)]
+                yield task, ends
 
 
-class Workload(Protocol):
-    """Results and durations of samples."""
-
-    def samples(
-        self, parameters: NDArray[np.float64], first: int, count: int
-    ) -> tuple[NDArray[np.void], NDArray[np.float64]]:
-        """Return rows with the columns of `OUTCOME`, and times in s, (count,) each.
-
-        Both are always the same for the same string, (k,), and sample.
-        """
-
-
-class DrawnSamples:
-    """Samples of a string, drawn from a workload in blocks.
-
-    Attributes
-    ----------
-    seconds
-        Times of the samples drawn so far, s.
-    """
-
-    def __init__(self, workload: Workload, parameters: NDArray[np.float64]) -> None:
-        self._draw = partial(workload.samples, parameters)
-        self._rows: list[NDArray[np.void]] = []
-        self.seconds: list[float] = []
-
-    def rows(self, first: int, count: int) -> NDArray[np.void]:
-        """Return rows, (count,), of samples from `first` on."""
-        self.draw(first + count)
-        return self._rows[0][first : first + count]
-
-    def needed(self, first: int, count: int, judge: Judge) -> int:
-        """Return how many of `count` samples from `first` on a judge asks for."""
-        taken = 0
-        while taken < count and not judge.is_decided:
-            rows = self.rows(first + taken, min(count - taken, max(BLOCK, taken)))
-            completed = rows["state"] == COMPLETED
-            numbers = rows["mean_radius_ratio"], rows["particles"]
-            taken += samples_needed(judge, completed, *numbers)
-        return taken
-
-    def draw(self, count: int) -> None:
-        """Draw the first `count` samples, if they are not yet."""
-        known = len(self.seconds)
-        if count > known:
-            rows, seconds = self._draw(known, max(count - known, known, BLOCK))
-            self._rows = [np.concatenate([*self._rows, rows])]
-            self.seconds.extend(seconds.tolist())
+def _steps(task: TaskInFlight) -> list[float]:
+    """Return the times that a rank takes for the samples of a task, s."""
+    first, *others = task.seconds
+    return [task.begin + first, *others]
 
 
 class TooManySamples(Exception):  # noqa: N818  (a condition, as StopIteration)
@@ -192,10 +128,12 @@ class CriticalPath:
         self.used: dict[int, int] = {}
         self._lag = lag
 
-    def seconds(self, longest: list[float]) -> float:
-        """Return the length of the path, s, from the longest time of each generation, s."""
+    def seconds(self, needed: Mapping[int, Sequence[float]]) -> float:
+        """Return the length of the path, s, from the times of the used samples of each string."""
         decided: list[float] = []
-        for generation, seconds in enumerate(longest):
+        for generation, strings in enumerate(self.dependent):
+            longest = (max(needed.get(string, ()), default=0.0) for string in strings)
+            seconds = max(longest, default=0.0)
             begin = decided[generation - self._lag] if generation >= self._lag else 0.0
             decided.append(max([begin + seconds, *decided[-1:]]))
         return decided[-1]
@@ -339,8 +277,7 @@ class ClusterSimulator:
             self._expect(rank)
         for rank, tasks in scheduler.assignments(now):
             now = self._serve(now, self._costs.message)
-            samples = [sample for task in tasks for sample in self._samples(task)]
-            self._ranks[rank].put(now + self._costs.latency, samples)
+            self._ranks[rank].put(now + self._costs.latency, [*map(self._begun, tasks)])
             if len(self._ranks[rank].batches) == 1:
                 self._expect(rank)
         return now
@@ -352,30 +289,28 @@ class ClusterSimulator:
 
     def _receive(self, scheduler: Scheduler, now: float, rank: int) -> float:
         """Complete the first batch of a rank on rank 0; return the time afterwards, s."""
-        samples = self._ranks[rank].take()
-        spent = sum(sample.seconds for sample in samples)
+        tasks = self._ranks[rank].take()
         self._expect(rank)
-        done = [sample for sample in samples if sample.needed]
+        done = [seconds for task in tasks for seconds in task.seconds[: task.done]]
         scheduler.heartbeat(rank, now)
-        scheduler.batch_sizer.learn([sample.seconds for sample in done])
-        parts = 0
-        for part in returned_parts(samples):
+        scheduler.batch_sizer.learn(done)
+        for task in tasks:
+            part = ReturnedPart(task.string, task.first, task.done, task.left_out)
             scheduler.returned(rank, part)
             if part.size:
-                parts += 1
                 rows = self._drawn[part.string].rows(part.first, part.size)
                 self.path.record(self.inversion.complete(part.string, part.first, rows))
             scheduler.update(part.string)
         self._simulated += len(done)
-        self._work += spent
-        costs = self._costs
+        self._work += sum(seconds for task in tasks for seconds in task.seconds)
+        costs, parts = self._costs, sum(task.done > 0 for task in tasks)
         now = self._serve(now, costs.message + costs.part * parts + costs.sample * len(done))
         scheduler.batch_sizer.learn_cost(self._served - self._learnt, 1, len(done))
         self._learnt = self._served
         return now
 
-    def _samples(self, task: np.void) -> list[SampleInFlight]:
-        """Return the samples of a task, a record of `task_type`, that its rank simulates."""
+    def _begun(self, task: np.void) -> TaskInFlight:
+        """Return what a rank simulates of a task, a record of `task_type`."""
         string, first, count = (int(task[name]) for name in ("string", "first", "count"))
         drawn = self._drawn.get(string)
         if drawn is None:
@@ -390,18 +325,15 @@ class ClusterSimulator:
         if self._assigned > MAX_SIMULATED:
             raise TooManySamples
         seconds = drawn.seconds[first : first + count]
-        samples = [SampleInFlight(string, each, sample=first + i) for i, each in enumerate(seconds)]
-        samples[0] = samples[0]._replace(begin=self._costs.task)
-        samples[-1] = samples[-1]._replace(ends=True, leaves_out=count < most)
-        return samples
+        return TaskInFlight(string, first, seconds, count, count < most, self._costs.task)
 
     def _count_in_flight(self, end: float) -> None:
         """Count the work done by time `end` on batches that are still in flight."""
         for rank in self._ranks:
-            for samples, place, ends in rank.schedule():
-                spent = samples[place].seconds - max(0.0, ends - end)
-                self._simulated += samples[place].needed and ends <= end
-                self._work += max(0.0, spent)
+            for task, ends in rank.schedule():
+                self._simulated += sum(each <= end for each in ends[: task.done])
+                for seconds, its_end in zip(task.seconds, ends, strict=True):
+                    self._work += max(0.0, seconds - max(0.0, its_end - end))
 
     def _used(self) -> dict[int, int]:
         """Return the number of samples used of each string, those under way included."""
@@ -421,14 +353,6 @@ class ClusterSimulator:
             simulated=self._simulated,
             used=sum(used.values()),
             work=sum(map(sum, needed.values())),
-            chain=self.path.seconds(
-                [
-                    max(
-                        (max(needed.get(string, ()), default=0.0) for string in strings),
-                        default=0.0,
-                    )
-                    for strings in self.path.dependent
-                ]
-            ),
+            chain=self.path.seconds(needed),
             master=self._served / seconds,
         )

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from agglom_mpi.planning.cluster_simulator import DrawnSamples, Workload
+from agglom_mpi.display.run_display import Display
 from agglom_mpi.planning.forecast import MessageCosts
+from agglom_mpi.planning.workload import DrawnSamples, Workload
 from agglom_mpi.runtime.coordinator import Coordinator
 from agglom_mpi.runtime.experiment import Experiment
 from agglom_mpi.runtime.file_setup import prepare
@@ -28,9 +29,8 @@ from agglom_mpi.scheduling.estimators import RANGE_SECONDS, ROUND_TRIP_SECONDS
 from agglom_mpi.scheduling.interface import means_of
 from agglom_mpi.search.ensemble import judge_of
 from agglom_mpi.search.inversion import Inversion
-from agglom_mpi.storage.checksums import checksums
 from agglom_mpi.storage.schema import samples_schema
-from agglom_mpi.storage.table import fitted
+from agglom_mpi.storage.table import checksums, fitted
 from agglom_mpi.storage.writer import CampaignWriter
 
 LATENCY: Final = 2e-3
@@ -219,22 +219,6 @@ class _Limit(StopRequest):
         return "enough is measured" if late else ""
 
 
-class _Unseen:
-    """A listener that shows nothing."""
-
-    def generation(self, *_: object) -> None:
-        """Show nothing."""
-
-    def tick(self, *_: object) -> None:
-        """Show nothing."""
-
-    def message(self, text: str) -> None:
-        """Show nothing."""
-
-    def error(self, text: str) -> None:
-        """Show nothing."""
-
-
 def measured_costs(
     experiment: Experiment, workload: Workload, show: Callable[[str], None] = lambda text: None
 ) -> MessageCosts:
@@ -270,7 +254,7 @@ def poll_costs(
         path = Path(folder) / "costs.h5"
         file = prepare(path, experiment, accept_code_change=False)
         with CampaignWriter(path) as writer:
-            coordinator = Coordinator(experiment, file, writer, _Unseen())
+            coordinator = Coordinator(experiment, file, writer, Display(quiet=True))
             inversion, dtype = (
                 coordinator.inversion,
                 samples_schema(file.sizes.quantities, file.sizes.census).dtype,

@@ -1,4 +1,7 @@
-"""Pilot samples: random strings for a short time, and the best of them in several volumes."""
+"""Pilot samples, simulated here: of random strings, and of one in several control volumes.
+
+The first show how long a campaign takes, the second how many grains it needs.
+"""
 
 import math
 import time

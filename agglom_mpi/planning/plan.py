@@ -17,17 +17,18 @@ from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.searchable import check_search_library, log_narrow
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.outcome import FAILED
-from agglom_mpi.planning.cluster_simulator import (
-    ClusterSimulator,
-    TooManySamples,
-    Workload,
-)
+from agglom_mpi.planning.cluster_simulator import ClusterSimulator, TooManySamples
 from agglom_mpi.planning.forecast import (
     FORECAST_SAMPLES,
     ForecastReport,
     PilotSummary,
 )
-from agglom_mpi.planning.workload import EmpiricalWorkload, PilotSamples, read_recorded_samples
+from agglom_mpi.planning.workload import (
+    EmpiricalWorkload,
+    PilotSamples,
+    Workload,
+    read_recorded_samples,
+)
 from agglom_mpi.runtime.experiment import Experiment, InversionExperiment
 from agglom_mpi.runtime.file_setup import as_recorded
 from agglom_mpi.search.inversion import Inversion
@@ -79,7 +80,7 @@ def plan(
             status.update("reading samples")
             samples = read_recorded_samples(source, campaign)
             return forecast_all(experiment, samples, path, ranks, status.update)
-        # Imported here: both load the kernels.
+        # Imported here: it loads the kernels.
         from agglom_mpi.planning.pilot import advise_grains, run_pilot
 
         announce = status.update if console.is_terminal else LOG.info

@@ -4,8 +4,9 @@ A simulated string yields its own samples first; all others are drawn from the s
 so that a forecast can be as long as the campaign.
 """
 
+from functools import partial
 from hashlib import blake2b
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +15,16 @@ from agglom_mpi.analysis.tables import time_on_free_core
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.user_function import recorded_function
 from agglom_mpi.config.yaml_source import CampaignError, Problem
+from agglom_mpi.judge import Judge, samples_needed
+from agglom_mpi.outcome import COMPLETED
 
 LEAST_SAMPLES: Final = 5
 """Minimum number of samples of a string that others draw from, if any string has that many. Two
 samples that happen to be alike would let every string near it converge at once."""
+
+
+BLOCK: Final = 16
+"""Minimum number of samples of a string that are drawn from a workload at once."""
 
 
 class PilotSamples(NamedTuple):
@@ -109,6 +116,56 @@ class EmpiricalWorkload:
         first, end = self._first[nearest : nearest + 2].tolist()
         digest = blake2b(point.tobytes(), digest_size=8).digest()
         return _Pool(own, first, end - first, int.from_bytes(digest, "little"))
+
+
+class Workload(Protocol):
+    """Results and durations of samples."""
+
+    def samples(
+        self, parameters: NDArray[np.float64], first: int, count: int
+    ) -> tuple[NDArray[np.void], NDArray[np.float64]]:
+        """Return rows with the columns of `OUTCOME`, and times in s, (count,) each.
+
+        Both are always the same for the same string, (k,), and sample.
+        """
+
+
+class DrawnSamples:
+    """Samples of a string, drawn from a workload in blocks.
+
+    Attributes
+    ----------
+    seconds
+        Times of the samples drawn so far, s.
+    """
+
+    def __init__(self, workload: Workload, parameters: NDArray[np.float64]) -> None:
+        self._draw = partial(workload.samples, parameters)
+        self._rows: list[NDArray[np.void]] = []
+        self.seconds: list[float] = []
+
+    def rows(self, first: int, count: int) -> NDArray[np.void]:
+        """Return rows, (count,), of samples from `first` on."""
+        self.draw(first + count)
+        return self._rows[0][first : first + count]
+
+    def needed(self, first: int, count: int, judge: Judge) -> int:
+        """Return how many of `count` samples from `first` on a judge asks for."""
+        taken = 0
+        while taken < count and not judge.is_decided:
+            rows = self.rows(first + taken, min(count - taken, max(BLOCK, taken)))
+            completed = rows["state"] == COMPLETED
+            numbers = rows["mean_radius_ratio"], rows["particles"]
+            taken += samples_needed(judge, completed, *numbers)
+        return taken
+
+    def draw(self, count: int) -> None:
+        """Draw the first `count` samples, if they are not yet."""
+        known = len(self.seconds)
+        if count > known:
+            rows, seconds = self._draw(known, max(count - known, known, BLOCK))
+            self._rows = [np.concatenate([*self._rows, rows])]
+            self.seconds.extend(seconds.tolist())
 
 
 def splitmix64(key: int, counts: NDArray[np.uint64]) -> NDArray[np.uint64]:

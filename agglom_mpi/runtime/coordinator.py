@@ -8,23 +8,30 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.analysis.completeness import finished_reason
 from agglom_mpi.analysis.failed_samples import no_result
 from agglom_mpi.analysis.replay import stored_outcomes
 from agglom_mpi.display.progress import RunProgress, remaining_by_work, remaining_in_turns
+from agglom_mpi.display.run_display import Display
 from agglom_mpi.errors import FAILURE, FINISHED, STOPPED
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.runtime.experiment import Experiment
 from agglom_mpi.runtime.failures import FailureLog, HangingSamples
-from agglom_mpi.runtime.messages import RankMessage, merged, storable
+from agglom_mpi.runtime.messages import (
+    RankMessage,
+    RankPart,
+    first_returns,
+    merged,
+    rank_parts,
+    storable,
+)
 from agglom_mpi.runtime.post_stages import FrameStage, PostStage, ReestimationStage
-from agglom_mpi.runtime.recorder import ProgressListener, RunRecorder, decided_again
-from agglom_mpi.runtime.returned_samples import RankPart, first_returns, rank_parts
+from agglom_mpi.runtime.recorder import RunRecorder, decided_again
 from agglom_mpi.runtime.silence import RankWatch
 from agglom_mpi.runtime.stop_request import StopRequest
 from agglom_mpi.runtime.worker_pool import WorkerPool
 from agglom_mpi.scheduling.scheduler import Scheduler
 from agglom_mpi.scheduling.static_scheduler import StaticScheduler
-from agglom_mpi.storage.finished_counts import finished_reason
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.writer import CampaignWriter
 
@@ -56,8 +63,8 @@ class Coordinator:
     ----------
     experiment, file, writer
         What to run, and the campaign file that records it.
-    listener
-        Shown the progress.
+    display
+        Shows the progress.
 
     Attributes
     ----------
@@ -72,19 +79,19 @@ class Coordinator:
         experiment: Experiment,
         file: CampaignData,
         writer: CampaignWriter,
-        listener: ProgressListener,
+        display: Display,
     ) -> None:
         self._experiment = experiment
         self._writer = writer
-        self._listener = listener
+        self._display = display
         self._stored = file
         self._fresh = file.fresh_from, file.max_samples
         self._may_assign = True
         self._messages = 0  # with results
         self._spent = 0.0  # processor time on messages whose cost is not learnt yet, in s
-        self._failures = FailureLog(writer, file, listener)
+        self._failures = FailureLog(writer, file, display)
         self.recorder = RunRecorder(
-            writer, self._stored, listener, experiment.top, experiment.table_sizes.generations
+            writer, self._stored, display, experiment.top, experiment.table_sizes.generations
         )
         self.inversion = experiment.inversion(self._stored.restore, background=True)
 
@@ -114,20 +121,20 @@ class Coordinator:
             self.recorder.record(self.inversion.complete(*samples))
         generations = pluralise(len(self._stored.generation_rows()), "generation")
         notice = f"deciding {generations} again by the stored samples"
-        again = decided_again(self.inversion.start(), stop, lambda: self._listener.message(notice))
+        again = decided_again(self.inversion.start(), stop, lambda: self._display.message(notice))
         self.recorder.record(again)
         return self.inversion.finished and self.reestimation.complete and self.frame_stage.complete
 
     def run(self, pool: WorkerPool, stop: StopRequest) -> RunEnd:
         """Simulate until the experiment is finished or something asks to stop."""
         self._pool = pool
-        self._watch = RankWatch(pool.size, pool.hosts, self._listener.error, pool.gone)
+        self._watch = RankWatch(pool.size, pool.hosts, self._display.error, pool.gone)
         self._last_tick = self._watch.now()
         self._hanging = HangingSamples(
             float(self._stored.all_sample_rows()["seconds"].max(initial=0.0)),
             self._experiment.max_seconds,
             self._watch.name_rank,
-            self._listener.error,
+            self._display.error,
         )
         self._scheduler = Scheduler(
             self.inversion,
@@ -212,7 +219,7 @@ class Coordinator:
     def _run_post_stage(self, post_stage: PostStage, stop: StopRequest) -> RunEnd | None:
         """Let all ranks do what is left of a stage; return why that was not finished, or None."""
         if announcement := post_stage.begin(self._pool.size):
-            self._listener.message(announcement)
+            self._display.message(announcement)
         self._may_assign, begun = True, time.monotonic()
         while not post_stage.done:
             if end := self._end(stop):
@@ -264,7 +271,7 @@ class Coordinator:
         self._writer.flush_due()
         if now - self._last_tick > TICK:
             self._last_tick, self._may_assign = now, True
-            self._listener.tick(progress())
+            self._display.tick(progress())
             if silent := self._watch.check(scheduler, now):
                 for rank in silent:
                     self.recorder.take_over(rank)
@@ -317,21 +324,21 @@ class Coordinator:
 
     def _complete(self, returned: Sequence[RankPart], rows: NDArray[np.void]) -> None:
         """Make the decisions that follow from samples, unless other ranks were first."""
-        found = first_returns(self._scheduler, returned, rows)
-        if found.parts:
-            self.recorder.count(found.rows)
+        strings, parts, rows = first_returns(self._scheduler, returned, rows)
+        if parts:
+            self.recorder.count(rows)
             if not self._failures.incomplete:
-                self.recorder.record(self.inversion.complete_all(found.rows, found.parts))
-            self._failures.add_samples(found.rows)
+                self.recorder.record(self.inversion.complete_all(rows, parts))
+            self._failures.add_samples(rows)
         decides = not (self.inversion.finished or self._failures.incomplete)
-        for string, is_ended in found.strings.items():
+        for string, is_ended in strings.items():
             if is_ended and decides and self.inversion.progress(string) is not None:
                 raise RuntimeError(f"a rank left out samples of string {string}, which needs more")
             self._scheduler.update(string)
 
     def _complete_fresh(self, returned: Sequence[RankPart], rows: NDArray[np.void]) -> None:
         """Take fresh samples, which decide nothing."""
-        rows = first_returns(self.reestimation.scheduler, returned, rows).rows
+        *_, rows = first_returns(self.reestimation.scheduler, returned, rows)
         self.recorder.tally.count_fresh(rows)
         if not self._failures.incomplete:
             self.reestimation.take(rows)

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.analysis.failed_samples import cause_of
+from agglom_mpi.display.run_display import Display
 from agglom_mpi.outcome import FAILED, REASONS, FailureReason
 from agglom_mpi.runtime.abort_flag import SampleUnderWay
 from agglom_mpi.runtime.messages import storable
-from agglom_mpi.runtime.recorder import ProgressListener
 from agglom_mpi.scheduling.interface import volume_string
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.schema import FAILURE_CAPACITY, TOOK_TOO_LONG
@@ -105,8 +105,8 @@ class FailureLog:
         Of the campaign file.
     stored
         What earlier legs have written.
-    listener
-        Shown every timeout, the first exception of each cause, and the first physical failure of a
+    display
+        Shows every timeout, the first exception of each cause, and the first physical failure of a
         string.
 
     Attributes
@@ -118,15 +118,13 @@ class FailureLog:
         decision may be made, as none could be made again.
     """
 
-    def __init__(
-        self, writer: CampaignWriter, stored: CampaignData, listener: ProgressListener
-    ) -> None:
+    def __init__(self, writer: CampaignWriter, stored: CampaignData, display: Display) -> None:
         tables = [stored.all_sample_rows(), *map(stored.volume_rows, stored.volumes)]
         raised = sum(int((rows["reason"] == FailureReason.EXCEPTION).sum()) for rows in tables)
         self.count = raised + len(stored.judged_timed_out) + len(stored.fresh_timed_out)
         self.incomplete = False
         self._writer = writer
-        self._listener = listener
+        self._display = display
         self._strings: set[int] = set()  # with a physical failure that was shown
         self._causes: set[str] = set()  # of exceptions that were shown
         self._full_shown = False
@@ -141,7 +139,7 @@ class FailureLog:
             elif row["string"] not in self._strings:
                 self._strings.add(int(row["string"]))
                 name = volume_string(int(row["string"])).text
-                self._listener.message(
+                self._display.message(
                     f"string {name} sample {row['sample']} failed: "
                     f"{REASONS[row['reason']]}; more of this string are counted, not shown"
                 )
@@ -160,7 +158,7 @@ class FailureLog:
         self._show(failure, host, text)
         if not (room or self._full_shown):
             self._full_shown = True
-            self._listener.error(
+            self._display.error(
                 f"{self._writer.path}: has room for {FAILURE_CAPACITY} failures; "
                 "more texts are lost"
             )
@@ -173,7 +171,7 @@ class FailureLog:
             return
         self._causes.add(cause)
         shown = text if late else f"raised\n{text.rstrip()}\nmore of these are counted, not shown"
-        self._listener.error(
+        self._display.error(
             f"rank {failure['rank']} on {host}: string "
             f"{volume_string(int(failure['string'])).text} sample {failure['sample']} {shown}"
         )

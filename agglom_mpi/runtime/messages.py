@@ -1,4 +1,4 @@
-"""Messages between ranks: fixed-size typed records, never pickles; and those on their way."""
+"""Messages between ranks: fixed-size typed records, never pickles; what is new in them."""
 
 import socket
 from collections.abc import Iterator, Sequence
@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 from agglom_mpi.outcome import FailureReason
 from agglom_mpi.runtime.abort_flag import SampleUnderWay
+from agglom_mpi.scheduling.interface import ReturnedPart
+from agglom_mpi.scheduling.scheduler import Scheduler
+from agglom_mpi.scheduling.static_scheduler import StaticScheduler
 from agglom_mpi.storage.schema import final_particles_schema, frames_schema, sample_dtype
 from agglom_mpi.storage.table import concatenated
 
@@ -52,7 +55,7 @@ FINALS: Final = 8  # from a worker: rows of `/final_particles`
 FRAMES: Final = 9  # from a worker: one row of `/frames`
 ALIVE: Final = 10  # both ways: `HEARTBEAT`
 CANCEL: Final = 11  # to a worker: strings that need no more samples, int64
-PROGRAM: Final = 12  # from a worker, first of all: its program, as in `programs.py`
+PROGRAM: Final = 12  # from a worker, first of all: its program, as in `launch.py`
 """Message tags."""
 
 RESULT: Final = sample_dtype
@@ -287,3 +290,56 @@ def storable(results: NDArray[np.void]) -> NDArray[np.void]:
     if FailureReason.TIMED_OUT not in results["reason"].tobytes():
         return results
     return results[results["reason"] != FailureReason.TIMED_OUT]
+
+
+class RankPart(NamedTuple):
+    """A part of a task of a rank, and where its rows begin among those of all parts."""
+
+    rank: int
+    part: ReturnedPart
+    begin: int
+
+
+def rank_parts(messages: Sequence[RankMessage]) -> list[RankPart]:
+    """Return the parts of tasks that messages report, in order, as their rows lie together."""
+    found, begin = [], 0
+    for message in messages:
+        columns = (message.parts[name].tolist() for name in ReturnedPart._fields)
+        for string, first, size, left_out in zip(*columns, strict=True):
+            part = ReturnedPart(string, first, size, bool(left_out))
+            found.append(RankPart(message.rank, part, begin))
+            begin += size
+    return found
+
+
+def first_returns(
+    scheduler: Scheduler | StaticScheduler, returned: Sequence[RankPart], rows: NDArray[np.void]
+) -> tuple[dict[int, bool], list[tuple[int, int, int, int]], NDArray[np.void]]:
+    """Take samples off those in flight, and return what is new among them.
+
+    `rows` are the rows of `/samples` of these parts and perhaps others, (n,).
+
+    Returns
+    -------
+    tuple
+        The strings of all parts, and whether ranks left out samples of each; the new rows as parts
+        of one string: string, first sample, begin and end; and all new rows.
+
+    Raises
+    ------
+    RuntimeError
+        If a rank sent something else than what it was to do next.
+    """
+    strings: dict[int, bool] = {}
+    parts, kept, end = [], [], 0
+    for rank, part, begin in returned:
+        for new in scheduler.returned(rank, part):
+            size = new.stop - new.start
+            parts.append((part.string, part.first + new.start, end, end + size))
+            kept.append((begin + new.start, begin + new.stop))
+            end += size
+        strings[part.string] = strings.get(part.string, False) or part.left_out
+    if end != len(rows):
+        rows = concatenated([rows[begin:end] for begin, end in kept], rows.dtype)
+    scheduler.batch_sizer.learn(rows["seconds"].tolist())
+    return strings, parts, rows

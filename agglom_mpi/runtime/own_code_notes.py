@@ -28,10 +28,10 @@ from agglom_mpi.runtime.experiment import Experiment
 from agglom_mpi.runtime.messages import own_host
 from agglom_mpi.runtime.stop_request import StopRequest
 from agglom_mpi.scheduling.interface import volume_string
-from agglom_mpi.storage.checksums import checksums
 from agglom_mpi.storage.lock import NOTES_OFFSET, CampaignLock
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.schema import samples_schema
+from agglom_mpi.storage.table import checksums
 from agglom_mpi.storage.writer import CampaignWriter
 from agglom_mpi.verbs.simulate import simulate
 
@@ -148,15 +148,22 @@ def try_samples() -> None:
             simulate(setup.campaign, parameters, setup.first_sample + sample, setup.engine)
 
 
-def record_as_failed(
-    writer: CampaignWriter, experiment: Experiment, string: int, sample: int, text: str
-) -> None:
-    """Write the row of a sample that has ended its process, and why it failed."""
+def record_ended(
+    experiment: Experiment,
+    file: CampaignData,
+    writer: CampaignWriter,
+    noted: list[tuple[int, int]],
+    stop: StopRequest,
+) -> Iterator[str]:
+    """Record as failed the noted samples that end a process of their own; yield a line on each."""
     sizes = experiment.table_sizes
-    row = np.zeros(1, samples_schema(dict(sizes.quantities), sizes.census).dtype)
-    row["string"], row["sample"], row["finished"] = string, sample, time.time()
-    row["state"], row["reason"] = FAILED, FailureReason.EXCEPTION
-    row["crc"] = checksums(row)
-    writer.put_samples(row)
-    writer.flush()
-    writer.log.put_failure(string, sample, rank=0, host=own_host().decode(), text=text)
+    for string, sample, text in ended_samples(experiment, file, noted, stop):
+        row = np.zeros(1, samples_schema(dict(sizes.quantities), sizes.census).dtype)
+        row["string"], row["sample"], row["finished"] = string, sample, time.time()
+        row["state"], row["reason"] = FAILED, FailureReason.EXCEPTION
+        row["crc"] = checksums(row)
+        writer.put_samples(row)
+        writer.flush()
+        writer.log.put_failure(string, sample, rank=0, host=own_host().decode(), text=text)
+        file.refresh()
+        yield f"string {volume_string(string).text} sample {sample} failed: {text}"

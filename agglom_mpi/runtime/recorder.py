@@ -1,18 +1,19 @@
-"""Record samples and decisions in the campaign file, and notify progress listeners."""
+"""Record samples and decisions in the campaign file, each when what it rests on is written."""
 
 import time
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.display.progress import RunProgress, best_of
+from agglom_mpi.display.progress import best_of
+from agglom_mpi.display.run_display import Display
 from agglom_mpi.outcome import FailureReason
 from agglom_mpi.runtime.stop_request import StopRequest
 from agglom_mpi.runtime.tally import RunTally
-from agglom_mpi.runtime.write_order import WriteOrderBarrier
 from agglom_mpi.search.decisions import (
     Decision,
     GenerationSummary,
@@ -34,34 +35,6 @@ from agglom_mpi.storage.writer import CampaignWriter
 
 NOTICE_AFTER: Final = 2.0
 """Seconds of deciding again after which a line says so."""
-
-
-class ProgressListener(Protocol):
-    """Shows the progress of a run."""
-
-    def generation(self, summary: GenerationSummary, total: int, samples: int, rate: float) -> None:
-        """Show a closed generation.
-
-        Parameters
-        ----------
-        summary
-            The generation.
-        total
-            Largest number of generations.
-        samples
-            Samples simulated so far.
-        rate
-            Samples per second of this leg.
-        """
-
-    def tick(self, progress: RunProgress) -> None:
-        """Show the progress; called twice a second."""
-
-    def message(self, text: str) -> None:
-        """Show one line."""
-
-    def error(self, text: str) -> None:
-        """Show an error, even in a quiet run."""
 
 
 class DigestAccumulator:
@@ -116,6 +89,77 @@ class DigestAccumulator:
         return generation_digest(self._parameters, results, rows, self._version, self._schema)
 
 
+class WriteOrderBarrier:
+    """Keep the order of writing where ranks write their samples themselves.
+
+    A decision is made as soon as its samples are known, and stored when the ranks that simulated
+    them have reported that they are written. Nothing waits for an answer.
+    """
+
+    def __init__(self) -> None:
+        self._delivered: Counter[int] = Counter()
+        self._written: Counter[int] = Counter()
+        self._taken_over: Counter[int] = Counter()
+        self._rows: dict[int, deque[NDArray[np.void]]] = {}
+        self._kept: Counter[int] = Counter()  # samples in them
+        self._entries: deque[tuple[dict[int, int], Callable[[], None]]] = deque()
+
+    def delivered(self, rank: int, rows: NDArray[np.void]) -> None:
+        """Add samples, rows of `/samples`, (n,), that a rank writes itself."""
+        self._delivered[rank] += len(rows)
+        self._rows.setdefault(rank, deque()).append(rows)
+        self._kept[rank] += len(rows)
+        self._forget_written(rank)
+
+    def written(self, rank: int, count: int) -> None:
+        """Count `count` more samples of a rank as written, and store what waited for them."""
+        late = min(count, self._taken_over[rank])
+        self._taken_over[rank] -= late
+        self._written[rank] += count - late
+        self._forget_written(rank)
+        self.store_ready()
+
+    def take_over(self, rank: int) -> list[NDArray[np.void]]:
+        """Return samples that a rank has delivered and perhaps not written; wait no longer for it.
+
+        The caller writes them, and then calls `store_ready`.
+        """
+        rows = list(self._rows.pop(rank, ()))
+        self._kept[rank] = 0
+        waiting = max(0, self._delivered[rank] - self._written[rank])
+        self._taken_over[rank] += waiting
+        self._written[rank] += waiting
+        return rows
+
+    def store(self, action: Callable[[], None]) -> None:
+        """Call `action` after all samples delivered so far are written, and all earlier actions."""
+        needed = {
+            rank: count for rank, count in self._delivered.items() if self._written[rank] < count
+        }
+        self._entries.append((needed, action))
+        self.store_ready()
+
+    def finish(self) -> None:
+        """Call all actions that wait: every rank has written what it had."""
+        while self._entries:
+            self._entries.popleft()[1]()
+
+    def _forget_written(self, rank: int) -> None:
+        rows = self._rows.get(rank, deque())
+        missing = self._delivered[rank] - self._written[rank]
+        while rows and self._kept[rank] - len(rows[0]) >= missing:
+            self._kept[rank] -= len(rows.popleft())
+
+    def store_ready(self) -> None:
+        """Call the actions whose samples are written."""
+        while self._entries:
+            needed, action = self._entries[0]
+            if any(self._written[rank] < count for rank, count in needed.items()):
+                return
+            self._entries.popleft()
+            action()
+
+
 class RunRecorder:
     """Store samples and decisions once each.
 
@@ -125,8 +169,8 @@ class RunRecorder:
         Of the campaign file.
     stored
         What the file holds already, and is not written again.
-    listener
-        Shown every generation.
+    display
+        Shows every generation.
     top
         Number of strings in the mean of the best.
     generations
@@ -144,7 +188,7 @@ class RunRecorder:
         self,
         writer: CampaignWriter,
         stored: CampaignData,
-        listener: ProgressListener,
+        display: Display,
         top: int,
         generations: int,
     ) -> None:
@@ -156,7 +200,7 @@ class RunRecorder:
             string: results[i : i + 1] for i, string in enumerate(results["string"].tolist())
         }
         self._stored_generations = set(stored.generation_rows()["generation"].tolist())
-        self._listener = listener
+        self._display = display
         self._top = top
         self._digest = DigestAccumulator(
             stored.searched_samples,
@@ -214,7 +258,7 @@ class RunRecorder:
         for rows in self._barrier.take_over(rank):
             self._writer.put_samples(rows)
         self._writer.flush()
-        self._barrier.taken_over()
+        self._barrier.store_ready()
 
     def finish(self) -> None:
         """Store what waits: all ranks have stopped, and written what they had."""
@@ -270,7 +314,7 @@ class RunRecorder:
             digest=self._digest.digest(),
         )
         self._barrier.store(commit)
-        self._listener.generation(summary, self._generations, simulated, self.tally.rate)
+        self._display.generation(summary, self._generations, simulated, self.tally.rate)
 
     def _commit(self, **row: Any) -> None:
         self._writer.mark_running()

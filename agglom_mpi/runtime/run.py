@@ -29,28 +29,26 @@ from agglom_mpi.runtime.experiment import Experiment
 from agglom_mpi.runtime.file_setup import kept_as_it_was, prepare
 from agglom_mpi.runtime.launch import (
     PARALLEL,
+    MixedJobError,
     Nodes,
+    Start,
+    check_programs,
     choose_database,
     find_nodes,
+    own_program,
+    receive_start,
     taken_input,
 )
 from agglom_mpi.runtime.leg import RunRequest, run_leg, warm_up
-from agglom_mpi.runtime.own_code_notes import ended_samples, notes_left, record_as_failed
-from agglom_mpi.runtime.programs import (
-    MixedJobError,
-    Start,
-    check_programs,
-    own_program,
-    receive_start,
-)
+from agglom_mpi.runtime.own_code_notes import notes_left, record_ended
 from agglom_mpi.runtime.stop_request import StopRequest, ignore_signals
 from agglom_mpi.runtime.task_runner import SampleRunner
 from agglom_mpi.runtime.watches import LauncherWatch
 from agglom_mpi.runtime.worker import serve_coordinator
-from agglom_mpi.scheduling.interface import volume_string
 from agglom_mpi.storage.access import DamagedCampaign, NotACampaign
-from agglom_mpi.storage.fingerprint import AlteredFileError
+from agglom_mpi.storage.files import AlteredFileError
 from agglom_mpi.storage.lock import CampaignLock
+from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.row_buffer import RankWriter
 from agglom_mpi.storage.writer import CampaignWriter
 
@@ -107,7 +105,7 @@ def run_this_rank(
     try:
         if world is not None and world.rank > 0:
             return run_worker(world, stop)
-        code = run_rank_zero(read, display, finish, stop, world)
+        code = RankZero(display, finish, stop, world).run(read)
         if world is not None and (unread := unread_input()):
             display.error(f"warning: {taken_input(unread)}")  # also if quiet: work is left out
         return code
@@ -134,6 +132,12 @@ def end_job_by(error: BaseException, world: "Intracomm") -> None:
         print(f"rank {world.rank}:{shown}", file=sys.stderr)
     sys.stderr.flush()
     end_job(world, STOPPED if isinstance(error, KeyboardInterrupt) else FAILURE)
+
+
+def end_job(world: "Intracomm", code: int) -> None:
+    """End all ranks by force, with an exit code."""
+    time.sleep(0.2)  # for the launcher, which may drop what it has not passed on
+    world.Abort(code)
 
 
 def run_worker(world: "Intracomm", stop: StopRequest) -> int:
@@ -169,142 +173,192 @@ def open_with_rank_zero(path: Path, world: "Intracomm", nodes: Nodes) -> RankWri
         raise
 
 
-def broadcast_start(
-    world: "Intracomm | None",
-    code: int,
-    experiment: Experiment | None = None,
-    path: Path | None = None,
-    more: bool = False,
-) -> None:
-    """Let the workers begin with an experiment, or exit with a code if there is none.
+class RankZero:
+    """Rank 0: it opens the file of each request, decides, and lets the other ranks join.
 
-    With a `path` they write their samples there themselves. With `more` they wait for another call
-    once they have finished.
+    Parameters
+    ----------
+    display, finish
+        As for `run_on_all_ranks`.
+    stop
+        Whether to stop early.
+    world
+        The MPI world; None for a plain run.
     """
-    if world is not None:
-        world.bcast(tuple(Start(own_program(), code, experiment, path, more)), root=0)
 
+    def __init__(
+        self,
+        display: Display,
+        finish: Callable[[RunRequest], None],
+        stop: StopRequest,
+        world: "Intracomm | None",
+    ) -> None:
+        self._display, self._finish, self._stop, self._world = display, finish, stop, world
 
-def run_rank_zero(
-    read: Callable[[], RunRequest],
-    display: Display,
-    finish: Callable[[RunRequest], None],
-    stop: StopRequest,
-    world: "Intracomm | None",
-) -> int:
-    """Run rank 0, one request after the other; return the exit code."""
-    stop.listen()
-    follows: list[Callable[[], RunRequest] | None] = [read]
+    def run(self, read: Callable[[], RunRequest]) -> int:
+        """Run what `read` returns and what follows it, one after the other; return the exit code.
 
-    def next_request() -> RunRequest:
-        if len(follows) == 1:
-            check_programs(world, display.message)
-        request = (follows[-1] or read)()
-        follows.append(request.then)
-        return request
+        Every `read` may raise the user's mistakes.
+        """
+        self._stop.listen()
+        follows: list[Callable[[], RunRequest] | None] = [read]
 
-    code = FINISHED
-    while code == FINISHED and follows[-1] is not None:
-        code = run_request(next_request, display, finish, stop, world)
-    return code
+        def next_request() -> RunRequest:
+            if len(follows) == 1:
+                check_programs(self._world, self._display.message)
+            request = (follows[-1] or read)()
+            follows.append(request.then)
+            return request
 
+        code = FINISHED
+        while code == FINISHED and follows[-1] is not None:
+            code = self._run_next(next_request)
+        return code
 
-def run_request(
-    read: Callable[[], RunRequest],
-    display: Display,
-    finish: Callable[[RunRequest], None],
-    stop: StopRequest,
-    world: "Intracomm | None",
-) -> int:
-    """Run one request on rank 0; return the exit code."""
-    with ExitStack() as stack:
-        try:
-            request = read()
-            experiment, path = request.experiment, Path(os.path.realpath(request.path))
-            database = choose_database(request.database, world)
-            notes = notes_left(path)
-            lock = stack.enter_context(CampaignLock(path))
-            file = prepare(
-                request.path, experiment, request.accept_code_change, request.accept_new_data
-            )
-            lock.lock_file()  # it may be another one by now
-            if database == PARALLEL:
-                lock.leave_to_mpi()
-            writer = stack.enter_context(CampaignWriter(path))
-        except (UserError, OSError) as error:
-            code = error.exit_code if isinstance(error, UserError) else BAD_INPUT
-            display.error(error_text(error))
-            if isinstance(error, MixedJobError) and world is not None:
-                end_job(world, code)
-            broadcast_start(world, code)
-            return code
-        except Exception as error:
-            if not (text := own_error(error)):
-                raise
-            display.error(printable(text))
-            broadcast_start(world, FAILURE)
-            return FAILURE
-        try:
-            for string, sample, text in ended_samples(experiment, file, notes, stop):
-                record_as_failed(writer, experiment, string, sample, text)
-                number = volume_string(string).text
-                display.error(f"string {number} sample {sample} failed: {text}")
-                file.refresh()
-            for line in kept_as_it_was(request.path, file, experiment):
-                display.message(line)
-            experiment = experiment.continuing(len(file.generation_rows()))
-            experiment.noted_beside = path
-            request = request._replace(experiment=experiment, database=database)
+    def _run_next(self, read: Callable[[], RunRequest]) -> int:
+        """Run one request; return the exit code."""
+        with ExitStack() as stack:
             try:
-                with blame_damage(path):
-                    coordinator = Coordinator(experiment, file, writer, display)
-                    complete = coordinator.replay(stop)
-            except DamagedCampaign as error:
-                display.error(error_text(error))
-                broadcast_start(world, error.exit_code)
-                return error.exit_code
-            if complete:
-                end = coordinator.end
-                broadcast_start(world, end.code, more=request.then is not None)
-                file.refresh()  # deciding again may have written rows that were lost
-                # Killed just after the last generation, or the row is damaged.
-                if file.status().state != end.state or file.damaged:
-                    writer.set_status(end.state, end.reason)
-                if end.code == FINISHED:
-                    display.message(f"{request.path} is finished already: nothing to do")
-            else:
-                shared = path if database == PARALLEL else None
-                more = request.then is not None
-                broadcast_start(world, FINISHED, experiment, shared, more)
-                end, missing = run_leg(request, writer, coordinator, display, stop, world)
-                if missing and world is not None:
+                request = read()
+                path = Path(os.path.realpath(request.path))
+                request = request._replace(database=choose_database(request.database, self._world))
+                notes = notes_left(path)
+                lock = stack.enter_context(CampaignLock(path))
+                accepted = request.accept_code_change, request.accept_new_data
+                file = prepare(request.path, request.experiment, *accepted)
+                lock.lock_file()  # it may be another one by now
+                if request.database == PARALLEL:
+                    lock.leave_to_mpi()
+                writer = stack.enter_context(CampaignWriter(path))
+            except (UserError, OSError) as error:
+                return self._refuse(error)
+            except Exception as error:
+                if not (text := own_error(error)):
+                    raise
+                self._display.error(printable(text))
+                self._broadcast(FAILURE)
+                return FAILURE
+            try:
+                for line in record_ended(request.experiment, file, writer, notes, self._stop):
+                    self._display.error(line)
+                for line in kept_as_it_was(request.path, file, request.experiment):
+                    self._display.message(line)
+                experiment = request.experiment.continuing(len(file.generation_rows()))
+                experiment.noted_beside = path
+                request = request._replace(experiment=experiment)
+                try:
+                    with blame_damage(path):
+                        coordinator = Coordinator(experiment, file, writer, self._display)
+                        complete = coordinator.replay(self._stop)
+                except DamagedCampaign as error:
+                    return self._refuse(error)
+                missing, more = set[int](), request.then is not None
+                if complete:
+                    end = coordinator.end
+                    self._broadcast(end.code, more=more)
+                    self._leave_as_it_is(request, file, writer, end)
+                else:
+                    shared = path if request.database == PARALLEL else None
+                    self._broadcast(FINISHED, experiment, shared, more)
+                    run = writer, coordinator, self._display, self._stop, self._world
+                    end, missing = run_leg(request, *run)
+                if missing and self._world is not None:
                     if not writer.parallel:  # those that are missing would have to join
                         writer.close()
                     lock.release()  # the launcher may end before this process does
-                    return conclude_without(missing, end, request, display, finish, world)
-            writer.close()
-        except OSError as error:
-            rest = "; everything written before is whole, run again to go on"
-            says_so = isinstance(error, AlteredFileError | FileNotFoundError)
-            display.error(error_text(error) + ("" if says_so else rest))
-            writer.abandon(error_text(error))
-            lock.release()
-            if world is not None:
-                world.Abort(FAILURE)
+                    return self._conclude_without(missing, end, request, self._world)
+                writer.close()
+            except OSError as error:
+                rest = "; everything written before is whole, run again to go on"
+                says_so = isinstance(error, AlteredFileError | FileNotFoundError)
+                self._display.error(error_text(error) + ("" if says_so else rest))
+                writer.abandon(error_text(error))
+                lock.release()
+                if self._world is not None:
+                    self._world.Abort(FAILURE)
+                return FAILURE
+            except BaseException as error:  # a reader must not take the file for a running one
+                with suppress(Exception):
+                    writer.set_status(*ended_by(error))
+                if not (text := own_error(error)):
+                    raise
+                kept = f"everything simulated so far is in {request.path}"
+                self._display.error(f"{printable(text)}; {kept}")
+                if self._world is not None:
+                    end_job(self._world, FAILURE)
+                return FAILURE
+        code = self._conclude(end, request)
+        if code != end.code and request.then is not None:
+            self._broadcast(code)  # the others wait for what follows
+        return code
+
+    def _refuse(self, error: UserError | OSError) -> int:
+        """Show why a request cannot be run, and let the others exit; return the exit code."""
+        code = error.exit_code if isinstance(error, UserError) else BAD_INPUT
+        self._display.error(error_text(error))
+        if isinstance(error, MixedJobError) and self._world is not None:
+            end_job(self._world, code)
+        self._broadcast(code)
+        return code
+
+    def _leave_as_it_is(
+        self, request: RunRequest, file: CampaignData, writer: CampaignWriter, end: RunEnd
+    ) -> None:
+        """Say that nothing is left to do, also in the file."""
+        file.refresh()  # deciding again may have written rows that were lost
+        # Killed just after the last generation, or the row is damaged.
+        if file.status().state != end.state or file.damaged:
+            writer.set_status(end.state, end.reason)
+        if end.code == FINISHED:
+            self._display.message(f"{request.path} is finished already: nothing to do")
+
+    def _broadcast(
+        self,
+        code: int,
+        experiment: Experiment | None = None,
+        path: Path | None = None,
+        more: bool = False,
+    ) -> None:
+        """Let the others begin with an experiment, or exit with a code if there is none.
+
+        With a `path` they write their samples there themselves. With `more` they wait for another
+        call once they have finished.
+        """
+        if self._world is not None:
+            start = Start(own_program(), code, experiment, path, more)
+            self._world.bcast(tuple(start), root=0)
+
+    def _conclude(self, end: RunEnd, request: RunRequest) -> int:
+        """Show how the run ended; return the exit code."""
+        if end.code != FINISHED:
+            show = self._display.error if end.code == FAILURE else self._display.message
+            text = end.reason if end.complete else f"stopped: {end.reason}"
+            simulated = "all samples are" if end.complete else "everything simulated so far is"
+            show(f"{text}; {simulated} in {request.path}")
+            return end.code
+        try:
+            with blame_damage(request.path):
+                self._finish(request)
+        except NotACampaign as error:  # any more
+            self._display.error(error_text(error))
             return FAILURE
-        except BaseException as error:  # whoever reads the file must not take it for a running one
-            with suppress(Exception):
-                writer.set_status(*ended_by(error))
-            if not (text := own_error(error)):
-                raise
-            display.error(f"{printable(text)}; everything simulated so far is in {request.path}")
-            if world is not None:
-                end_job(world, FAILURE)
-            return FAILURE
-    code = conclude(end, request, display, finish)
-    if code != end.code and request.then is not None:
-        broadcast_start(world, code)  # the others wait for what follows
-    return code
+        return FINISHED
+
+    def _conclude_without(
+        self, missing: set[int], end: RunEnd, request: RunRequest, world: "Intracomm"
+    ) -> int:
+        """Conclude without ranks that do not answer: the file is whole, the job ends by force.
+
+        Waiting for them, as any call that all ranks join does, might never end.
+        """
+        code = self._conclude(end, request)
+        if code == FINISHED and request.then is not None:
+            code = STOPPED  # the same command goes on with what follows
+        ranks, whole = ", ".join(map(str, sorted(missing))), f"{request.path} is whole"
+        self._display.error(f"no answer from rank {ranks}: the job is ended without; {whole}")
+        sys.stdout.flush()
+        end_job(world, code)
+        return code
 
 
 def ended_by(error: BaseException) -> tuple[str, str]:
@@ -312,50 +366,3 @@ def ended_by(error: BaseException) -> tuple[str, str]:
     if isinstance(error, KeyboardInterrupt):
         return "stopped", "ended by SIGINT before it had stopped"
     return "failed", named_error(error)
-
-
-def conclude(
-    end: RunEnd, request: RunRequest, display: Display, finish: Callable[[RunRequest], None]
-) -> int:
-    """Show how the run ended; return the exit code."""
-    if end.code != FINISHED:
-        show = display.error if end.code == FAILURE else display.message
-        text = end.reason if end.complete else f"stopped: {end.reason}"
-        simulated = "all samples are" if end.complete else "everything simulated so far is"
-        show(f"{text}; {simulated} in {request.path}")
-        return end.code
-    try:
-        with blame_damage(request.path):
-            finish(request)
-    except NotACampaign as error:  # any more
-        display.error(error_text(error))
-        return FAILURE
-    return FINISHED
-
-
-def conclude_without(
-    missing: set[int],
-    end: RunEnd,
-    request: RunRequest,
-    display: Display,
-    finish: Callable[[RunRequest], None],
-    world: "Intracomm",
-) -> int:
-    """Conclude without ranks that do not answer: the file is complete, the job is ended by force.
-
-    Waiting for them, as any call that all ranks join does, might never end.
-    """
-    code = conclude(end, request, display, finish)
-    if code == FINISHED and request.then is not None:
-        code = STOPPED  # the same command goes on with what follows
-    ranks = ", ".join(map(str, sorted(missing)))
-    display.error(f"no answer from rank {ranks}: the job is ended without; {request.path} is whole")
-    sys.stdout.flush()
-    end_job(world, code)
-    return code
-
-
-def end_job(world: "Intracomm", code: int) -> None:
-    """End all ranks by force, with an exit code."""
-    time.sleep(0.2)  # for the launcher, which may drop what it has not passed on
-    world.Abort(code)

@@ -17,9 +17,9 @@ from agglom_mpi.errors import (
     UserError,
     error_text,
 )
+from agglom_mpi.runtime.launch import MixedJobError, check_programs
 from agglom_mpi.runtime.leg import RunRequest, wait
-from agglom_mpi.runtime.programs import MixedJobError, check_programs
-from agglom_mpi.runtime.run import end_job, end_job_by, run_this_rank
+from agglom_mpi.runtime.run import end_job, end_job_by
 from agglom_mpi.runtime.stop_request import StopRequest
 from agglom_mpi.runtime.watches import LauncherWatch
 
@@ -155,16 +155,6 @@ def run_separately(
     watch.end(code)
     own.Free()
     return code
-
-
-def run_alone(
-    request: RunRequest,
-    display: Display,
-    finish: Callable[[RunRequest], None],
-    stop: StopRequest,
-) -> int:
-    """Run one request on this rank alone; return its exit code."""
-    return run_this_rank(lambda: request, display, finish, stop, None)
 
 
 def _run_own(

@@ -8,14 +8,14 @@ import math
 import threading
 import time
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.runtime.abort_flag import ActiveClock
+from agglom_mpi.runtime.launch import name_ranks
 from agglom_mpi.runtime.messages import ALIVE, RankMessage, heartbeat
-from agglom_mpi.runtime.programs import name_ranks
 from agglom_mpi.runtime.watches import NAMED_AFTER, patience
 from agglom_mpi.scheduling.scheduler import Scheduler
 from agglom_mpi.scheduling.static_scheduler import StaticScheduler
@@ -79,28 +79,9 @@ RANKS_AT_THIS_PACE: Final = 2000
 rank 0 would be busy with heartbeats."""
 
 
-class Intervals(NamedTuple):
-    """When a rank sends heartbeats, and when it is silent, s.
-
-    Attributes
-    ----------
-    alive
-        Time without another message after which a rank sends a heartbeat.
-    reassigned
-        Time without a message after which its work is given to others.
-    named
-        Time without a message after which it is named.
-    """
-
-    alive: float
-    reassigned: float
-    named: float
-
-    @classmethod
-    def of(cls, ranks: int) -> Self:
-        """Return the intervals of a job by its number of ranks."""
-        slower = max(1.0, ranks / RANKS_AT_THIS_PACE)
-        return cls(slower * ALIVE_EVERY, slower * REASSIGNED_AFTER, slower * NAMED_AFTER)
+def pace(ranks: int) -> float:
+    """Return how much longer the intervals of a job are, by its number of ranks."""
+    return max(1.0, ranks / RANKS_AT_THIS_PACE)
 
 
 class RankWatch:
@@ -130,10 +111,11 @@ class RankWatch:
         self.silent: set[int] = set()
         self._hosts = hosts
         self._show = show
-        self._intervals = Intervals.of(ranks)
+        self._pace = pace(ranks)
+        self._named = self._pace * NAMED_AFTER
         self._clock = ActiveClock()
         self._heard = np.full(ranks, self.now())
-        self._patience = np.full(ranks, self._intervals.named)
+        self._patience = np.full(ranks, self._named)
         self._patience[0] = math.inf
 
     def now(self) -> float:
@@ -158,7 +140,7 @@ class RankWatch:
                 continue
             self._heard[rank] = now
             if rank:
-                self._patience[rank] = STALLED_AFTER if message.writes else self._intervals.named
+                self._patience[rank] = STALLED_AFTER if message.writes else self._named
             scheduler.heartbeat(rank, now)
             if rank in self.silent:
                 self.silent.discard(rank)
@@ -167,9 +149,9 @@ class RankWatch:
     def check(self, scheduler: Scheduler | StaticScheduler, now: float) -> list[int]:
         """Let others do the work of silent ranks; name and return those silent for long."""
         present = self._heard > now - self._patience
-        for rank in np.flatnonzero(present & (self._patience > self._intervals.named)).tolist():
+        for rank in np.flatnonzero(present & (self._patience > self._named)).tolist():
             scheduler.heartbeat(rank, now)  # it may write for long, or is this rank
-        scheduler.mark_silent(now, self._intervals.reassigned)
+        scheduler.mark_silent(now, self._pace * REASSIGNED_AFTER)
         limits = np.maximum(self._patience, self._gone.after)
         if gone := self._gone.add(np.flatnonzero(self._heard <= now - limits).tolist()):
             self._show(f"{name_ranks(gone)} may have ended: this run sends nothing there any more")
@@ -177,7 +159,7 @@ class RankWatch:
         if not late:
             return []
         # Of a host that is lost, the ranks were not heard last in the same moment.
-        nearly = self._heard <= now - self._patience + 2.0 * self._intervals.alive
+        nearly = self._heard <= now - self._patience + 2.0 * self._pace * ALIVE_EVERY
         hosts = {self._hosts.get(rank) for rank in late} - {None}
         found = late | {
             rank

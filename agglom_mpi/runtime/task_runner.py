@@ -39,10 +39,9 @@ from agglom_mpi.simulation.sample_draws import samples_at_once
 from agglom_mpi.simulation.sample_range import TIMES, SampleResults, new_results
 from agglom_mpi.simulation.scene import Scene
 from agglom_mpi.stopwatch import Stopwatch, TimeSpent
-from agglom_mpi.storage.checksums import checksums
 from agglom_mpi.storage.particle_tables import final_row, frame_rows
 from agglom_mpi.storage.schema import SAMPLES, TOOK_TOO_LONG, samples_schema
-from agglom_mpi.storage.table import concatenated
+from agglom_mpi.storage.table import checksums, concatenated
 from agglom_mpi.verbs.simulate import objective_value, random_numbers, stream_key
 from agglom_mpi.verbs.simulate_experiments import (
     ExperimentScene,

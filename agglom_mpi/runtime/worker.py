@@ -26,7 +26,7 @@ from agglom_mpi.runtime.messages import (
     heartbeat,
     storable,
 )
-from agglom_mpi.runtime.silence import Intervals, may_call_in_turn
+from agglom_mpi.runtime.silence import ALIVE_EVERY, may_call_in_turn, pace
 from agglom_mpi.runtime.simulation_thread import SimulationThread
 from agglom_mpi.runtime.stop_request import StopRequest
 from agglom_mpi.runtime.task_runner import SampleRunner
@@ -112,7 +112,7 @@ class Worker:
         self._thread = SimulationThread(runner, self._wakeup)
         self._byte, self._status = MPI.BYTE, MPI.Status()
         self._backoff = PollBackoff()
-        self._alive_every = Intervals.of(world.size).alive
+        self._alive_every = pace(world.size) * ALIVE_EVERY
         self._sample_clock = SampleClock(runner.abort_flag)
         self._watch = watch
         self._stop_request, self._alone = stop, False

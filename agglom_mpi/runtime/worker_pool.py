@@ -23,7 +23,7 @@ from agglom_mpi.runtime.messages import (
     own_host,
     record_types,
 )
-from agglom_mpi.runtime.silence import GoneRanks, Heart, Intervals
+from agglom_mpi.runtime.silence import ALIVE_EVERY, GoneRanks, Heart, pace
 from agglom_mpi.runtime.simulation_thread import SimulationThread
 from agglom_mpi.runtime.task_runner import SampleRunner
 from agglom_mpi.runtime.wakeup import LONGEST, PollBackoff, Wakeup, message_waits
@@ -86,7 +86,7 @@ class WorkerPool:
         self._wakeups: dict[int, bytes] = {}  # of ranks on this host
         self._world = world
         self._thread = SimulationThread(runner, self._wakeup)
-        self._intervals = Intervals.of(self.size)
+        self._alive_every = pace(self.size) * ALIVE_EVERY
         self._sample_clock = SampleClock(runner.abort_flag)
         self._own_heartbeat = time.monotonic()
         self._sends = PendingSends()
@@ -126,7 +126,7 @@ class WorkerPool:
         if self._heart is not None:
             self._heart.beat_if_due()
         under_way, now = self._sample_clock.read(), time.monotonic()
-        if now - self._own_heartbeat > self._intervals.alive and under_way is not None:
+        if now - self._own_heartbeat > self._alive_every and under_way is not None:
             self._own_heartbeat = now
             yield RankMessage(0, under_way=under_way)
 

@@ -1,12 +1,19 @@
-"""The attributes of a campaign file: what they must be, and the identity of the campaign."""
+"""The attributes of a campaign file: what they must be, and their checksums; the identity."""
 
 import json
-from collections.abc import Mapping
-from typing import Any, Final
+import zlib
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
 
 from agglom_mpi.config.identity import SEPARATORS, STUDY_SEPARATORS, digest
 from agglom_mpi.declaration.reading import OWN_COMPONENTS, OWN_MODULES, OWN_SHA256
 from agglom_mpi.storage.room import CENSUS, QUANTITIES, TableSizes
+from agglom_mpi.storage.schema import CHECKED_SINCE, VARIABLE_TABLE
+
+if TYPE_CHECKING:
+    import h5py
 
 _TEXTS: Final = (
     *("campaign", "campaign_sha256", "code_version", "created"),
@@ -83,3 +90,46 @@ def identity_of(attributes: Mapping[str, Any]) -> dict[str, Any]:
     if attributes["campaign_sha256"] not in digests:
         raise ValueError("attribute identity has another digest than campaign_sha256")
     return found
+
+
+CHECKSUMS: Final = "checksums"
+"""Attribute with the checksums of the others, and of `/variables`, by name."""
+_BOX: Final = f"/{VARIABLE_TABLE.name}"
+"""Name of the checksum of the rows of `/variables`."""
+
+
+def write_checksums(file: "h5py.File", changed: Iterable[str] | None = None) -> None:
+    """Write the attribute `checksums` of a file: those that have `changed`, by default all.
+
+    So the checksum of an altered attribute that is copied still does not fit.
+    """
+    known = {} if changed is None else json.loads(file.attrs[CHECKSUMS])
+    every = [_BOX, *(f"{name}/{key}" for name, part in file.items() for key in part.attrs)]
+    names = [*every, *(file.attrs.keys() - {CHECKSUMS})] if changed is None else changed
+    file.attrs[CHECKSUMS] = json.dumps(known | {name: _checksum(file, name) for name in names})
+
+
+def altered_parts(file: "h5py.File") -> list[str]:
+    """Return the names of attributes and tables that differ from their checksums, or are absent.
+
+    Files of versions before `CHECKED_SINCE` have none. Attributes that others have added do not
+    count.
+    """
+    if CHECKSUMS not in file.attrs:
+        return [CHECKSUMS] if file.attrs["format_version"] >= CHECKED_SINCE else []
+    try:
+        known = dict(json.loads(file.attrs[CHECKSUMS]))
+    except (RecursionError, TypeError, ValueError):
+        return [CHECKSUMS]
+    return [name for name, checksum in known.items() if _checksum(file, name) != checksum]
+
+
+def _checksum(file: "h5py.File", name: str) -> int | None:
+    """Return the CRC-32 of an attribute, as JSON, or of the rows of `/variables`; None: absent."""
+    if name == _BOX:
+        return zlib.crc32(file[name][...].tobytes())
+    table, _, key = name.rpartition("/")
+    if (table and table not in file) or key not in file[table or "/"].attrs:
+        return None
+    value = np.asarray(file[table or "/"].attrs[key], object).tolist()
+    return zlib.crc32(json.dumps(value, default=repr).encode())

@@ -10,12 +10,12 @@ import h5py
 import numpy as np
 
 from agglom_mpi.storage.access import DamagedCampaign, open_file, report_damage
-from agglom_mpi.storage.checksums import CHECKSUMS, checksum_ok, write_checksums
+from agglom_mpi.storage.attributes import CHECKSUMS, write_checksums
 from agglom_mpi.storage.files import CheckedFile, atomic_file, new_file
 from agglom_mpi.storage.room import TableSizes
 from agglom_mpi.storage.rows import Rows
 from agglom_mpi.storage.schema import LEARNED, TableSchema, volume_table
-from agglom_mpi.storage.table import REWRITE_SECONDS
+from agglom_mpi.storage.table import REWRITE_SECONDS, checksum_ok
 
 CHUNK_BYTES: Final = 1 << 18
 """Bytes of a chunk before compression; several fit into HDF5's cache of 1 MiB."""

@@ -12,8 +12,7 @@ import numpy as np
 from h5py import h5d, h5p, h5s, h5t
 
 from agglom_mpi.storage.access import open_file, refuse_compact
-from agglom_mpi.storage.attributes import EARLIER_DATA
-from agglom_mpi.storage.checksums import CHECKSUMS, write_checksums
+from agglom_mpi.storage.attributes import CHECKSUMS, EARLIER_DATA, write_checksums
 from agglom_mpi.storage.files import atomic_file, new_file
 from agglom_mpi.storage.room import TableSizes
 from agglom_mpi.storage.rows import Rows

@@ -14,8 +14,7 @@ from agglom_mpi.formatting import shortened, with_article
 from agglom_mpi.scheduling.interface import number_in_volume
 from agglom_mpi.search.proposals import ORIGINS, Proposals, restored
 from agglom_mpi.storage.access import NotACampaign, open_file, read_attributes, report_damage
-from agglom_mpi.storage.attributes import earlier_data, identity_of
-from agglom_mpi.storage.checksums import altered_parts
+from agglom_mpi.storage.attributes import altered_parts, earlier_data, identity_of
 from agglom_mpi.storage.particle_tables import StoredParticles
 from agglom_mpi.storage.room import TableSizes
 from agglom_mpi.storage.schema import INVERSION, LEARNED, TOOK_TOO_LONG, parameters_of, volume_table

@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 
 from agglom_mpi.scheduling.interface import number_in_volume, volumes_of
 from agglom_mpi.storage.access import open_file, with_path
-from agglom_mpi.storage.checksums import checksum_ok
 from agglom_mpi.storage.room import TableSizes
 from agglom_mpi.storage.rows import same_type
 from agglom_mpi.storage.schema import volume_table
-from agglom_mpi.storage.table import Table, rows_at, runs_of
+from agglom_mpi.storage.table import Table, checksum_ok, rows_at, runs_of
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm

@@ -10,10 +10,9 @@ import numpy as np
 
 from agglom_mpi.formatting import printable
 from agglom_mpi.storage.access import open_file, report_damage
-from agglom_mpi.storage.checksums import checksum_ok
 from agglom_mpi.storage.particle_tables import count_frames
 from agglom_mpi.storage.rows import Rows
-from agglom_mpi.storage.table import REWRITE_SECONDS, Table
+from agglom_mpi.storage.table import REWRITE_SECONDS, Table, checksum_ok
 
 READ_TOGETHER: Final = ("generations", "results", "strings", "legs", "failures")
 """Tables in the order in which they are read: a row is there before those that refer to it, so no

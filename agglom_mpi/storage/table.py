@@ -1,7 +1,8 @@
-"""Rows that are either absent or final: done bytes, digests of generations."""
+"""Rows that are either absent or final: done bytes, checksums, digests of generations."""
 
 import hashlib
 import time
+import zlib
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -10,13 +11,36 @@ from typing import Any, Final, NamedTuple
 import h5py
 import numpy as np
 
-from agglom_mpi.storage.checksums import checksum_ok, checksums
 from agglom_mpi.storage.room import TableSizes
 from agglom_mpi.storage.rows import Rows, consecutive_numbers, same_type
 from agglom_mpi.storage.schema import FORMAT_VERSION, RESULTS, SAMPLES, TableSchema
 
+_ROWS_AT_ONCE: Final = 1 << 14
+"""Number of rows that are copied at once to compute their checksums."""
+
 REWRITE_SECONDS: Final = 0.1
 """Longer than a row that is rewritten in place takes to be whole again."""
+
+
+def checksum_ok(rows: np.ndarray) -> np.ndarray:
+    """Return whether each row has the right checksum, or its table has none, (n,) bool."""
+    if "crc" not in (rows.dtype.names or ()):
+        return np.ones(len(rows), bool)
+    return checksums(rows) == rows["crc"]
+
+
+def checksums(rows: np.ndarray) -> np.ndarray:
+    """Return the CRC-32 of the bytes of each row with its `crc` zero, (n,) uint32."""
+    if len(rows) > _ROWS_AT_ONCE:
+        parts = range(0, len(rows), _ROWS_AT_ONCE)
+        return np.concatenate([checksums(rows[at : at + _ROWS_AT_ONCE]) for at in parts])
+    blank = rows.copy()
+    blank["crc"] = 0
+    raw = memoryview(blank.tobytes())
+    size = rows.dtype.itemsize
+    return np.array(
+        [zlib.crc32(raw[at : at + size]) for at in range(0, len(raw), size)], dtype=np.uint32
+    )
 
 
 class ValidRows(NamedTuple):

@@ -23,13 +23,13 @@ from agglom_mpi.storage.access import (
     report_damage,
     tables_in_chunks,
 )
-from agglom_mpi.storage.checksums import altered_parts, checksum_ok
+from agglom_mpi.storage.attributes import altered_parts
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.recorded_campaign import recorded_search
 from agglom_mpi.storage.rows import Rows
 from agglom_mpi.storage.schema import CAMPAIGN_STATES, LEARNED, volume_table
 from agglom_mpi.storage.snapshot import read_status, status_of
-from agglom_mpi.storage.table import Table, ValidRows, rows_at
+from agglom_mpi.storage.table import Table, ValidRows, checksum_ok, rows_at
 
 Key = int | tuple[int, int]
 """Number of a string, generation, leg or failure, or string and number of a sample."""

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from agglom_mpi.storage.access import NotACampaign, open_file, with_path
-from agglom_mpi.storage.fingerprint import AlteredFileError, Fingerprint, redirect_writes
+from agglom_mpi.storage.files import AlteredFileError, Fingerprint, redirect_writes
 from agglom_mpi.storage.particle_tables import FrameWriter
 from agglom_mpi.storage.row_buffer import RowBuffer, SampleWriter, WriteClock, sync_descriptor
 from agglom_mpi.storage.rows import Rows

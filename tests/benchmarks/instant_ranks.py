@@ -102,7 +102,7 @@ class InstantRunner(SampleRunner):
             rows[name] = seconds
         self.made_up = rows
         try:
-            from agglom_mpi.storage.checksums import checksums
+            from agglom_mpi.storage.table import checksums
         except ImportError:  # an earlier version, whose rank 0 computes them
             self.add_checksums = lambda rows: None
         else:

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 from mpi4py import MPI
 
-from agglom_mpi.runtime.returned_samples import rank_parts
+from agglom_mpi.runtime.messages import rank_parts
 from agglom_mpi.runtime.task_runner import SampleRunner, SampleTask
 from agglom_mpi.runtime.worker import serve_coordinator as serve
 from agglom_mpi.runtime.worker_pool import WorkerPool

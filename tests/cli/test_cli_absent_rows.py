@@ -8,11 +8,10 @@ import pytest
 from campaign_runs import assert_same, decisions, finish, write_campaign
 from storage_rows import put_status
 
-from agglom_mpi.analysis.completeness import lacks_rows
+from agglom_mpi.analysis.completeness import FinishedCounts, finished_reason, lacks_rows
 from agglom_mpi.analysis.file_check import check_file
 from agglom_mpi.analysis.summary import collect_summary
 from agglom_mpi.storage.compact import write_compact
-from agglom_mpi.storage.finished_counts import FinishedCounts, finished_reason
 from agglom_mpi.storage.reader import read_campaign
 
 

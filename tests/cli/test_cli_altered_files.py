@@ -8,7 +8,7 @@ import pytest
 from campaign_runs import invert
 
 from agglom_mpi.analysis.damage import blame_damage
-from agglom_mpi.storage.checksums import checksums
+from agglom_mpi.storage.table import checksums
 
 DEEP = "[" * 100_000
 IDENTITIES = ["{", "[]", "5", "null", '"x"', "{}", DEEP, '{"seed": ' + "9" * 5000 + "}"]

@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 from hypothesis import strategies as st
 
-from agglom_mpi.storage.checksums import checksums
+from agglom_mpi.storage.table import checksums
 
 TEXTS = [
     "",

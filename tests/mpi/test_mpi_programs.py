@@ -27,7 +27,7 @@ if rank == "1":
 IMPATIENT = """
 import time
 from pathlib import Path
-import agglom_mpi.runtime.programs as programs
+import agglom_mpi.runtime.launch as programs
 
 programs.NOTED_AFTER, programs.GIVEN_UP_AFTER = 0.1, 0.5
 check, receive = programs.check_programs, programs.receive_programs
@@ -59,7 +59,7 @@ sleep(600.0)
 """As rank 0 of such versions."""
 
 
-@pytest.mark.ranks(guard="runtime/test_programs.py")
+@pytest.mark.ranks(guard="runtime/test_launch_programs.py")
 @pytest.mark.parametrize(
     ("program", "named"),
     [
@@ -98,7 +98,7 @@ def mixed_job(folder, *programs):
 INVERT = "agglom-invert", "small.yaml"
 
 
-@pytest.mark.ranks(guard="runtime/test_programs.py")
+@pytest.mark.ranks(guard="runtime/test_launch_programs.py")
 def test_ranks_that_do_not_say_what_they_are_end_the_job(tmp_path):
     silent = sys.executable, "-c", SAYS_NOTHING
     code, errors = mixed_job(tmp_path, INVERT, silent, INVERT, silent)

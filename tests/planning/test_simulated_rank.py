@@ -4,39 +4,42 @@ import pytest
 from examples import examples
 from hypothesis import strategies as st
 
-from agglom_mpi.planning.cluster_simulator import SampleInFlight, SimulatedRank
+from agglom_mpi.planning.cluster_simulator import SimulatedRank, TaskInFlight
 
-TICKS = st.integers(0, 6)
-SAMPLES = st.lists(
-    st.builds(SampleInFlight, st.integers(0, 3), TICKS, st.just(True), begin=st.just(0.0)),
-    min_size=1,
-    max_size=4,
-)
-BATCHES = st.lists(st.tuples(TICKS, SAMPLES), min_size=1, max_size=4)
+SECONDS = st.lists(st.integers(1, 6), min_size=1, max_size=3)
+TASKS = st.lists(st.tuples(st.integers(0, 3), SECONDS), min_size=1, max_size=3)
+BATCHES = st.lists(st.tuples(st.integers(0, 6), TASKS), min_size=1, max_size=4)
+
+
+def in_flight(string, seconds):
+    return TaskInFlight(string, 0, [*seconds], len(seconds))
 
 
 def rank_with(batches):
     """Return a rank that is given batches, each so long after the one before."""
     rank, now = SimulatedRank(), 0.0
-    for later, samples in batches:
+    for later, tasks in batches:
         now += later
-        rank.put(now, list(samples))
+        rank.put(now, [in_flight(*task) for task in tasks])
     return rank
 
 
 def lived(batches, cancelled, at):
-    """When each batch is done, and what each sample took, tick by tick."""
-    ends, spent, now, received = [], [], 0, 0
-    for later, samples in batches:
+    """When each batch is done, and what each task took and how many samples, tick by tick."""
+    ends, found, now, received = [], [], 0, 0
+    for later, tasks in batches:
         received += later
         now = max(now, received)
-        for string, seconds, *_ in samples:
-            took = 0
-            while took < seconds and not (string == cancelled and now >= at):
-                took, now = took + 1, now + 1
-            spent.append(took)
+        for string, seconds in tasks:
+            begun, done = now, 0
+            for most in seconds:
+                took = 0
+                while took < most and not (string == cancelled and now >= at):
+                    took, now = took + 1, now + 1
+                done += took == most
+            found.append((now - begun, done))
         ends.append(now)
-    return ends, spent
+    return ends, found
 
 
 @examples(300, BATCHES, st.integers(0, 3), st.integers(0, 30))
@@ -44,33 +47,29 @@ def test_a_rank_takes_the_time_of_what_it_need_not_leave_out(batches, cancelled,
     at = max(at, sum(later for later, _ in batches))  # when all have come
     rank = rank_with(batches)
     rank.cancel(float(at), [cancelled])
-    ends, spent = lived(batches, cancelled, at)
+    ends, found = lived(batches, cancelled, at)
     taken = []
     for end in ends:
         assert rank.end == end
         taken += rank.take()
-    assert [sample.seconds for sample in taken] == spent
-    given_first = [sample for _, samples in batches for sample in samples]
-    for sample, before, seconds in zip(taken, given_first, spent, strict=True):
-        assert sample.needed == (seconds == before.seconds) or before.seconds == 0
-        assert sample.needed or sample.string == cancelled
+    assert [(sum(task.seconds), task.done) for task in taken] == found
+    given_first = [task for _, tasks in batches for task in tasks]
+    for task, (string, seconds) in zip(taken, given_first, strict=True):
+        assert task.left_out == (task.done < len(seconds))
+        assert not task.left_out or string == cancelled
 
 
 def test_a_cancellation_does_not_touch_what_is_done_or_of_others():
-    rank = rank_with(
-        [(0.0, [SampleInFlight(1, 2.0), SampleInFlight(2, 2.0), SampleInFlight(1, 2.0)])]
-    )
+    rank = rank_with([(0.0, [(1, [2.0]), (2, [2.0]), (1, [2.0])])])
     rank.cancel(3.0, [1])
     assert rank.end == 4.0
-    assert rank.take() == [
-        SampleInFlight(1, 2.0),
-        SampleInFlight(2, 2.0),
-        SampleInFlight(1, 0.0, False),
-    ]
+    done, other, withdrawn = rank.take()
+    assert [done, other] == [in_flight(1, [2.0]), in_flight(2, [2.0])]
+    assert withdrawn == TaskInFlight(1, 0, [0.0], 0, left_out=True)
 
 
 def test_a_rank_that_had_nothing_to_do_begins_when_its_work_comes():
-    rank = rank_with([(0.0, [SampleInFlight(1, 1.0)]), (5.0, [SampleInFlight(1, 1.0)])])
+    rank = rank_with([(0.0, [(1, [1.0])]), (5.0, [(1, [1.0])])])
     assert rank.end == pytest.approx(1.0)
     rank.take()
     assert rank.end == pytest.approx(6.0)

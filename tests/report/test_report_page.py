@@ -31,11 +31,10 @@ from agglom_mpi.report.sections.run import legs
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import prepare
 from agglom_mpi.runtime.provenance import leg_start
-from agglom_mpi.storage.checksums import checksums
 from agglom_mpi.storage.lock import CampaignLock
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.schema import RESULTS, sample_dtype
-from agglom_mpi.storage.table import make_row
+from agglom_mpi.storage.table import checksums, make_row
 from agglom_mpi.storage.writer import CampaignWriter
 
 FIGURES = {

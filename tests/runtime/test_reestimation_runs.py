@@ -30,7 +30,7 @@ from agglom_mpi.analysis.file_check import check_file
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.cli import main
 from agglom_mpi.formatting import value_with_error
-from agglom_mpi.storage.checksums import write_checksums
+from agglom_mpi.storage.attributes import write_checksums
 from agglom_mpi.storage.reader import read_campaign
 
 TWO = {"generations": 2, "max_samples": 12}

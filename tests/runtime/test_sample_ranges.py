@@ -15,7 +15,7 @@ from agglom_mpi.runtime import task_runner as module
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.task_runner import SampleRunner
 from agglom_mpi.scheduling.interface import task_type
-from agglom_mpi.storage.checksums import checksum_ok
+from agglom_mpi.storage.table import checksum_ok
 
 COUNT = 200
 

@@ -7,7 +7,7 @@ import h5py
 import pytest
 from storage_rows import make, put_strings, sample_rows
 
-from agglom_mpi.storage.fingerprint import AlteredFileError
+from agglom_mpi.storage.files import AlteredFileError
 from agglom_mpi.storage.writer import CampaignWriter
 
 

@@ -9,7 +9,7 @@ import pytest
 from storage_rows import make, put_strings
 
 from agglom_mpi.storage.access import NotACampaign
-from agglom_mpi.storage.checksums import altered_parts
+from agglom_mpi.storage.attributes import altered_parts
 from agglom_mpi.storage.compact import write_compact
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.verify import verify_rows

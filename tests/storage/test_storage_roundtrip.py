@@ -17,7 +17,6 @@ from storage_rows import (
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.storage import row_buffer
 from agglom_mpi.storage.access import open_file
-from agglom_mpi.storage.checksums import checksums
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.row_buffer import FLUSH_AGE
 from agglom_mpi.storage.rows import Rows
@@ -27,6 +26,7 @@ from agglom_mpi.storage.schema import (
     TOOK_TOO_LONG,
     sample_dtype,
 )
+from agglom_mpi.storage.table import checksums
 from agglom_mpi.storage.writer import CampaignWriter
 from agglom_mpi.variables import TEN
 

@@ -20,7 +20,8 @@ from agglom_mpi.errors import BAD_INPUT, FINISHED, STOPPED, UserError, error_tex
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import check_writable
 from agglom_mpi.runtime.leg import RunRequest
-from agglom_mpi.runtime.separate_runs import run_alone, run_separately, shared
+from agglom_mpi.runtime.run import run_this_rank
+from agglom_mpi.runtime.separate_runs import run_separately, shared
 from agglom_mpi.runtime.stop_request import StopRequest
 from agglom_mpi.storage.reader import read_inversion
 
@@ -102,7 +103,8 @@ class _Runner:
         code = FINISHED
         if not run.is_finished(request):
             self._rehearse(run, stop)
-            code = run_alone(request, ProcessorClock(run.clock_path), lambda request: None, stop)
+            clock = ProcessorClock(run.clock_path)
+            code = run_this_rank(lambda: request, clock, lambda request: None, stop, None)
         if code == FINISHED and self._points is not None:
             sets_of(run, self._study, self._points, read_inversion(run.path, allow_code=True))
         self._done += 1
@@ -122,4 +124,4 @@ class _Runner:
         experiment = InversionExperiment(campaign.with_generations(count), warm_start(campaign))
         with TemporaryDirectory() as folder:
             request = RunRequest(experiment, Path(folder) / run.path.name, False)
-            run_alone(request, Display(quiet=True), lambda request: None, stop)
+            run_this_rank(lambda: request, Display(True), lambda request: None, stop, None)

@@ -5,12 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from agglom_mpi.runtime import programs
-from agglom_mpi.runtime.launch import LaunchError
-from agglom_mpi.runtime.programs import (
+from agglom_mpi.runtime import launch
+from agglom_mpi.runtime.launch import (
     GIVEN_UP_AFTER,
     NOTED_AFTER,
     RECORD,
+    LaunchError,
     MixedJobError,
     Start,
     own_program,
@@ -52,7 +52,7 @@ def clock(monkeypatch):
         clock.now += 1e3 * seconds
 
     clock.sleep = sleep
-    monkeypatch.setattr(programs, "time", clock)
+    monkeypatch.setattr(launch, "time", clock)
     return clock
 
 

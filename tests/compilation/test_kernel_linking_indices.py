@@ -8,8 +8,7 @@ from fresh_kernels import said_by, with_escape
 from numba import types
 
 from agglom_mpi import load_campaign
-from agglom_mpi.compilation.kernel_indices import unsigned
-from agglom_mpi.compilation.kernel_linking import COMPILER, LinkingCompiler
+from agglom_mpi.compilation.kernel_linking import COMPILER, LinkingCompiler, unsigned
 from agglom_mpi.verbs.simulate import simulate
 
 JOBS = Path(__file__).parents[2] / "jobs"

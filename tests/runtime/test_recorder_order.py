@@ -5,7 +5,7 @@ from examples import examples
 from hypothesis import strategies as st
 
 from agglom_mpi.runtime.messages import RESULT
-from agglom_mpi.runtime.write_order import WriteOrderBarrier
+from agglom_mpi.runtime.recorder import WriteOrderBarrier
 
 
 def rows(count, first=0):
@@ -87,7 +87,7 @@ class Model:
         assert taken == sorted(set(taken))
         assert self.in_file[rank] | set(taken) == set(range(self.delivered[rank]))
         self.in_file[rank] |= set(taken)
-        self.barrier.taken_over()
+        self.barrier.store_ready()
         assert self.barrier.take_over(rank) == [], "it waits for a rank that it has given up"
 
     def store(self):
@@ -127,7 +127,7 @@ def test_a_rank_that_is_not_heard_any_more_holds_nothing_back():
     [batch] = barrier.take_over(1)
     assert batch["sample"].tolist() == [3, 4]
     assert stored == []
-    barrier.taken_over()
+    barrier.store_ready()
     assert stored == ["result"]
 
 
@@ -135,7 +135,7 @@ def test_what_a_rank_that_is_back_writes_late_does_not_count_for_what_it_sends_n
     barrier, stored = WriteOrderBarrier(), []
     barrier.delivered(1, rows(3))
     barrier.take_over(1)
-    barrier.taken_over()
+    barrier.store_ready()
     barrier.delivered(1, rows(2, first=3))
     barrier.store(lambda: stored.append("result"))
     barrier.written(1, 3)
