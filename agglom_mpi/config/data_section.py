@@ -16,12 +16,12 @@ from agglom_mpi.declaration.declared import (
     Declared,
     FieldError,
     FieldPath,
+    Line,
     Meaning,
     Reads,
     raise_field_errors,
     read_value,
 )
-from agglom_mpi.declaration.field_types import Line
 from agglom_mpi.declaration.reading import Reading
 from agglom_mpi.declaration.units import has_offset, quoted, to_si, unit_in
 from agglom_mpi.formatting import in_unit, pluralise, value_with_prefix

@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from agglom_mpi.config.allowed_share import allowed_share
 from agglom_mpi.config.consequences import consequences
 from agglom_mpi.config.identity import digest, identity
 from agglom_mpi.config.scene import SceneSection
+from agglom_mpi.config.searchable import allowed_share
 from agglom_mpi.declaration.laws import Law
 from agglom_mpi.formatting import in_unit, pluralise, shortened, value_with_prefix
 from agglom_mpi.measurements.datum import Datum, exact_values

@@ -11,7 +11,6 @@ from agglom_mpi.config.bounds import (
     required_variables,
     variables_of,
 )
-from agglom_mpi.config.certificate_plan import CertificatePlan
 from agglom_mpi.config.correlations import Correlation, correlated
 from agglom_mpi.config.data_section import (
     DatumEntry,
@@ -20,7 +19,7 @@ from agglom_mpi.config.data_section import (
     late,
     read_data,
 )
-from agglom_mpi.config.plan import FinalAnswer, Output, Plan, Stopping
+from agglom_mpi.config.plan import CertificatePlan, FinalAnswer, Output, Plan, Stopping
 from agglom_mpi.config.relations import quantity_problems, read_constraints, read_derived
 from agglom_mpi.config.scene import MAX_PARTICLES, SceneSection
 from agglom_mpi.config.scene_paths import PathEntries, read_paths
@@ -29,16 +28,17 @@ from agglom_mpi.config.yaml_source import CampaignError, Problem, Source, parse
 from agglom_mpi.declaration.choices import Choice
 from agglom_mpi.declaration.components import Whole
 from agglom_mpi.declaration.declared import (
+    NONE,
     Declared,
     FieldError,
     FieldPath,
     Fits,
+    Line,
     Meaning,
     Problems,
     Reads,
     raise_field_errors,
 )
-from agglom_mpi.declaration.field_types import NONE, Line
 from agglom_mpi.declaration.reading import PLAIN, Reading
 from agglom_mpi.outcome import SPIN_UNITS, quantity_columns
 from agglom_mpi.physics.sizes import READ_KEYS, reads_file

@@ -24,8 +24,7 @@ from agglom_mpi.config.own_components import own_of
 from agglom_mpi.config.plan import FinalAnswer, Output
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.config.yaml_source import CampaignError, Problem, Source
-from agglom_mpi.declaration.declared import FieldError, FieldPath, Fits, Problems
-from agglom_mpi.declaration.field_types import NONE
+from agglom_mpi.declaration.declared import NONE, FieldError, FieldPath, Fits, Problems
 from agglom_mpi.declaration.given_values import FRACTIONS, SIZES
 from agglom_mpi.declaration.reading import Reading
 from agglom_mpi.declaration.units import quoted

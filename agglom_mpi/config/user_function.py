@@ -15,12 +15,11 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.declaration.bounded_reading import clipped, read_bounded
-from agglom_mpi.declaration.frozen_values import Values
-from agglom_mpi.declaration.own_modules import OwnModule, executed
+from agglom_mpi.declaration.own_modules import OwnModule, Values, executed
 from agglom_mpi.declaration.reading import SOURCE_SHA256, values_in
 from agglom_mpi.declaration.spelling import MAX_MAGNITUDE
 from agglom_mpi.declaration.users_code import users_code
+from agglom_mpi.file_kinds import clipped, read_bounded
 
 NUMBERS: Final = (float, int, np.floating, np.integer)
 """Types of what a function may return, but for bool."""

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from typing import (
     TYPE_CHECKING,
+    Annotated,
     Any,
     ClassVar,
     Final,
@@ -31,6 +32,7 @@ from agglom_mpi.declaration.reading import FieldPath as FieldPath
 from agglom_mpi.declaration.reading import Problems as Problems
 from agglom_mpi.declaration.reading import raise_field_errors as raise_field_errors
 from agglom_mpi.declaration.spelling import suggestion
+from agglom_mpi.declaration.units import quoted
 
 LATER: Final = "added later"
 """Metadata of a field added after version 0.1.0: at its default it is not in the identity."""
@@ -303,3 +305,59 @@ def _described(section: type[Any]) -> Mapping[str, str]:
     for names, text in _ENTRY.findall(parts[1]) if len(parts) > 1 else ():
         found |= {name.strip(): " ".join(text.split()) for name in names.split(",")}
     return found
+
+
+MAX_EXACT: Final = 2**53
+"""Maximum size of a whole number that float64 distinguishes from its neighbours."""
+
+
+def _whole(value: Any) -> Any:
+    exact = isinstance(value, float) and value.is_integer() and abs(value) <= MAX_EXACT
+    return int(value) if exact else value
+
+
+WholeNumber = Annotated[int, Reads(_whole)]
+"""An integer, which may be written `3e2`: no text, no `true`, no 100.5."""
+
+Flag = bool
+"""`true` or `false`: no 1, no `yes`."""
+
+
+def _printable(text: Any) -> Any:
+    if isinstance(text, str) and not text.isprintable():
+        raise ValueError(
+            "holds a character that cannot be printed; allowed: one line of plain text"
+        )
+    return text
+
+
+Line = Annotated[str, Reads(_printable)]
+"""One line of printable text: no line break, null byte or lone surrogate."""
+
+
+def _not_empty(text: Any) -> Any:
+    if text == "":
+        raise ValueError(f"is {quoted(text)}; must not be empty")
+    return text
+
+
+NotEmpty = Annotated[Line, Reads(_not_empty)]
+"""A `Line` that is not empty."""
+
+NONE = Reads(lambda value: None if value == "none" else value)
+"""Metadata that reads the word `none` as None."""
+
+
+def named(value: Any) -> Any:
+    """Return `foo` as `{law: foo}`, and a mapping as it is.
+
+    Raises
+    ------
+    ValueError
+        If the value is something else.
+    """
+    if isinstance(value, str):
+        return {"law": value}
+    if not isinstance(value, dict | Declared):
+        raise ValueError(f"is {quoted(value)}; must be the name of a law or a mapping with `law:`")
+    return value

@@ -11,10 +11,10 @@ from agglom_mpi.declaration.declared import (
     Declared,
     FieldPath,
     Meaning,
+    NotEmpty,
     Reads,
     raise_field_errors,
 )
-from agglom_mpi.declaration.field_types import NotEmpty
 from agglom_mpi.declaration.reading import Reading
 from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.declaration.units import quoted, to_si

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.config.arguments import mistaken_argument
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.config.certificate_plan import ENTRY, CertificatePlan
-from agglom_mpi.config.plan import Output
+from agglom_mpi.config.plan import ENTRY, CertificatePlan, Output
 from agglom_mpi.config.user_function import UserFunction, read_function
 from agglom_mpi.declaration.declared import FieldError, raise_field_errors
 from agglom_mpi.display.run_display import StudyDisplay
