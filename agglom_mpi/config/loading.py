@@ -88,5 +88,6 @@ def _with_function(
         except ValueError as error:
             raise campaign.function_error(str(error), "of_means") from None
     if check is load_function:
-        function = function._replace(values=executed(function.module).own.values or None)
+        values = executed(function.module).own.values or None
+        function = function._replace(module=function.module._replace(values=values))
     return replace(campaign, user_function=function)

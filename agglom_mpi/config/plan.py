@@ -228,14 +228,14 @@ class Stopping(Criteria):
         found = {key: getattr(self, key) for key in EndingCriterion.components()}
         return {key: each for key, each in found.items() if each is not None}
 
+    def recorded_criteria(self) -> dict[str, Any]:
+        """Return the entries of the identity: those of the criteria."""
+        return {k: v for k, v in self.entries().items() if k in EndingCriterion.components()}
+
     @property
     def ending(self) -> EndingCriterion:
         """The criterion that ends the campaign: any of those given, or its last generation."""
         return any_of(*self.criteria.values(), Generations(generations=self.generations))
-
-    def recorded_criteria(self) -> dict[str, Any]:
-        """Return the entries of the identity: those of the criteria."""
-        return {k: v for k, v in self.entries().items() if k in EndingCriterion.components()}
 
 
 class Plan(NamedTuple):
@@ -255,20 +255,13 @@ MAX_VOLUMES: Final = 8
 
 def _read_volumes(value: Any) -> Any:
     """Return different factors in ascending order, with 1 among them; or raise a ValueError."""
-    allowed = "must be a list of different whole numbers with 1 among them, like [1, 2, 4]"
-    if not isinstance(value, list | tuple):
-        raise ValueError(f"is {quoted(value)}; {allowed}")
-    for each in value:
-        is_number = isinstance(each, int | float) and not isinstance(each, bool)
-        if not (is_number and float(each).is_integer()):
-            raise ValueError(f"has {quoted(each)}; {allowed}")
-        if not 1 <= each <= MAX_VOLUME:
-            raise ValueError(f"has {each:g}; must be from 1 to {MAX_VOLUME}")
-    if 1 not in value or len(set(value)) < len(value):
-        raise ValueError(f"is {quoted(list(value))}; {allowed}")
-    if len(value) > MAX_VOLUMES:
-        raise ValueError(f"has {len(value)} volumes; must have at most {MAX_VOLUMES}")
-    return tuple(sorted(int(each) for each in value))
+    given = list(value) if isinstance(value, list | tuple) else []
+    known = [each for each in given if isinstance(each, int | float) and not isinstance(each, bool)]
+    whole = {int(each) for each in known if 1 <= each <= MAX_VOLUME and float(each).is_integer()}
+    if len(whole) < len(given) or 1 not in whole or len(given) > MAX_VOLUMES:
+        limits = f"at most {MAX_VOLUMES} different whole numbers from 1 to {MAX_VOLUME}"
+        raise ValueError(f"is {quoted(value)}; must be a list of {limits}, 1 among them: [1, 2, 4]")
+    return tuple(sorted(whole))
 
 
 class FinalAnswer(Declared):

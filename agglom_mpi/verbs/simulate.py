@@ -219,7 +219,7 @@ def objective_value(
     if objective.code is None:
         samples = np.array([record])
         return {"objective": float(campaign.objective_at(parameters).of_samples(samples)[0])}
-    if function is None or function.source is None:
+    if function is None or not function.module.source:
         return dict.fromkeys(("objective", *objective.quantity_units), math.nan)
     initial = initial_radii(scene, lambda: random_numbers(campaign, parameters, sample))
     values = campaign.variables.used_values(parameters)
