@@ -65,7 +65,6 @@ def _public_names(self: Any) -> list[str]:
 
 
 def _plain_signature(function: Any) -> inspect.Signature:
-    """Return the signature of a function without annotations."""
     signature = inspect.signature(function)
     plain = [
         parameter.replace(annotation=inspect.Parameter.empty)

@@ -239,7 +239,6 @@ def _changes(source: Source, path: FieldPath) -> dict[str, Any]:
 
 
 def _check_stems(source: Source, settings: list[Setting]) -> None:
-    """Raise a CampaignError if two settings would have the same files, or one has no name."""
     seen: dict[str, str] = {}
     for setting in settings[1:]:
         path = ("factors", setting.factor, setting.name)

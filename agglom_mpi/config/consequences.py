@@ -41,7 +41,6 @@ def _surface_energy(scene: "SceneSection", value: Value) -> float:
 
 
 def _speed(name: str) -> Quantity:
-    """Return one of the `CriticalSpeeds` of two mean grains."""
     return Quantity(
         *(name, "m/s", ""),
         lambda scene, v: getattr(scene.restitution.critical_speeds(scene, v), name),
@@ -59,7 +58,6 @@ def _reported(key: str, number: Reported) -> Callable[["SceneSection", Any], flo
 
 
 def _quantities(scene: "SceneSection") -> Iterator[tuple[str, Quantity]]:
-    """Yield what is shown of a scene, with its label."""
     yield "grain diameter", BY_NAME["grain_diameter"]
     yield (
         "edge of the box",

@@ -152,7 +152,6 @@ def _data(campaign: "Campaign") -> list[Paragraph]:
 
 
 def _experiments(campaign: "Campaign") -> list[Paragraph]:
-    """Return what each experiment has of its own: variables, its scene, and data."""
     found = []
     shared, common = campaign.variables, _scene(campaign.experiments[0].campaign)
     for each in campaign.experiments:
@@ -214,7 +213,6 @@ def _run(campaign: "Campaign") -> list[str]:
 
 
 def _stored(campaign: "Campaign") -> list[str]:
-    """Return what is stored beside a row for each sample, with its size."""
     output, grains = campaign.output, campaign.scene.particles
     lines = []
     if output.final_particles:

@@ -221,7 +221,6 @@ def _joint_problems(
 def _own_range_problems(
     path: FieldPath, variable: Variable, read: ReadExperiment
 ) -> Iterator[tuple[FieldPath, str]]:
-    """Yield what is wrong with a range within an experiment."""
     where = (*path, "variables", variable.name)
     if variable.name == "size_ratio" and read.table.by_volume_fraction:
         place = (*path, "variables", VOLUME_FRACTION.name)
@@ -233,7 +232,6 @@ def _own_range_problems(
 
 
 def _own_components(document: SceneDocument) -> list[Any]:
-    """Return the components of one's own of a scene."""
     return [each.own for each in own_of(document)]  # type: ignore[arg-type]
 
 

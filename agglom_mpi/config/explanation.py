@@ -158,8 +158,7 @@ def _components(kind: type[Component], path: Path) -> Iterator[Topic]:
         first, *further = _paragraphs(component)
         alone = name if kind.named_by == "law" else f"{{{kind.named_by}: {name}}}"
         example = f"{path[-1]}: {component.example or alone}"
-        is_law = issubclass(component, Law)
-        needs = (*component.variables, *component.needs) if is_law else ()
+        needs = (*component.variables, *component.needs) if issubclass(component, Law) else ()
         yield Topic((*path, name), first, further=tuple(further), needs=needs, example=example)
         yield from _topics_of(component, (*path, name))
 
@@ -172,7 +171,6 @@ def _variable(variable: Variable) -> Topic:
 
 
 def _paragraphs(component: type[Component]) -> list[str]:
-    """Return the docstring of a component without the part on its fields."""
     text = ATTRIBUTES.split(inspect.getdoc(component) or component.__name__)[0]
     paragraphs = [*text.split("\n\n"), *_sources(component, text)]
     return [" ".join(paragraph.split()) for paragraph in paragraphs]
@@ -203,7 +201,6 @@ def _allowed(section: type[Any], name: str) -> str:
 
 
 def _number_within(annotation: Any) -> In | Whole | None:
-    """Return the number that a type which may be None holds."""
     for inner in (annotation, *getattr(annotation, "__args__", ())):
         for each in getattr(inner, "__metadata__", ()):
             if isinstance(each, In | Whole):
@@ -242,7 +239,6 @@ def value_text(value: Any) -> str | None:
 
 
 def _limits(number: In | Whole) -> str:
-    """Return what a number is, with its limits."""
     bounds = [
         f"{sign} {bound:,}" if isinstance(bound, int) else f"{sign} {bound:g}"
         for sign, bound in zip((">", "≥", "≤", "<"), number.limits, strict=True)

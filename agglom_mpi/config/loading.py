@@ -42,7 +42,6 @@ def check_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> Ca
 
 
 def _campaign(name: str, allow_code: bool) -> Campaign:
-    """Return the campaign of a file, without its function."""
     folder = Path(name).parent
     reading = Reading(own=BesideCampaign(folder, allow_code), files=FilesBeside(folder))
     return Campaign.from_text(read_text(name), name, None, reading)

@@ -129,7 +129,6 @@ def _scene_strings(campaign: "Campaign", lower: np.ndarray, upper: np.ndarray) -
 
 
 def _of_scenes(campaign: "Campaign", lower: np.ndarray, upper: np.ndarray) -> Iterator[Finding]:
-    """Yield what is unlikely in the scene of every string."""
     strings = _scene_strings(campaign, lower, upper)
     first, *others = [list(_of_scene(campaign, string, lower, upper)) for string in strings]
     everywhere = [{path for path, _ in other} for other in others]

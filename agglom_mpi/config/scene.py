@@ -280,7 +280,6 @@ class SceneSection(Declared):
             return self._scene(value, engine or self.engine)
 
     def _scene(self, value: Values, engine: Engine) -> "Scene":
-        """Return the scene of a string by the values of its variables."""
         from agglom_mpi.physics.scales import end_time, grain_mass, grain_radius, half_width
         from agglom_mpi.simulation.scene import Scene
 

@@ -218,7 +218,6 @@ def refused_corners(campaign: "Campaign") -> list[Problem]:
 
 
 def _searched(campaign: "Campaign") -> list[str]:
-    """Return the names of the numbers of the scene that are searched."""
     return [name for name in campaign.variables.of_scene if campaign.variables[name].is_searched]
 
 

@@ -104,7 +104,6 @@ def made_up_states(seed: int) -> EnsembleState[Any]:
 
 
 def _of_one(states: EnsembleState[Any], string: int) -> EnsembleState[Any]:
-    """Return the states of one ensemble among many."""
     count, *means, moments = states
     one, two, three, *others = (each[:, [string]] for each in (*(moments or ()), *means))
     return EnsembleState._make((count, *others, (one, two, three)))
@@ -141,7 +140,6 @@ def rule_failures(rule: StoppingRule, seed: int) -> Iterator[tuple[str, str]]:
 
 
 def _used(rule: StoppingRule, objective: Objective, samples: Sequence[SampleSummary]) -> int:
-    """Return how many of the samples an ensemble uses."""
     ensemble = Ensemble(rule, objective, MADE_UP_GRAINS)
     for sample in samples:
         if not ensemble.finished:

@@ -86,7 +86,6 @@ def _ended_if_endless(label: str) -> Iterator[None]:
 
 
 def _of(campaign: Campaign, component: Component) -> list[PropertyFinding]:
-    """Return the findings on one component of one's own."""
     if isinstance(component, Law):
         return _of_law(campaign, component)
     sizes, plan = campaign.at(campaign.parameters()).section.sizes, campaign.plan

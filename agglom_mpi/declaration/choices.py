@@ -65,7 +65,6 @@ class Choice(NamedTuple):
         return _made_own(found, mapping, reading) if found.own else found.checked(mapping, reading)
 
     def _unknown(self, name: Any) -> str:
-        """Return that no component has a name, and which are known."""
         hint = ""
         if isinstance(name, str) and ":" in name:
             if self.kind.may_be_own:
@@ -104,7 +103,6 @@ def choice_of(field: Any) -> Choice | None:
 
 
 def _made_own(own: type[Component], entry: Any, reading: Reading) -> Component:
-    """Return a component of one's own of an entry of a file."""
     name = next(iter(own.names()), own.__name__)
     try:
         with users_code(name):

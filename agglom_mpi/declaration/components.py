@@ -333,7 +333,6 @@ def class_named(kind: type[C], name: Any, reading: Reading = PLAIN) -> type[C]:
 
 
 def _own_class(kind: type[C], name: str, reading: Reading) -> type[C]:
-    """Return a class of one's own, `FILE.py:Class`, of a kind."""
     try:
         found = reading.own.find(name, kind)
     except ValueError as error:

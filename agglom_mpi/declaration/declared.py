@@ -55,16 +55,21 @@ class Reads(NamedTuple):
 
 
 class Fits(NamedTuple):
-    """Metadata of a field: a function of its value and the `Reading` that yields what is wrong."""
+    """Metadata of a field: a function of its value and the `Reading` that yields what is wrong.
+
+    It is asked where the fields `beside` it are among `Reading.earlier`.
+    """
 
     problems: Callable[[Any, Reading], Problems]
+    beside: tuple[str, ...] = ()
 
     def read_field(
         self, value: Any, kind: Any, reading: Reading, inner: Callable[[Any], Any]
     ) -> Any:
         """Return the value that is read by what stands before it, and fits."""
         found = inner(value)
-        raise_field_errors(self.problems(found, reading))
+        if reading.earlier.keys() >= set(self.beside):
+            raise_field_errors(self.problems(found, reading))
         return found
 
 
@@ -233,7 +238,6 @@ class Declared(metaclass=DeclaredType):
         return ((name, getattr(self, name)) for name in self.model_fields)
 
     def _values(self) -> tuple[Any, ...]:
-        """Return what instances are compared by: fields, and what was bound to them."""
         kind, own = type(self), self.__dict__
         bound = sorted(k for k in own if k[0] == "_" and own[k] != getattr(kind, k, MISSING))
         return tuple(own[name] for name in (*self.model_fields, *bound))
