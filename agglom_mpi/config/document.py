@@ -96,14 +96,8 @@ def _census_fits(output: Output, reading: Reading) -> Problems:
 
 
 def _objective_fits(objective: Objective, reading: Reading) -> Problems:
-    """Yield a wanted growth beyond all grains, names of quantities, and data that are not used."""
-    earlier, wanted = reading.earlier, objective.wanted_growth
-    if "scene" in earlier and wanted is not None and not reading.variables.has_numbers_of("sizes"):
-        particles, (path, ratio) = earlier["scene"].particles, wanted
-        largest = earlier["scene"].equivalent_grains ** (1.0 / 3.0)
-        if ratio > largest:
-            message = f"is {ratio:g}; {particles} grains in one give {largest:.4g}"
-            yield path, f"{message}, which is the most"
+    """Yield names of quantities that are others' columns, and data that are not used."""
+    earlier = reading.earlier
     names = list(objective.quantity_units)
     spins = SPIN_UNITS if "scene" in earlier and earlier["scene"].has_spins else ()
     for below, message in quantity_problems(names, earlier.get("derived", ()), spins):

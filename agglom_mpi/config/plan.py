@@ -62,7 +62,7 @@ class CertificatePlan(Declared):
 
     claim: Share = 0.9
     confidence: Share = 0.95
-    tolerance: Annotated[float, In("1"), Reads(lambda given: read_amount(given).value)] = (
+    tolerance: Annotated[float, In("1"), Reads(lambda given: read_amount(given)[0])] = (
         DEFAULT_TOLERANCE
     )
     strings: Annotated[int, Whole(at_least=1, at_most=10**5)] = 100
@@ -167,7 +167,7 @@ def read_tolerance(objective: Objective, tolerance: float | str) -> float:
     lower, upper = objective.tolerance_limits
     if upper == 1.0:
         return read_fraction(tolerance)
-    value = read_amount(tolerance).value
+    value = read_amount(tolerance)[0]
     if value <= lower:
         raise ValueError(f"is {shown(tolerance)}; must be greater than {lower:g}")
     return value

@@ -192,13 +192,12 @@ def check_ends(campaign: "Campaign") -> None:
     """Raise a CampaignError if the scene of a string at the ends of the box is refused.
 
     These are the ends of one number of the scene with all else in the middle, all lower ends, and
-    all upper ends. Strings that break a constraint are left out, as no search proposes them.
+    all upper ends. Strings that break a constraint are left out, as no search proposes them. So is
+    a campaign that wants more growth than the grains of any string allow.
     """
     box, names = campaign.variables, _searched(campaign)
-    if not box.of_scene:
-        return
     problems = _refused(campaign, (each for name in names for each in _ends(campaign, [name])))
-    whole = ((names, string) for string in (box.lower, box.upper))
+    whole = (([*names, "size_ratio"], string) for string in (box.lower, box.upper))
     if problems := problems or _refused(campaign, whole) or dict(_out_of_reach(campaign)):
         source = parse(campaign.text, campaign.name)
         raise CampaignError(*(source.problem(*found) for found in problems.items()))
@@ -248,11 +247,8 @@ def _refused(campaign: "Campaign", corners: Iterable[Corner]) -> dict[FieldPath,
 
 
 def _out_of_reach(campaign: "Campaign") -> Iterator[tuple[FieldPath, str]]:
-    """Yield the objective if it wants more growth than the grains of any string allow."""
-    wanted = campaign.objective.wanted_growth
-    if wanted is None or not campaign.scenes.sizes_differ:
-        return
-    (field, ratio), largest = wanted, campaign.most_grains ** (1.0 / 3.0)
+    field, ratio = campaign.objective.wanted_growth or ((), 0.0)
+    largest = campaign.most_grains ** (1.0 / 3.0)
     if field and ratio > largest:
         grains = f"{campaign.scene.particles} grains in one"
         yield ("objective", *field), f"is {ratio:g}; {grains} give at most {largest:.4g}"

@@ -222,7 +222,7 @@ def test_growth_is_possible_up_to_one_grain_of_all():
     low = ("  size_ratio", "  volume_fraction: 0.1")
     target = ("objective", "objective: {law: growth_target, ratio: 6}")
     assert with_sizes(wide, "  half_width: 0.01", low, target).objective.ratio == 6
-    with pytest.raises(CampaignError, match=r"100 grains in one give 4\.642"):
+    with pytest.raises(CampaignError, match=r"100 grains in one give at most 4\.642"):
         Campaign.from_text(edited(target))
     most = ("objective", "objective: maximum_growth")
     objective = with_sizes(wide, "  half_width: 0.01", low, most)
