@@ -380,7 +380,6 @@ def load_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> Run
 
 
 def _runnable(campaign: Campaign) -> RunnableCampaign:
-    """Return a campaign that can be simulated and run."""
     return RunnableCampaign(
         **{each.name: getattr(campaign, each.name) for each in fields(campaign) if each.init}
     )

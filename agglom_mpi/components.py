@@ -11,8 +11,9 @@ from typing import Any, Final
 _BY_MODULE: Final[dict[str, tuple[str, ...]]] = {
     "declaration.components": ("In", "Whole", "Setting"),
     "declaration.choices": ("Choice",),
-    "declaration.declared": ("Declared", "FieldPath", "Meaning", "LATER"),
-    "declaration.field_types": ("Flag", "Line", "NONE"),
+    "declaration.declared": (
+        *("Declared", "FieldPath", "Meaning", "LATER", "Flag", "Line", "NONE"),
+    ),
     "declaration.laws": ("Law", "Group", "Reported", "Values"),
     "compilation.stages": ("Submodel", "inlined", "not_inlined"),
     # Laws of an impact

@@ -135,7 +135,6 @@ def launching_process(proc: Path = PROC) -> int:
 
 
 def _above(pid: int, proc: Path) -> Iterator[int]:
-    """Yield all processes above one."""
     while True:
         # The name, in brackets, may hold brackets and spaces itself.
         pid = int((proc / str(pid) / "stat").read_text().rpartition(")")[2].split()[1])

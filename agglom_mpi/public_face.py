@@ -10,7 +10,8 @@ __all__ = ["PublicFace"]
 class PublicFace(type):
     """Metaclass of the classes that users meet.
 
-    Public is every name without a leading underscore, apart from those in `internal`. `dir` of the
+    Public is every name without a leading underscore, apart from those in `internal`, and of those
+    in `public`, where that is given, each. `dir` of the
     class and of its objects, and hence completion and `help`, list the public names alone. In
     `help`, signatures have no annotations: an evaluated array type fills several lines, and the
     docstring states the types.
@@ -20,6 +21,8 @@ class PublicFace(type):
     internal : iterable of str, optional
         Names of methods and attributes that only the package's own modules use, beside those of the
         base classes.
+    public : iterable of str, optional
+        Names that are public; all others of the class are internal.
     constructor : bool, optional
         Whether users call the class. If not, `help` shows no arguments of it.
     """
@@ -33,6 +36,7 @@ class PublicFace(type):
         namespace: dict[str, Any],
         *,
         internal: Iterable[str] = (),
+        public: Iterable[str] = (),
         constructor: bool = False,
     ) -> "PublicFace":
         """Make the class, with readable signatures."""
@@ -40,6 +44,8 @@ class PublicFace(type):
             function = value.__func__ if isinstance(value, classmethod | staticmethod) else value
             if inspect.isfunction(function):
                 function.__signature__ = _plain_signature(function)  # type: ignore[attr-defined]
+        if public := set(public):
+            internal = {*namespace, *namespace.get("__annotations__", ())} - public
         inherited = [each for base in bases for each in getattr(base, "_internal", ())]
         namespace["_internal"] = frozenset([*internal, *inherited])
         namespace.setdefault("__dir__", _public_names)
@@ -65,7 +71,6 @@ def _public_names(self: Any) -> list[str]:
 
 
 def _plain_signature(function: Any) -> inspect.Signature:
-    """Return the signature of a function without annotations."""
     signature = inspect.signature(function)
     plain = [
         parameter.replace(annotation=inspect.Parameter.empty)

@@ -19,23 +19,6 @@ Central = tuple[float, float, float]
 """Central moments 2, 3, 4."""
 
 
-class PlainMean:
-    """Mean of the values so far, by the operations of `RunningMean`, without its error."""
-
-    def __init__(self) -> None:
-        self.count = 0
-        self.mean = math.nan
-
-    def add(self, value: float) -> None:
-        """Add one value."""
-        self.count += 1
-        self.mean = value if self.count == 1 else self.mean + (value - self.mean) / self.count
-
-    def set(self, count: int, mean: float) -> None:
-        """Go on from the mean of a number of values, which has been computed elsewhere."""
-        self.count, self.mean = count, mean
-
-
 class RunningMean:
     """Mean and standard error of the values so far (Welford, Technometrics 4, 1962, 419).
 
@@ -62,7 +45,7 @@ class RunningMean:
         self.mean += step / self.count
         self.squares += step * (value - self.mean)
 
-    def set(self, count: int, mean: float, squares: float) -> None:
+    def set(self, count: int, mean: float, squares: float = 0.0) -> None:
         """Go on from mean and squares of a number of values, which were computed elsewhere."""
         self.count, self.mean, self.squares = count, mean, squares
 

@@ -142,7 +142,7 @@ def _written(relations: Relations, place: int) -> str:
     """Return a constraint as it is written, with the derived quantities that it names."""
     constraint = relations.constraints[place]
     trees = {each.name: each for each in relations.derived}
-    named, wanted = dict[str, str](), [n for node in constraint.operands for n in names_in(node)]
+    named, wanted = dict[str, str](), [*names_in(*constraint.operands)]
     while wanted:
         name = wanted.pop(0)
         if name in trees and name not in named:

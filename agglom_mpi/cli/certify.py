@@ -15,7 +15,7 @@ from agglom_mpi.cli.common import (
     read_assignments,
     run_connected,
 )
-from agglom_mpi.config.certificate_plan import CertificatePlan
+from agglom_mpi.config.plan import CertificatePlan
 from agglom_mpi.declaration.declared import meaning_of
 
 

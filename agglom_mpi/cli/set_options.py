@@ -82,7 +82,7 @@ def read_set_request(
         raise click.UsageError("--measured and --error go together")
     if not wanted:
         return None
-    from agglom_mpi.config.certificate_plan import DEFAULT_TOLERANCE
+    from agglom_mpi.config.plan import DEFAULT_TOLERANCE
     from agglom_mpi.report.set_files import SetRequest
 
     return SetRequest(tolerance or DEFAULT_TOLERANCE, measured, error, robust=robust, **files)

@@ -13,8 +13,7 @@ from agglom_mpi.config.own_components import BesideCampaign
 from agglom_mpi.config.searchable import check_search_library, check_searchable, log_narrow
 from agglom_mpi.config.yaml_source import CampaignError, Problem, Source, parse, read_text
 from agglom_mpi.declaration.components import In, Whole
-from agglom_mpi.declaration.declared import Declared, FieldError, FieldPath, Meaning
-from agglom_mpi.declaration.field_types import Line, NotEmpty
+from agglom_mpi.declaration.declared import Declared, FieldError, FieldPath, Line, Meaning, NotEmpty
 from agglom_mpi.declaration.reading import Reading
 from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.declaration.units import quoted
@@ -240,7 +239,6 @@ def _changes(source: Source, path: FieldPath) -> dict[str, Any]:
 
 
 def _check_stems(source: Source, settings: list[Setting]) -> None:
-    """Raise a CampaignError if two settings would have the same files, or one has no name."""
     seen: dict[str, str] = {}
     for setting in settings[1:]:
         path = ("factors", setting.factor, setting.name)

@@ -7,20 +7,13 @@ ValueError that begins with `is` and says what is allowed; the caller names the 
 import math
 import sys
 from numbers import Integral, Real
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from agglom_mpi.declaration.spelling import MAX_MAGNITUDE, MIN_MAGNITUDE, read_plain, remedy
 
 MAX_CHARACTERS: Final = 60
 """Longest value that is quoted in a message in full."""
 FRACTION_RULE: Final = "must be greater than 0 and less than 1, like 0.05 or '5%'"
-
-
-class Amount(NamedTuple):
-    """A finite number, and whether it was given in percent, as `5%`, which is 0.05."""
-
-    value: float
-    percent: bool
 
 
 def read_count(value: Any, least: int = 0) -> int:
@@ -60,18 +53,15 @@ def read_number(value: Any) -> float:
     return _checked(_number(value), value, "a finite number")
 
 
-def read_amount(value: Any) -> Amount:
-    """Return a finite number, or that of a text such as `0.05` or `5%`.
+def read_amount(value: Any) -> tuple[float, bool]:
+    """Return a finite number, or that of a text such as `0.05` or `5%`, and if it is in percent.
 
-    Raises
-    ------
-    ValueError
-        For anything else.
+    Raises a ValueError for anything else.
     """
     plain = value.strip() if isinstance(value, str) else value
     percent = isinstance(plain, str) and plain.endswith("%")
     number = _number(plain[:-1] if percent else plain) / (100.0 if percent else 1.0)
-    return Amount(_checked(number, value, "a number like 0.05 or a percentage like '5%'"), percent)
+    return _checked(number, value, "a number like 0.05 or a percentage like '5%'"), percent
 
 
 def read_fraction(value: Any) -> float:
@@ -83,12 +73,12 @@ def read_fraction(value: Any) -> float:
         If it is none; suggests a percentage for a number that may be meant as one.
     """
     try:
-        amount = read_amount(value)
+        amount, percent = read_amount(value)
     except ValueError:
         raise ValueError(f"is {shown(value)}; {FRACTION_RULE}") from None
-    if not 0.0 < amount.value < 1.0:
-        raise ValueError(f"is {shown(value)}; {FRACTION_RULE}{_meant(amount)}")
-    return amount.value
+    if not 0.0 < amount < 1.0:
+        raise ValueError(f"is {shown(value)}; {FRACTION_RULE}{_meant(amount, percent)}")
+    return amount
 
 
 def read_error(value: Any, measured: float, positive: bool) -> float:
@@ -108,23 +98,22 @@ def read_error(value: Any, measured: float, positive: bool) -> float:
     ValueError
         If it is impossible; suggests a percentage for a number that may be meant as one.
     """
-    amount = read_amount(value)
-    if amount.value <= 0.0 or (amount.percent and measured == 0.0):
+    amount, percent = read_amount(value)
+    if amount <= 0.0 or (percent and measured == 0.0):
         rule = "greater than 0, like 0.05" + (" or '2%'" if measured else "")
         raise ValueError(f"is {shown(value)}; must be {rule}")
-    error = amount.value * (abs(measured) if amount.percent else 1.0)
+    error = amount * (abs(measured) if percent else 1.0)
     if positive and error >= measured > 0.0:
         raise ValueError(
             f"is {shown(value)}; must be less than the measured {measured:g}, like '2%' of it"
-            f"{_meant(amount)}"
+            f"{_meant(amount, percent)}"
         )
     return error
 
 
-def _meant(amount: Amount) -> str:
+def _meant(amount: float, percent: bool) -> str:
     """Return `; did you mean '5%'?` of a plain number that may be one in percent, or nothing."""
-    likely = not amount.percent and 1.0 <= amount.value < 100.0
-    return f"; did you mean '{amount.value:g}%'?" if likely else ""
+    return f"; did you mean '{amount:g}%'?" if not percent and 1.0 <= amount < 100.0 else ""
 
 
 def shown(value: Any) -> str:

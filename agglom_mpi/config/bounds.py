@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.declaration.declared import FieldPath, problems_at, raise_field_errors
-from agglom_mpi.declaration.given_values import FRACTIONS, JAMMING_FRACTION, one_of, read_value
+from agglom_mpi.declaration.given_values import FRACTIONS, one_of, read_value
 from agglom_mpi.declaration.reading import Reading
 from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.declaration.units import quoted, to_si, unit_in
@@ -19,7 +19,6 @@ from agglom_mpi.variables import (
     Variable,
     VariableTable,
     size_ratio,
-    volume_fraction,
 )
 
 
@@ -162,16 +161,6 @@ def check_required(
     """Return problems: variables that are missing, and ranges that nothing depends on."""
     needed = required_variables(scene, table)
     problems: list[tuple[FieldPath, str]] = []
-    filled, cubes = entries["size_ratio"], scene.third_moment
-    if filled is not None and cubes > 1.0:
-        fraction = volume_fraction(filled.upper, cubes)
-        if fraction > JAMMING_FRACTION * (1.0 + 1e-12):
-            most = size_ratio(JAMMING_FRACTION, cubes)
-            message = (
-                f"reaches {filled.upper:g}, a volume fraction of {fraction:.3g} with these sizes; "
-                f"random placement jams near {JAMMING_FRACTION}, so at most {most:.4g}"
-            )
-            problems.append((("size_ratio",), message))
     for name in TEN.names:
         entry = entries[name]
         if entry is None and name in needed:

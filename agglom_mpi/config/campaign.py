@@ -46,23 +46,15 @@ from agglom_mpi.search.stopping import StoppingRule
 from agglom_mpi.simulation.engines import Engine
 from agglom_mpi.variables import VariableTable
 
-CAMPAIGN_INTERNALS: Final = (
-    *("scene", "variables", "objective", "plan", "output", "final", "user_function", "relations"),
-    *("at", "measured_at", "impact_tests_at", "most_grains", "objective_at", "scenes"),
-    *("search", "ensemble", "stopping", "common_configurations", "max_framed", "max_strings"),
-    *("first_sample", "given_strings", "space", "allowed_strings", "volume"),
-    *("derived_values", "function_error", "check_scales"),
-    *("search_error", "required_plan", "engine", "file_name", "from_text"),
-    *("count", "with_generations", "with_seed"),
-    *("require_one_scene", "sample_quantities"),
-    *("data", "data_entries", "census", "experiments", "has_layout", "of_experiment"),
-    "stored_census",
+PUBLIC: Final = (
+    *("title", "seed", "text", "name", "allowed", "warnings", "in_volume", "parameters"),
+    *("identity", "sha256", "description", "describe"),
 )
-"""Names of a campaign for the package's own modules: sections, and what builds or checks a run."""
+"""Names of a campaign for users; others are sections, and what builds or checks a run."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Campaign(metaclass=PublicFace, internal=CAMPAIGN_INTERNALS):
+class Campaign(metaclass=PublicFace, public=PUBLIC):
     """A validated campaign; equal campaigns have equal `identity`.
 
     `agglom_mpi.load_campaign(path)` returns one that can be simulated and run, too.

@@ -27,15 +27,6 @@ PREFIXED: Final = frozenset({"m", "s", "Pa", "W/m^3", "J", "J/m^2", "W", "N", "1
 """Units that take a decimal prefix."""
 
 
-def _edge(scene: "SceneSection", value: Value) -> float:
-    return 2.0 * scales.half_width(scene, value)
-
-
-def _mean_flow(scene: "SceneSection", value: Value) -> float:
-    """Return the speed in m/s that all grains have in common."""
-    return scene.velocities.mean_flow
-
-
 def _impact_pressure(scene: "SceneSection", value: Value) -> float:
     """Return the mean pressure of an impact of equal grains at v⁰ over twice the hardness."""
     pressure = scene.duration.pressure(value["density"], value["relative_speed"])
@@ -49,14 +40,11 @@ def _surface_energy(scene: "SceneSection", value: Value) -> float:
     return surface / energy
 
 
-def _bonding_speed(scene: "SceneSection", value: Value) -> float:
-    """Return the lowest approach speed in m/s at which two mean grains bond."""
-    return scene.restitution.critical_speeds(scene, value).bonds_from
-
-
-def _sticking_speed(scene: "SceneSection", value: Value) -> float:
-    """Return the approach speed in m/s up to which two mean grains stick."""
-    return scene.restitution.critical_speeds(scene, value).sticks_to
+def _speed(name: str) -> Quantity:
+    return Quantity(
+        *(name, "m/s", ""),
+        lambda scene, v: getattr(scene.restitution.critical_speeds(scene, v), name),
+    )
 
 
 def _reported(key: str, number: Reported) -> Callable[["SceneSection", Any], float]:
@@ -70,23 +58,26 @@ def _reported(key: str, number: Reported) -> Callable[["SceneSection", Any], flo
 
 
 def _quantities(scene: "SceneSection") -> Iterator[tuple[str, Quantity]]:
-    """Yield what is shown of a scene, with its label."""
     yield "grain diameter", BY_NAME["grain_diameter"]
-    yield "edge of the box", Quantity("edge", "m", "", _edge)
+    yield (
+        "edge of the box",
+        Quantity("edge", "m", "", lambda scene, value: 2.0 * scales.half_width(scene, value)),
+    )
     yield "volume fraction", BY_NAME["volume_fraction"]
     yield "mean free path", BY_NAME["mean_free_path"]
     yield "end time", BY_NAME["end_time"]
     yield "collisions per grain", BY_NAME["expected_collisions"]
     yield "grain mass", BY_NAME["grain_mass"]
     if scene.velocities.mean_flow > 0.0:
-        yield "mean flow", Quantity("mean_flow", "m/s", "", _mean_flow)
+        flow = Quantity("mean_flow", "m/s", "", lambda scene, value: scene.velocities.mean_flow)
+        yield "mean flow", flow
     if scene.restitution.uses_contact_pressure:
         yield "fastest approach", Quantity("fastest", "m/s", "", scales.fastest_approach)
-        yield "grains bond from", Quantity("critical_speed", "m/s", "", _bonding_speed)
+        yield "grains bond from", _speed("bonds_from")
         yield "impact pressure/hardness", Quantity("pressure", "1", "", _impact_pressure)
     if scene.restitution.has_critical_speed and not scene.restitution.needs_contact_pressure:
         yield MEAN_APPROACH, Quantity("approach", "m/s", "", scales.mean_approach)
-        yield STICKS_TO, Quantity("sticks_to", "m/s", "", _sticking_speed)
+        yield STICKS_TO, _speed("sticks_to")
     for key, law, is_used in scene.laws():
         for each in law.reported() if is_used else ():
             yield each.label, Quantity(each.label, each.unit, "", _reported(key, each))

@@ -176,10 +176,11 @@ def coordinates_of(campaign: "Campaign", of_ratios: bool = False) -> Coordinates
         Whether what is emulated has no dimension, so that it is a function of the scene's groups:
         variables that matter through them alone are then no coordinates.
     """
-    box = campaign.variables
-    groups = groups_of(campaign.scene, box.searched, box)
-    powers = powers_of(campaign.scene, box)
-    covered = covered_by_groups(campaign.scene, box.searched, box) if of_ratios else frozenset()
+    scene, box = campaign.scene, campaign.variables
+    groups = groups_of(scene, box.searched, box)
+    named = (_of_variables(key, group, scene, box) for key, group in _named(scene))
+    powers = frozenset(name for each in named for name in each)
+    covered = covered_by_groups(scene, box.searched, box) if of_ratios else frozenset()
     return Coordinates(box.lower, box.upper, groups, powers, box.logarithmic, box, covered)
 
 
@@ -234,13 +235,6 @@ def groups_of(
         if sum(name in searched for name in powers) > 1:
             found[group.symbol] = group._replace(powers=powers)
     return list(found.values())
-
-
-def powers_of(scene: "SceneSection", table: VariableTable = TEN) -> frozenset[str]:
-    """Return the variables that a law of the scene raises to a power."""
-    return frozenset(
-        name for key, group in _named(scene) for name in _of_variables(key, group, scene, table)
-    )
 
 
 def _of_variables(

@@ -16,13 +16,13 @@ from agglom_mpi.declaration.declared import (
     Declared,
     FieldError,
     FieldPath,
+    Line,
     Meaning,
     Reads,
     raise_field_errors,
     read_value,
 )
-from agglom_mpi.declaration.field_types import Line
-from agglom_mpi.declaration.reading import Reading
+from agglom_mpi.declaration.reading import NamedFiles, Reading
 from agglom_mpi.declaration.units import has_offset, quoted, to_si, unit_in
 from agglom_mpi.formatting import in_unit, pluralise, value_with_prefix
 from agglom_mpi.measurements.datum import Datum, datum_name
@@ -165,23 +165,22 @@ class DatumEntry(Declared):
         """The quantity with its unit and limits."""
         return QUANTITIES[self.quantity]
 
-    @property
-    def curve_keys(self) -> CurveKeys:
-        """What the entry states of its file."""
+    def with_read(self, files: NamedFiles, place: int) -> Self:
+        """Return the entry number `place` with what its file holds; raises as `NamedFiles` do."""
         stated = self.weight, self.column, self.unit, self.error, self.counted
-        return CurveKeys(*stated, self.headings or {})
-
-    def with_read(self, key: str, content: SizeCurve | MeasuredImpacts) -> Self:
-        """Return the entry with what its file holds."""
-        copy = self.model_copy()
-        copy.__dict__[key] = content
-        return copy
+        keys = CurveKeys(*stated, self.headings or {})
+        if self.kind.is_exact:
+            return self._with("_impacts", files.impacts(place, self.file or "", keys))
+        return self._with("_curve", files.curve(place, self.file or "", keys))
 
     def with_correlations(self, correlations: Mapping[int, float]) -> Self:
         """Return the entry with the correlations with earlier entries, by their places."""
-        copy = self.model_copy()
         stated = tuple((place, value) for place, value in sorted(correlations.items()) if value)
-        copy.__dict__["_correlations"] = stated
+        return self._with("_correlations", stated)
+
+    def _with(self, key: str, content: object) -> Self:
+        copy = self.model_copy()
+        copy.__dict__[key] = content
         return copy
 
     @property
@@ -257,23 +256,16 @@ class DatumEntry(Declared):
 
 
 def _texts(of: Any, names: Sequence[str]) -> dict[str, str]:
-    """Return the numbers of a file as texts."""
     return {name: " ".join(map(repr, getattr(of, name))) for name in names}
 
 
 def read_data(value: Any, reading: Reading) -> tuple[DatumEntry, ...]:
     """Return the entries of the section with what their files hold; raise a FieldError."""
-    files, found, problems = reading.files, [], list[tuple[FieldPath, str]]()
+    found, problems = [], list[tuple[FieldPath, str]]()
     data: tuple[DatumEntry, ...] = read_value(value, tuple[DatumEntry, ...], (), reading)
     for place, entry in enumerate(data):
-        if entry.file is None:
-            found.append(entry)
-            continue
         try:
-            key, read = (
-                ("_impacts", files.impacts) if entry.kind.is_exact else ("_curve", files.curve)
-            )
-            found.append(entry.with_read(key, read(place, entry.file, entry.curve_keys)))
+            found.append(entry if entry.file is None else entry.with_read(reading.files, place))
         except FieldError as error:
             problems += [((place, *path), message) for path, message in error.problems]
         except ValueError as error:

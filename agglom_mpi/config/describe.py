@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from agglom_mpi.config.allowed_share import allowed_share
 from agglom_mpi.config.consequences import consequences
 from agglom_mpi.config.identity import digest, identity
 from agglom_mpi.config.scene import SceneSection
+from agglom_mpi.config.searchable import allowed_share
 from agglom_mpi.declaration.laws import Law
 from agglom_mpi.formatting import in_unit, pluralise, shortened, value_with_prefix
 from agglom_mpi.measurements.datum import Datum, exact_values
@@ -152,7 +152,6 @@ def _data(campaign: "Campaign") -> list[Paragraph]:
 
 
 def _experiments(campaign: "Campaign") -> list[Paragraph]:
-    """Return what each experiment has of its own: variables, its scene, and data."""
     found = []
     shared, common = campaign.variables, _scene(campaign.experiments[0].campaign)
     for each in campaign.experiments:
@@ -214,7 +213,6 @@ def _run(campaign: "Campaign") -> list[str]:
 
 
 def _stored(campaign: "Campaign") -> list[str]:
-    """Return what is stored beside a row for each sample, with its size."""
     output, grains = campaign.output, campaign.scene.particles
     lines = []
     if output.final_particles:
@@ -282,23 +280,23 @@ def _objective(campaign: "Campaign") -> str:
     function = campaign.user_function
     if function is None:
         return campaign.objective.summary
-    digest = f"SHA-256 {function.sha256[:16]}"
+    digest = f"SHA-256 {function.module.sha256[:16]}"
     return f"{campaign.objective.summary} ({digest}), run with --allow-code only"
 
 
 def _scene(campaign: "Campaign") -> list[str]:
     scene = campaign.scene
     mean = "" if scene.sizes is None else "mean "
-    paths = campaign.variables.further_names
+    box = campaign.variables
+    paths, ends = box.further_names, [campaign.at(end) for end in (box.lower, box.upper)]
     if scene.diameter is not None:
         diameter = value_with_prefix(scene.diameter, "m")
-        diameters = {campaign.at(string).section.diameter for string in _ends(campaign)}
-        if campaign.scenes.lengths_differ and len(diameters) > 1:
+        if campaign.scenes.lengths_differ and len({s.diameter for s, _ in ends}) > 1:
             diameter = "as in variables"
         size = f"grains: {mean}diameter {diameter}; the box follows from it"
     else:
-        ends = dict.fromkeys(f"{fraction:.3g}" for fraction in _fractions(campaign))
-        fraction = " to ".join(ends)
+        filled = [volume_fraction(v["size_ratio"], s.third_moment) for s, v in ends]
+        fraction = " to ".join(dict.fromkeys(f"{each:.3g}" for each in sorted(filled)))
         width = "as in variables" if "half_width" in paths else f"{scene.half_width:g} m"
         size = f"box: half-width {width}, volume fraction {fraction}"
     if "end_time" in paths:
@@ -341,19 +339,6 @@ def _sizes(campaign: "Campaign") -> list[str]:
         found += [f"D[4,3] {text(law.volume_mean)}"] if by_volume else []
         lines.append(f"diameters by {name}: {', '.join(found)}{unit}")
     return lines
-
-
-def _ends(campaign: "Campaign") -> tuple[np.ndarray, np.ndarray]:
-    return campaign.variables.lower, campaign.variables.upper
-
-
-def _fractions(campaign: "Campaign") -> tuple[float, float]:
-    """Return the smallest and largest volume fraction at the ends of the box."""
-    found = []
-    for string in _ends(campaign):
-        section, values = campaign.at(string)
-        found.append(volume_fraction(values["size_ratio"], section.third_moment))
-    return min(found), max(found)
 
 
 def _variables(campaign: "Campaign", names: Collection[str] | None = None) -> list[str]:

@@ -11,7 +11,6 @@ from agglom_mpi.config.bounds import (
     required_variables,
     variables_of,
 )
-from agglom_mpi.config.certificate_plan import CertificatePlan
 from agglom_mpi.config.correlations import Correlation, correlated
 from agglom_mpi.config.data_section import (
     DatumEntry,
@@ -20,7 +19,7 @@ from agglom_mpi.config.data_section import (
     late,
     read_data,
 )
-from agglom_mpi.config.plan import FinalAnswer, Output, Plan, Stopping
+from agglom_mpi.config.plan import CertificatePlan, FinalAnswer, Output, Plan, Stopping
 from agglom_mpi.config.relations import quantity_problems, read_constraints, read_derived
 from agglom_mpi.config.scene import MAX_PARTICLES, SceneSection
 from agglom_mpi.config.scene_paths import PathEntries, read_paths
@@ -29,16 +28,17 @@ from agglom_mpi.config.yaml_source import CampaignError, Problem, Source, parse
 from agglom_mpi.declaration.choices import Choice
 from agglom_mpi.declaration.components import Whole
 from agglom_mpi.declaration.declared import (
+    NONE,
     Declared,
     FieldError,
     FieldPath,
     Fits,
+    Line,
     Meaning,
     Problems,
     Reads,
     raise_field_errors,
 )
-from agglom_mpi.declaration.field_types import NONE, Line
 from agglom_mpi.declaration.reading import PLAIN, Reading
 from agglom_mpi.outcome import SPIN_UNITS, quantity_columns
 from agglom_mpi.physics.sizes import READ_KEYS, reads_file
@@ -53,10 +53,8 @@ from agglom_mpi.variables import VariableTable
 
 
 def _variables_fit_scene(entries: Any, reading: Reading) -> Problems:
-    if "scene" in reading.earlier:
-        table = reading.variables
-        return check_required(reading.earlier["scene"], ranges_of(entries, table), table)
-    return ()
+    table = reading.variables
+    return check_required(reading.earlier["scene"], ranges_of(entries, table), table)
 
 
 def _derived_quantities(entries: Any, reading: Reading) -> Any:
@@ -79,8 +77,6 @@ def _comparisons(entries: Any, reading: Reading) -> Any:
 
 
 def _data_fit_scene(data: tuple[DatumEntry, ...], reading: Reading) -> Problems:
-    if "scene" not in reading.earlier:
-        return ()
     scene: SceneSection = reading.earlier["scene"]
     end = fixed_end(scene.end_time, reading.variables)
     varies = reading.variables.has_numbers_of("restitution")
@@ -90,8 +86,6 @@ def _data_fit_scene(data: tuple[DatumEntry, ...], reading: Reading) -> Problems:
 
 def _census_fits(output: Output, reading: Reading) -> Problems:
     """Yield times of censuses that samples do not reach, and all where nothing is measured."""
-    if "scene" not in reading.earlier or "data" not in reading.earlier:
-        return
     if output.census and not reading.earlier["data"]:
         yield ("census",), "is given, but nothing is measured; needs a section data"
         return
@@ -102,14 +96,8 @@ def _census_fits(output: Output, reading: Reading) -> Problems:
 
 
 def _objective_fits(objective: Objective, reading: Reading) -> Problems:
-    """Yield a wanted growth beyond all grains, names of quantities, and data that are not used."""
-    earlier, wanted = reading.earlier, objective.wanted_growth
-    if "scene" in earlier and wanted is not None and not reading.variables.has_numbers_of("sizes"):
-        particles, (path, ratio) = earlier["scene"].particles, wanted
-        largest = earlier["scene"].equivalent_grains ** (1.0 / 3.0)
-        if ratio > largest:
-            message = f"is {ratio:g}; {particles} grains in one give {largest:.4g}"
-            yield path, f"{message}, which is the most"
+    """Yield names of quantities that are others' columns, and data that are not used."""
+    earlier = reading.earlier
     names = list(objective.quantity_units)
     spins = SPIN_UNITS if "scene" in earlier and earlier["scene"].has_spins else ()
     for below, message in quantity_problems(names, earlier.get("derived", ()), spins):
@@ -124,12 +112,11 @@ def _objective_fits(objective: Objective, reading: Reading) -> Problems:
         yield (objective.named_by,), f"{message}; {', '.join(fitting)} does"
 
 
-def _volumes_hold_few_enough_grains(final: FinalAnswer | None, reading: Reading) -> Problems:
-    if final is not None and "scene" in reading.earlier:
-        particles, largest = reading.earlier["scene"].particles, final.volumes[-1]
-        if largest > 1 and largest * particles > MAX_PARTICLES:
-            message = f"has {largest}; {particles:,} grains in a box allow at most"
-            yield ("volumes",), f"{message} {MAX_PARTICLES // particles}"
+def _volumes_fit(final: FinalAnswer | None, reading: Reading) -> Problems:
+    particles, largest = reading.earlier["scene"].particles, final.volumes[-1] if final else 1
+    if largest > 1 and largest * particles > MAX_PARTICLES:
+        message = f"has {largest}; {particles:,} grains in a box allow at most"
+        yield ("volumes",), f"{message} {MAX_PARTICLES // particles}"
 
 
 def _search_fits(search: SearchMethod, reading: Reading) -> Problems:
@@ -144,7 +131,6 @@ def _search_fits(search: SearchMethod, reading: Reading) -> Problems:
 
 
 def _box(reading: Reading) -> VariableTable:
-    """Return the variables of a file whose scene and variables are read."""
     box, scene = reading.earlier["variables"], reading.earlier["scene"]
     return box if isinstance(box, VariableTable) else variables_of(box, scene, reading.variables)
 
@@ -152,8 +138,7 @@ def _box(reading: Reading) -> VariableTable:
 def _ensemble_fits(ensemble: StoppingRule, reading: Reading) -> Problems:
     """Yield a rule that the objective does not have, and races of a search without parents."""
     objective, search = reading.earlier.get("objective"), reading.earlier.get("search")
-    rules = None if objective is None else objective.rules
-    if objective is not None and rules is not None and ensemble.name not in rules:
+    if objective is not None and ensemble.name not in (rules := objective.rules or [ensemble.name]):
         message = f"is {ensemble.name!r}; with objective {objective.name} it must be"
         yield (ensemble.named_by,), f"{message} {' or '.join(rules)}"
     if search is not None and ensemble.racing is not None and not search.has_parents:
@@ -170,7 +155,7 @@ def _criteria_fit(stopping: Stopping, reading: Reading) -> Problems:
 
 def _certificate_fits(plan: CertificatePlan | None, reading: Reading) -> Problems:
     earlier = reading.earlier
-    if plan is None or not {"objective", "variables", "scene", "ensemble"} <= earlier.keys():
+    if plan is None:
         return
     if earlier["ensemble"].common_configurations:
         yield (), "needs ensemble.common_configurations: false, for their noise is not emulated"
@@ -252,20 +237,18 @@ class SceneDocument(Declared):
         Any,
         Meaning("the section of values and ranges"),
         Reads(read_entries, in_context=True),
-        Fits(_variables_fit_scene),
+        Fits(_variables_fit_scene, ("scene",)),
     ]
     derived: Annotated[Any, Reads(_derived_quantities, in_context=True)] = ()
     constraints: Annotated[Any, Reads(_comparisons, in_context=True)] = ()
     data: Annotated[
-        tuple[DatumEntry, ...], Reads(read_data, in_context=True), Fits(_data_fit_scene)
+        tuple[DatumEntry, ...], Reads(read_data, in_context=True), Fits(_data_fit_scene, ("scene",))
     ] = ()
     correlations: tuple[Correlation, ...] = ()
     experiments: dict[str, ExperimentEntry] = {}  # noqa: RUF012  (a field, as of all documents)
     objective: Annotated[Objective, Choice(Objective), Fits(_objective_fits)] = MaximumGrowth()
-    output: Annotated[Output, Fits(_census_fits)] = Output()
-    final: Annotated[FinalAnswer | None, NONE, Fits(_volumes_hold_few_enough_grains)] = (
-        FinalAnswer()
-    )
+    output: Annotated[Output, Fits(_census_fits, ("scene", "data"))] = Output()
+    final: Annotated[FinalAnswer | None, NONE, Fits(_volumes_fit, ("scene",))] = FinalAnswer()
 
     @property
     def plan(self) -> Plan | None:
@@ -317,7 +300,11 @@ class CampaignDocument(SceneDocument):
     stopping: Annotated[
         Stopping, Fits(_criteria_fit), Meaning("what ends the search, like {generations: 10}")
     ]
-    certify: Annotated[CertificatePlan | None, NONE, Fits(_certificate_fits)] = None
+    certify: Annotated[
+        CertificatePlan | None,
+        NONE,
+        Fits(_certificate_fits, ("objective", "variables", "scene", "ensemble")),
+    ] = None
 
     @property
     def plan(self) -> Plan:

@@ -129,7 +129,6 @@ def joint_table(read: Mapping[str, ReadExperiment]) -> VariableTable:
 
 
 def _named(variable: Variable, experiment: str) -> Variable:
-    """Return a variable of an experiment as one of the campaign."""
     name = f"{prefix_of(experiment)}{variable.name}"
     meaning = f"{variable.meaning}, in the experiment {experiment}"
     return variable._replace(name=name, symbol=name, meaning=meaning)

@@ -24,8 +24,7 @@ from agglom_mpi.config.own_components import own_of
 from agglom_mpi.config.plan import FinalAnswer, Output
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.config.yaml_source import CampaignError, Problem, Source
-from agglom_mpi.declaration.declared import FieldError, FieldPath, Fits, Problems
-from agglom_mpi.declaration.field_types import NONE
+from agglom_mpi.declaration.declared import NONE, FieldError, FieldPath, Fits, Problems
 from agglom_mpi.declaration.given_values import FRACTIONS, SIZES
 from agglom_mpi.declaration.reading import Reading
 from agglom_mpi.declaration.units import quoted
@@ -222,7 +221,6 @@ def _joint_problems(
 def _own_range_problems(
     path: FieldPath, variable: Variable, read: ReadExperiment
 ) -> Iterator[tuple[FieldPath, str]]:
-    """Yield what is wrong with a range within an experiment."""
     where = (*path, "variables", variable.name)
     if variable.name == "size_ratio" and read.table.by_volume_fraction:
         place = (*path, "variables", VOLUME_FRACTION.name)
@@ -234,7 +232,6 @@ def _own_range_problems(
 
 
 def _own_components(document: SceneDocument) -> list[Any]:
-    """Return the components of one's own of a scene."""
     return [each.own for each in own_of(document)]  # type: ignore[arg-type]
 
 

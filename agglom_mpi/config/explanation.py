@@ -158,7 +158,7 @@ def _components(kind: type[Component], path: Path) -> Iterator[Topic]:
         first, *further = _paragraphs(component)
         alone = name if kind.named_by == "law" else f"{{{kind.named_by}: {name}}}"
         example = f"{path[-1]}: {component.example or alone}"
-        needs = needed_by(component)
+        needs = (*component.variables, *component.needs) if issubclass(component, Law) else ()
         yield Topic((*path, name), first, further=tuple(further), needs=needs, example=example)
         yield from _topics_of(component, (*path, name))
 
@@ -171,7 +171,6 @@ def _variable(variable: Variable) -> Topic:
 
 
 def _paragraphs(component: type[Component]) -> list[str]:
-    """Return the docstring of a component without the part on its fields."""
     text = ATTRIBUTES.split(inspect.getdoc(component) or component.__name__)[0]
     paragraphs = [*text.split("\n\n"), *_sources(component, text)]
     return [" ".join(paragraph.split()) for paragraph in paragraphs]
@@ -190,7 +189,7 @@ def _allowed(section: type[Any], name: str) -> str:
     field = section.model_fields[name]
     own = getattr(section, "NUMBERS", {}).get(name)
     number = own or number_of(field) or _number_within(field.annotation)
-    words = list(_limits(number)) if number else []
+    words = [_limits(number)] if number else []
     words += [f"`{text}`" for text in texts_of(field.annotation)]
     if number is not None and number.unit != "1":
         words[:1] = [" ".join([*words[:1], number.unit])]
@@ -201,13 +200,7 @@ def _allowed(section: type[Any], name: str) -> str:
     return " or ".join(words)
 
 
-def _limits(number: In | Whole) -> Iterator[str]:
-    kind = "whole number" if isinstance(number, Whole) else "number"
-    yield " ".join([kind, *limits_of(number)])
-
-
 def _number_within(annotation: Any) -> In | Whole | None:
-    """Return the number that a type which may be None holds."""
     for inner in (annotation, *getattr(annotation, "__args__", ())):
         for each in getattr(inner, "__metadata__", ()):
             if isinstance(each, In | Whole):
@@ -245,22 +238,14 @@ def value_text(value: Any) -> str | None:
     return f"{value:g}" if isinstance(value, float) else None
 
 
-def limits_of(number: In | Whole) -> Iterator[str]:
-    """Yield the limits of a number as one text, if it has any."""
-    lowest, highest = number.at_least, number.at_most
-    above = number.above if isinstance(number, In) else None
-    below = number.below if isinstance(number, In) else None
+def _limits(number: In | Whole) -> str:
     bounds = [
-        f"{sign} {_bound_text(bound)}"
-        for sign, bound in ((">", above), ("≥", lowest), ("≤", highest), ("<", below))
+        f"{sign} {bound:,}" if isinstance(bound, int) else f"{sign} {bound:g}"
+        for sign, bound in zip((">", "≥", "≤", "<"), number.limits, strict=True)
         if bound is not None and bound < sys.maxsize
     ]
-    if bounds:
-        yield ", ".join(bounds)
-
-
-def _bound_text(bound: float) -> str:
-    return f"{bound:,}" if isinstance(bound, int) else f"{bound:g}"
+    kind = "whole number" if isinstance(number, Whole) else "number"
+    return " ".join(filter(None, [kind, ", ".join(bounds)]))
 
 
 def texts_of(annotation: Any) -> tuple[str, ...]:
@@ -270,20 +255,12 @@ def texts_of(annotation: Any) -> tuple[str, ...]:
     return tuple(text for inner in get_args(annotation) for text in texts_of(inner))
 
 
-def needed_by(component: type[Component]) -> tuple[str, ...]:
-    """Return the variables that a law needs; none of other components."""
-    return (*component.variables, *component.needs) if issubclass(component, Law) else ()
-
-
 def component_kinds() -> dict[Path, type[Component]]:
     """Return the kinds of components by their paths in a campaign file: `scene`, `restitution`."""
-    sections: tuple[tuple[Path, type[Declared]], ...] = (
-        (("scene",), SceneSection),
-        ((), CampaignDocument),
-    )
+    sections: dict[Path, type[Declared]] = {("scene",): SceneSection, (): CampaignDocument}
     kinds: dict[Path, type[Component]] = {
         (*path, key): choice.kind
-        for path, section in sections
+        for path, section in sections.items()
         for key, field in section.model_fields.items()
         if (choice := choice_of(field))
     }

@@ -6,6 +6,7 @@ Numbers may have units, `5 kW/m^3`; `^` is `**`. Texts and trees are limited in 
 import ast
 import math
 import re
+import sys
 import warnings
 from collections.abc import Collection, Container
 from keyword import iskeyword
@@ -101,7 +102,6 @@ _PRIVATE: Final = re.compile(r"(?<!\w)_\w*")
 
 
 def _without_paths(text: str, names: Collection[str], reader: "_Reader") -> str:
-    """Return a text in which placeholders stand for the paths of numbers of the scene."""
     if not any("." in name for name in names):
         return text
 
@@ -176,7 +176,6 @@ class _Reader:
         return f" {place} "
 
     def quantity(self, number: str, unit: str) -> Number:
-        """Return a number with a unit."""
         spelled, text = _spelled(unit), f"{number} {unit}"
         value, offset = in_base_units(number, spelled), has_offset(spelled)
         if not math.isfinite(value):
@@ -228,11 +227,6 @@ class _Reader:
         raise ValueError(f"is {quoted(self.text)}, which has {quoted(what)}; {ALLOWED}")
 
     def number(self, value: float) -> Number:
-        """Return a pure number."""
-        try:
-            number = float(value)
-        except OverflowError:
-            number = float("inf")
-        if not math.isfinite(number):
+        if not abs(value) <= sys.float_info.max:
             raise ValueError(f"is {quoted(self.text)}, which has a number that is too large")
-        return Number(number, PURE, f"{number:g}")
+        return Number(float(value), PURE, f"{float(value):g}")

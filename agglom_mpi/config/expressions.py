@@ -39,20 +39,6 @@ BASE_UNITS: Final = {
 }
 """SI units of the base dimensions, in the order in which they are written."""
 
-FURTHER_KINDS: Final = {
-    "W/m^3": "power per volume",
-    "J/kg": "energy per mass",
-    "kg/s": "mass per time",
-    "kg/m^2/s": "mass flux",
-    "1/m": "inverse length",
-    "1/m^3": "number per volume",
-    "m^2/s": "diffusivity",
-    "Pa*s": "viscosity",
-    "W/m/K": "thermal conductivity",
-    "J/K": "heat capacity",
-}
-"""Names of more dimensions than `units.KINDS` has, by SI unit."""
-
 
 def _dimension(powers: Mapping[str, Fraction]) -> Dimension:
     return tuple(sorted((name, power) for name, power in powers.items() if power != 0))
@@ -87,7 +73,7 @@ def power(dimension: Dimension, exponent: float) -> Dimension:
 def _known() -> dict[Dimension, tuple[str, str]]:
     """Return unit and kind by dimension; the first of several with the same."""
     known: dict[Dimension, tuple[str, str]] = {}
-    for unit, kind in (KINDS | FURTHER_KINDS).items():
+    for unit, kind in KINDS.items():
         known.setdefault(dimension_of(unit), (unit, kind))
     return known
 
@@ -177,21 +163,16 @@ class Comparison(NamedTuple):
     operators: tuple[str, ...]
 
 
-def nodes_of(node: Node) -> Iterator[Node]:
-    """Yield all nodes of a tree."""
-    yield node
-    for operand in node.operands if isinstance(node, Operation) else ():
-        yield from nodes_of(operand)
+def nodes_of(*nodes: Node) -> Iterator[Node]:
+    """Yield all nodes of some trees."""
+    for node in nodes:
+        yield node
+        yield from nodes_of(*node.operands) if isinstance(node, Operation) else ()
 
 
-def names_in(node: Node) -> Iterator[str]:
-    """Yield the names in a tree, repeated ones too."""
-    return (each.name for each in nodes_of(node) if isinstance(each, Name))
-
-
-def size_of(node: Node, sizes: Mapping[str, int]) -> int:
-    """Return the number of nodes of a tree, a name counting as many as `sizes` says or 1."""
-    return sum(sizes.get(each.name, 1) if isinstance(each, Name) else 1 for each in nodes_of(node))
+def names_in(*nodes: Node) -> Iterator[str]:
+    """Yield the names in some trees, repeated ones too."""
+    return (each.name for each in nodes_of(*nodes) if isinstance(each, Name))
 
 
 def text_of(node: Node, definitions: Mapping[str, str]) -> str:
@@ -249,15 +230,8 @@ def satisfied(comparison: Comparison, values: Mapping[str, Any]) -> Any:
     return holds
 
 
-class _Any:
-    """The dimension of a 0, which has any."""
-
-
-ANY: Final = _Any()
-
-
-def dimension(node: Node, known: Mapping[str, Dimension]) -> Dimension | _Any:
-    """Return the dimension of a tree, `ANY` of a 0.
+def dimension(node: Node, known: Mapping[str, Dimension]) -> Dimension | None:
+    """Return the dimension of a tree; None of a 0, which has any.
 
     Parameters
     ----------
@@ -272,7 +246,7 @@ def dimension(node: Node, known: Mapping[str, Dimension]) -> Dimension | _Any:
     """
     match node:
         case Number(value=value, dimension=own):
-            return ANY if value == 0.0 and own == PURE else own
+            return None if value == 0.0 and own == PURE else own
         case Name(name=name):
             if name not in known:
                 raise ValueError(f"has the unknown name '{name[:40]}'; {suggestion(name, known)}")
@@ -283,35 +257,32 @@ def dimension(node: Node, known: Mapping[str, Dimension]) -> Dimension | _Any:
             return common_dimension(operands, known, f"in '{shown(node)}'")
         case Operation(operator=symbol, operands=operands):
             above, below = (dimension(each, known) for each in operands)
-            if symbol == "/" and below is ANY:
+            if symbol == "/" and below is None:
                 raise ValueError(f"divides by 0 in '{shown(node)}'")
-            if isinstance(above, _Any) or isinstance(below, _Any):
-                return ANY
+            if above is None or below is None:
+                return None
             return product(above, below if symbol == "*" else power(below, -1.0))
 
 
 def common_dimension(
     nodes: tuple[Node, ...], known: Mapping[str, Dimension], where: str
-) -> Dimension | _Any:
+) -> Dimension | None:
     """Return the dimension that all these have; raise a ValueError if they differ."""
-    found: Dimension | _Any = ANY
-    first = nodes[0]
+    found, first = None, nodes[0]
     for node in nodes:
         own = dimension(node, known)
-        if isinstance(own, _Any):
-            continue
-        if isinstance(found, _Any):
+        if found is None:
             found, first = own, node
-        elif own != found:
+        elif own is not None and own != found:
             kinds = [f"'{shown(n)}' is {kind_of(d)}" for n, d in ((first, found), (node, own))]
             hint = "; write a number with its unit, like '10 MPa'" if PURE in (found, own) else ""
             raise ValueError(f"does not fit together {where}: {', '.join(kinds)}{hint}")
     return found
 
 
-def _dimension_of_power(node: Operation, known: Mapping[str, Dimension]) -> Dimension | _Any:
+def _dimension_of_power(node: Operation, known: Mapping[str, Dimension]) -> Dimension | None:
     below, exponent = node.operands
-    if any(names_in(exponent)) or dimension(exponent, known) not in (PURE, ANY):
+    if any(names_in(exponent)) or dimension(exponent, known) not in (PURE, None):
         raise ValueError(f"has an exponent that is no plain number in '{shown(node)}'")
     value = float(evaluate(exponent, {}))
     if not abs(value) <= MAX_EXPONENT:
@@ -319,4 +290,4 @@ def _dimension_of_power(node: Operation, known: Mapping[str, Dimension]) -> Dime
             f"has the exponent {value:g} in '{shown(node)}'; at most {MAX_EXPONENT:g} in size"
         )
     base = dimension(below, known)
-    return base if isinstance(base, _Any) else power(base, value)
+    return None if base is None else power(base, value)

@@ -1,11 +1,10 @@
 """Strings of a campaign that are given by the names of its variables, or as arrays."""
 
-from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from agglom_mpi.config.quantities import BY_NAME
 from agglom_mpi.config.relations import COLUMNS
@@ -26,26 +25,14 @@ TABLE_COLUMNS: Final = frozenset(
 """Columns of the tables of strings that are no variables: results, and what follows from them."""
 
 
-class NamedColumns(Protocol):
-    """A table of named columns, such as a pandas DataFrame."""
+Parameters = Any
+"""Values by name, a mapping or a DataFrame: numbers in SI units or texts with units, one or (n,).
 
-    def items(self) -> Any:
-        """Return pairs of a name and its values."""
-
-
-Parameters = Mapping[str, Any] | NamedColumns | ArrayLike
-"""Values by name, numbers in SI units or texts with units, one or (n,); or strings, (n, k)."""
+Or strings in SI units, (k,) or (n, k).
+"""
 
 ROUNDING: Final = 1e-9
 """Relative difference from a fixed value that is only rounding."""
-
-
-def given_names(table: VariableTable, parameters: Parameters) -> set[str]:
-    """Return the components of a string that parameters by name give; all of an array."""
-    if not hasattr(parameters, "items"):
-        return set(table.names)
-    names = {str(name) for name, _ in parameters.items()}
-    return names | ({"size_ratio"} if VOLUME_FRACTION.name in names else set())
 
 
 def read_strings(campaign: "Campaign", parameters: Parameters, share: float = 0.5) -> Floats:
@@ -127,27 +114,21 @@ def read_searched(campaign: "Campaign", parameters: Parameters) -> Floats:
         If a name is unknown, a value impossible or missing, or another than the campaign fixed.
     """
     table = campaign.variables
-    strings, given = read_strings(campaign, parameters), given_names(table, parameters)
+    strings, by_name = read_strings(campaign, parameters), hasattr(parameters, "items")
+    names = {str(name) for name, _ in parameters.items()} if by_name else set()
     for variable in table.own:
-        if table.names[variable.column] not in given:
+        if by_name and names.isdisjoint((variable.name, table.names[variable.column])):
             message = "is missing; the campaign searches it"
             raise ArgumentError.of(campaign.name, variable.name, message)
     for name, fixed in table.fixed.items():
         values = strings[:, table.index(name)]
         other = values[np.abs(values - fixed) > ROUNDING * abs(fixed)]
         if len(other):
-            raise _other_than_fixed(campaign, name, float(other[0]), fixed)
+            own = table.as_named(table[name])
+            given, kept = own.of_components(np.array([other[0], fixed])).tolist()
+            message = f"is {given:.7g}; the campaign fixed it at {in_unit(f'{kept:.7g}', own.unit)}"
+            raise ArgumentError.of(campaign.name, own.name, message)
     return strings
-
-
-def _other_than_fixed(campaign: "Campaign", name: str, given: float, fixed: float) -> ArgumentError:
-    """Return the error about a value that is not what the campaign fixed."""
-    box = campaign.variables
-    unit = box[name].unit
-    if name == "size_ratio" and box.by_volume_fraction:
-        name, given, fixed = VOLUME_FRACTION.name, box.fraction(given), box.fraction(fixed)
-    message = f"is {given:.7g}; the campaign fixed it at {in_unit(f'{fixed:.7g}', unit)}"
-    return ArgumentError.of(campaign.name, name, message)
 
 
 def _whole_strings(campaign: "Campaign", parameters: Any) -> Floats:

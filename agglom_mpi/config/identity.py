@@ -37,7 +37,6 @@ def identity(campaign: "Campaign") -> dict[str, object]:
 
 
 def _of_scene(campaign: "Campaign", with_data: bool = True) -> dict[str, object]:
-    """Return the entries of a scene, of the variables and of the data."""
     variables = campaign.variables
     sections: dict[str, object] = {
         "scene": campaign.scene.entries(),

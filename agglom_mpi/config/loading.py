@@ -42,7 +42,6 @@ def check_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> Ca
 
 
 def _campaign(name: str, allow_code: bool) -> Campaign:
-    """Return the campaign of a file, without its function."""
     folder = Path(name).parent
     reading = Reading(own=BesideCampaign(folder, allow_code), files=FilesBeside(folder))
     return Campaign.from_text(read_text(name), name, None, reading)
@@ -88,5 +87,6 @@ def _with_function(
         except ValueError as error:
             raise campaign.function_error(str(error), "of_means") from None
     if check is load_function:
-        function = function._replace(values=executed(function.module).own.values or None)
+        values = executed(function.module).own.values or None
+        function = function._replace(module=function.module._replace(values=values))
     return replace(campaign, user_function=function)

@@ -96,8 +96,8 @@ def recorded_texts(campaign: "Campaign") -> dict[str, str]:
     owned = (component.own for component in own_of(campaign))
     modules = {own.file: own for own in owned if own is not None}
     function = campaign.user_function
-    if campaign.objective.code_of_means and function is not None and function.source is not None:
-        modules.setdefault(function.file, function.module)
+    if campaign.objective.code_of_means and function is not None and function.module.source:
+        modules.setdefault(function.module.file, function.module)
     if not modules:
         return {}
     sources = [
@@ -152,8 +152,8 @@ def permitted_modules(campaign: "Campaign") -> frozenset[tuple[str, str]]:
     found = (component.own for component in own_of(campaign))
     modules = {(own.file, own.sha256) for own in found if own is not None}
     function = campaign.user_function
-    if function is not None and function.source is not None:
-        modules.add((function.file, function.sha256))
+    if function is not None and function.module.source:
+        modules.add(function.module[:2])
     return frozenset(modules)
 
 

@@ -7,6 +7,7 @@ size ratio, the half-width of the box where it gives the size of the grains, der
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
@@ -136,16 +137,11 @@ def one_by_one(rows: "Sequence[StringScene | None]", quantity: Quantity) -> Floa
 
     It is nan for a string that cannot be simulated; None stands for one without a scene.
     """
-    return np.array([_value(quantity, row) for row in rows], np.float64)
-
-
-def _value(quantity: Quantity, row: "StringScene | None") -> float:
-    if row is None:
-        return math.nan
-    try:
-        return float(quantity.compute(row.section, row.values))
-    except (ArithmeticError, ValueError):
-        return math.nan
+    found = np.full(len(rows), np.nan)
+    for i, row in enumerate(rows):
+        with suppress(ArithmeticError, ValueError):
+            found[i] = np.nan if row is None else quantity.compute(row.section, row.values)
+    return found
 
 
 class DerivedColumn(NamedTuple):

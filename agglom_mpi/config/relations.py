@@ -11,18 +11,18 @@ from numpy.typing import NDArray
 
 from agglom_mpi.config.expression_reader import read_comparison, read_expression
 from agglom_mpi.config.expressions import (
-    ANY,
     PURE,
     Comparison,
     Dimension,
+    Name,
     Node,
     common_dimension,
     dimension,
     dimension_of,
     evaluate,
     names_in,
+    nodes_of,
     satisfied,
-    size_of,
     text_of,
     unit_of,
 )
@@ -116,7 +116,13 @@ class Relations:
         trees = self._trees
         for name in in_order(trees):
             texts[name] = text_of(trees[name], texts)
-        return [_canonical(constraint, texts) for constraint in self.constraints]
+        return [
+            " ".join(
+                f"{symbol} {text_of(node, texts)}".strip()
+                for symbol, node in zip(("", *each.operators), each.operands, strict=True)
+            )
+            for each in self.constraints
+        ]
 
     @property
     def _trees(self) -> dict[str, Node]:
@@ -125,7 +131,7 @@ class Relations:
     def _tested(
         self, scenes: "StringScenes", parameters: Parameters
     ) -> Iterator[tuple[str, NDArray[np.bool_]]]:
-        names = [n for each in self.constraints for node in each.operands for n in names_in(node)]
+        names = [name for each in self.constraints for name in names_in(*each.operands)]
         values = self._evaluated(scenes, names, parameters)
         for constraint in self.constraints:
             yield constraint.text, satisfied(constraint, values)
@@ -149,12 +155,6 @@ class Relations:
 
 
 NO_RELATIONS: Final = Relations()
-
-
-def _canonical(constraint: Comparison, texts: Mapping[str, str]) -> str:
-    operands = [text_of(node, texts) for node in constraint.operands]
-    pairs = zip(constraint.operators, operands[1:], strict=True)
-    return " ".join([operands[0], *(f"{symbol} {operand}" for symbol, operand in pairs)])
 
 
 def in_order(trees: Mapping[str, Node]) -> list[str]:
@@ -225,16 +225,16 @@ def _checked(
     dimensions = {name: dimension_of(unit) for name, unit in known.items()}
     sizes: dict[str, int] = {}
     for name in order:
-        sizes[name] = size_of(trees[name], sizes)
+        nodes = nodes_of(trees[name])
+        sizes[name] = sum(sizes.get(n.name, 1) if isinstance(n, Name) else 1 for n in nodes)
         try:
             if sizes[name] > MAX_SIZE:
                 raise ValueError(f"is too long; at most {MAX_SIZE} terms with all written out")
-            check_names(trees[name], {*dimensions, *trees}, table)
-            found = dimension(trees[name], dimensions)
+            check_names((trees[name],), {*dimensions, *trees}, table)
+            dimensions[name] = dimension(trees[name], dimensions) or PURE
         except ValueError as error:
             problems.append(((name,), str(error)))
-            found = ANY
-        dimensions[name] = PURE if found is ANY else found  # type: ignore[assignment]
+            dimensions[name] = PURE
     raise_field_errors(problems)
     return tuple(Derived(n, _text(value[n]), trees[n], unit_of(dimensions[n])) for n in trees)
 
@@ -293,9 +293,9 @@ def _text(entry: Any) -> str:
     return entry
 
 
-def check_names(node: Node, known: Container[str], table: VariableTable) -> None:
+def check_names(nodes: Iterable[Node], known: Container[str], table: VariableTable) -> None:
     """Raise a ValueError if a tree names a variable on which the scene does not depend."""
-    for name in names_in(node):
+    for name in names_in(*nodes):
         if name in table and name not in known:
             raise ValueError(f"names '{name}', on which this scene does not depend")
 
@@ -334,12 +334,11 @@ def read_constraints(
 
 
 def _constraint(entry: Any, dimensions: Mapping[str, Dimension], reading: Reading) -> Comparison:
-    if not isinstance(entry, str):
-        raise ValueError(f"is {quoted(entry)}; must be a text like 'pressure < 0.1 * hardness'")
-    comparison = read_comparison(entry, {*reading.variables.names, *dimensions}, reading.recorded)
-    for node in comparison.operands:
-        check_names(node, dimensions, reading.variables)
+    comparison = read_comparison(
+        _text(entry), {*reading.variables.names, *dimensions}, reading.recorded
+    )
+    check_names(comparison.operands, dimensions, reading.variables)
     common_dimension(comparison.operands, dimensions, "in a comparison")
-    if not any(name not in CONSTANTS for node in comparison.operands for name in names_in(node)):
+    if CONSTANTS.keys() >= {*names_in(*comparison.operands)}:
         raise ValueError(f"is {quoted(entry)}, which depends on nothing")
     return comparison

@@ -104,11 +104,6 @@ MAX_PARTICLES: Final = 10**7
 """Maximum number of grains of a sample."""
 
 
-def box_factor(volume: int) -> float:
-    """Return the factor of the edges of a box of `volume` times the volume."""
-    return float(volume ** (1.0 / 3.0))
-
-
 class SceneLaw(NamedTuple):
     """A law of a scene: its key, the law, and whether anything in the scene uses it."""
 
@@ -244,7 +239,7 @@ class SceneSection(Declared):
             return self
         changes: dict[str, object] = {"particles": volume * self.particles}
         if self.half_width is not None:  # it follows from the size of the grains otherwise
-            changes["half_width"] = self.half_width * box_factor(volume)
+            changes["half_width"] = self.half_width * float(volume ** (1.0 / 3.0))
         return self.model_copy(update=changes)
 
     def entries(self) -> dict[str, Any]:
@@ -285,7 +280,6 @@ class SceneSection(Declared):
             return self._scene(value, engine or self.engine)
 
     def _scene(self, value: Values, engine: Engine) -> "Scene":
-        """Return the scene of a string by the values of its variables."""
         from agglom_mpi.physics.scales import end_time, grain_mass, grain_radius, half_width
         from agglom_mpi.simulation.scene import Scene
 
@@ -383,16 +377,18 @@ class SceneSection(Declared):
                 f"is 'euler', which needs time steps, but the engine is {self.engine.name!r}; "
                 "allowed: exact, or euler with engine fixed or adaptive",
             )
+        if message := self.refused(self.engine):
+            yield (ENGINE_KEY,), message
+        others = [f"friction {self.friction.name!r}, by which grains spin"] * self.has_spins
+        others += [f"escape {self.escape.name!r}"] * bool(self.escape.is_sheared())
         own = (("heating", self.heating), ("fragmentation", self.fragmentation))
-        for key, of_one in own if self.has_spins else ():
+        for key, of_one in own if others else ():
             if of_one.is_frame_dependent():
                 yield (
                     (key,),
-                    f"is {of_one.name!r}, which counts the motion of each grain without its spin, "
-                    f"but grains spin by friction {self.friction.name!r}; must be a law by the "
-                    "energy of the pair, or none",
+                    f"is {of_one.name!r}, which counts the motion of each grain alone, but the "
+                    f"scene has {others[0]}; must be a law by the energy of the pair, or none",
                 )
-        yield from self._problems_of_shear()
         for key, law in (("reaction", self.reaction), ("cooling", self.cooling)):
             if self.heating.is_absent and not law.is_absent:
                 message = f"is {law.name!r}, but heating is 'none'; allowed without heating: none"
@@ -406,21 +402,6 @@ class SceneSection(Declared):
             f"is {engine.name!r}, but escape is {self.escape.name!r}, whose images move between "
             "the steps; must be 'event'"
         )
-
-    def _problems_of_shear(self) -> Iterator[tuple[FieldPath, str]]:
-        """Yield what cannot work in a sheared box."""
-        if not self.escape.is_sheared():
-            return
-        if message := self.refused(self.engine):
-            yield (ENGINE_KEY,), message
-        for key, of_one in (("heating", self.heating), ("fragmentation", self.fragmentation)):
-            if of_one.is_frame_dependent():
-                yield (
-                    (key,),
-                    f"is {of_one.name!r}, which counts the motion of each grain, but that is "
-                    f"another in each image of escape {self.escape.name!r}; must be a law by the "
-                    "energy of the pair, or none",
-                )
 
 
 def _needs_pressure(entry: Any, reading: Reading) -> bool:

@@ -48,7 +48,6 @@ def paths_of(scene: Mapping[str, Any], reading: Reading = PLAIN) -> dict[str, Va
 
 
 def _paths_in(scene: Mapping[str, Any], key: str, reading: Reading) -> Iterator[Variable]:
-    """Yield the numbers of one field of a scene."""
     if key in SceneSection.NUMBERS:
         yield _path((key,), SceneSection.NUMBERS[key], f"{key} of the scene")
         return

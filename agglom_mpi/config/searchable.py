@@ -1,24 +1,88 @@
-"""Checks of the box of a campaign: its ends, constraints, given strings, and what searches it."""
+"""Checks of the box of a campaign: its ends, constraints, given strings, and what searches it.
+
+The share that constraints allow is that of random strings.
+"""
 
 import logging
+import math
 from collections.abc import Iterable, Iterator
+from functools import lru_cache
 from itertools import groupby, product
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from agglom_mpi.config.allowed_share import LEAST_SHARE, SMALL_SHARE, allowed_share
 from agglom_mpi.config.yaml_source import CampaignError, MissingSearchLibraryError, Problem, parse
 from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.declaration.given_values import JAMMING_FRACTION
 from agglom_mpi.errors import MissingLibraryError, require_library
-from agglom_mpi.formatting import in_unit
+from agglom_mpi.formatting import format_digits, in_unit
 from agglom_mpi.physics import scales
+from agglom_mpi.random_streams import ALLOWED_SHARE, search_stream
+from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.variables import VariableTable, volume_fraction
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
+
+LEAST_SHARE: Final = 1e-4
+"""Share below which a campaign is refused: to propose a string takes too long."""
+SMALL_SHARE: Final = 1e-2
+"""Share below which there is a warning."""
+
+STRINGS: Final = 1 << 14
+"""Random strings of a first estimate."""
+MORE_STRINGS: Final = 1 << 18
+"""Random strings if the first estimate rests on less than `FEW` allowed ones."""
+FEW: Final = 400
+
+
+class AllowedShare(NamedTuple):
+    """The share of n random strings of the box that satisfy all constraints.
+
+    Strings are uniform in the coordinates in which the box is searched.
+    """
+
+    allowed: int
+    strings: int
+
+    @property
+    def value(self) -> float:
+        """The share."""
+        return self.allowed / self.strings
+
+    @property
+    def error(self) -> float:
+        """Its standard error."""
+        return math.sqrt(self.value * (1.0 - self.value) / self.strings)
+
+    def __str__(self) -> str:
+        if not self.allowed:
+            return f"no string of {self.strings:,}"
+        percent = format_digits(100.0 * self.value, 3)
+        return f"{percent} % (± {format_digits(100.0 * self.error, 1)} %)"
+
+
+@lru_cache(1)  # a command asks several times for the campaign that it is about
+def allowed_share(campaign: "Campaign") -> AllowedShare:
+    """Return the share of the box that a campaign's constraints allow."""
+    space = SearchSpace.of(campaign.variables)
+    if not space.dimensions:
+        return AllowedShare(
+            int(campaign.allowed_strings(campaign.variables.at(0.5)[None]).sum()), 1
+        )
+    random = search_stream(campaign.seed, ALLOWED_SHARE)
+
+    def count(strings: int) -> int:
+        points = random.random((strings, space.dimensions))
+        return int(np.count_nonzero(campaign.allowed_strings(space.from_unit(points))))
+
+    share = AllowedShare(count(STRINGS), STRINGS)
+    if share.allowed >= FEW:
+        return share
+    return AllowedShare(share.allowed + count(MORE_STRINGS - STRINGS), MORE_STRINGS)
+
 
 LOG: Final = logging.getLogger(__name__)
 
@@ -128,13 +192,12 @@ def check_ends(campaign: "Campaign") -> None:
     """Raise a CampaignError if the scene of a string at the ends of the box is refused.
 
     These are the ends of one number of the scene with all else in the middle, all lower ends, and
-    all upper ends. Strings that break a constraint are left out, as no search proposes them.
+    all upper ends. Strings that break a constraint are left out, as no search proposes them. So is
+    a campaign that wants more growth than the grains of any string allow.
     """
     box, names = campaign.variables, _searched(campaign)
-    if not box.of_scene:
-        return
     problems = _refused(campaign, (each for name in names for each in _ends(campaign, [name])))
-    whole = ((names, string) for string in (box.lower, box.upper))
+    whole = (([*names, "size_ratio"], string) for string in (box.lower, box.upper))
     if problems := problems or _refused(campaign, whole) or dict(_out_of_reach(campaign)):
         source = parse(campaign.text, campaign.name)
         raise CampaignError(*(source.problem(*found) for found in problems.items()))
@@ -154,7 +217,6 @@ def refused_corners(campaign: "Campaign") -> list[Problem]:
 
 
 def _searched(campaign: "Campaign") -> list[str]:
-    """Return the names of the numbers of the scene that are searched."""
     return [name for name in campaign.variables.of_scene if campaign.variables[name].is_searched]
 
 
@@ -185,11 +247,8 @@ def _refused(campaign: "Campaign", corners: Iterable[Corner]) -> dict[FieldPath,
 
 
 def _out_of_reach(campaign: "Campaign") -> Iterator[tuple[FieldPath, str]]:
-    """Yield the objective if it wants more growth than the grains of any string allow."""
-    wanted = campaign.objective.wanted_growth
-    if wanted is None or not campaign.scenes.sizes_differ:
-        return
-    (field, ratio), largest = wanted, campaign.most_grains ** (1.0 / 3.0)
+    field, ratio = campaign.objective.wanted_growth or ((), 0.0)
+    largest = campaign.most_grains ** (1.0 / 3.0)
     if field and ratio > largest:
         grains = f"{campaign.scene.particles} grains in one"
         yield ("objective", *field), f"is {ratio:g}; {grains} give at most {largest:.4g}"

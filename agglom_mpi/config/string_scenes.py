@@ -1,6 +1,7 @@
 """The scene of a string: the section of the campaign with the string's own numbers in it."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -117,13 +118,11 @@ class StringScenes:
         None stands for a string that a law refuses.
         """
         strings = np.column_stack([np.asarray(columns[name], float) for name in self.table.names])
-        return [self._or_none(string) for string in strings]
-
-    def _or_none(self, string: npt.NDArray[np.float64]) -> StringScene | None:
-        try:
-            return self.of_values(self.table.values_by_name(string))
-        except ValueError:
-            return None
+        found: list[StringScene | None] = [None] * len(strings)
+        for i, string in enumerate(strings):
+            with suppress(ValueError):
+                found[i] = self.of_values(self.table.values_by_name(string))
+        return found
 
 
 class FirstExperimentScenes(StringScenes):
@@ -144,13 +143,9 @@ class FirstExperimentScenes(StringScenes):
 
     def at(self, string: npt.ArrayLike) -> StringScene:
         """Return the first experiment's scene of a string, shape (k,)."""
-        return self._scenes.at(self._first.own(string))
+        scenes: StringScenes = self._first.campaign.scenes
+        return scenes.at(self._first.own(string))
 
     def of_values(self, values: Mapping[str, float]) -> StringScene:
         """Return the same of a string whose variables are given by name."""
         return self.at(np.array([values[name] for name in self.table.names]))
-
-    @property
-    def _scenes(self) -> StringScenes:
-        scenes: StringScenes = self._first.campaign.scenes
-        return scenes

@@ -15,12 +15,11 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.declaration.bounded_reading import clipped, read_bounded
-from agglom_mpi.declaration.frozen_values import Values
 from agglom_mpi.declaration.own_modules import OwnModule, executed
 from agglom_mpi.declaration.reading import SOURCE_SHA256, values_in
 from agglom_mpi.declaration.spelling import MAX_MAGNITUDE
 from agglom_mpi.declaration.users_code import users_code
+from agglom_mpi.file_kinds import clipped, read_bounded
 
 NUMBERS: Final = (float, int, np.floating, np.integer)
 """Types of what a function may return, but for bool."""
@@ -33,34 +32,22 @@ class UserFunction(NamedTuple):
     ----------
     call
         `module:function`.
-    sha256
-        SHA-256 of the module's source, hexadecimal.
-    source
-        Bytes of the module; None if unknown: the function then cannot be called.
-    folder, values
-        As of an `OwnModule`.
+    module
+        The module; with no source where that is unknown: the function then cannot be called.
     """
 
     call: str
-    sha256: str
-    source: bytes | None = None
-    folder: str = ""
-    values: Values | None = None
-
-    @property
-    def file(self) -> str:
-        """File name of the module."""
-        return f"{self.call.partition(':')[0]}.py"
+    module: OwnModule
 
     @property
     def without_source(self) -> "UserFunction":
         """The same function without its source, so that it cannot be called."""
-        return self._replace(source=None, folder="")
+        return UserFunction(self.call, self.module._replace(source=b"", folder=""))
 
-    @property
-    def module(self) -> OwnModule:
-        """The module; without its source where that is unknown."""
-        return OwnModule(self.file, self.sha256, self.source or b"", self.folder, self.values)
+
+def file_of(call: str) -> str:
+    """Return the file name of the module of a function `module:function`."""
+    return f"{call.partition(':')[0]}.py"
 
 
 MAX_BYTES: Final = 1 << 20
@@ -75,9 +62,8 @@ def read_function(folder: Path, call: str) -> UserFunction:
     ValueError
         If there is no such file, or it is not Python.
     """
-    file = UserFunction(call, "").file
-    own = OwnModule.of(file, read_source(folder / file, call), folder)
-    return UserFunction(call, own.sha256, own.source, own.folder)
+    file = file_of(call)
+    return UserFunction(call, OwnModule.of(file, read_source(folder / file, call), folder))
 
 
 def read_source(path: Path, named: str) -> bytes:
@@ -109,7 +95,8 @@ def recorded_function(identity: Mapping[str, Any]) -> UserFunction | None:
     call, digest = (identity.get(f"objective.{name}") for name in ("call", SOURCE_SHA256))
     if call is None or digest is None:
         return None
-    return UserFunction(str(call), str(digest), values=values_in(identity, "objective") or None)
+    values = values_in(identity, "objective") or None
+    return UserFunction(str(call), OwnModule(file_of(str(call)), str(digest), b"", values=values))
 
 
 @cache
@@ -121,7 +108,7 @@ def load_function(function: UserFunction) -> Callable[[Any], Any]:
     ValueError
         If the source is not known, cannot be executed, or defines no such function.
     """
-    if function.source is None:
+    if not function.module.source:
         raise ValueError(f"the source of {function.call!r} is not known here")
     name = function.call.partition(":")[2]
     try:
@@ -130,7 +117,9 @@ def load_function(function: UserFunction) -> Callable[[Any], Any]:
         raise ValueError(f"is {function.call!r}, but {error}") from error.__cause__
     loaded = getattr(module, name, None)
     if not callable(loaded):
-        raise ValueError(f"is {function.call!r}, but {function.file} defines no function {name!r}")
+        raise ValueError(
+            f"is {function.call!r}, but {file_of(function.call)} defines no function {name!r}"
+        )
     return loaded
 
 
@@ -158,7 +147,7 @@ def function_of_means(function: UserFunction | None, call: str) -> FunctionOfMea
 
     It is None where there is no such function, or its source is not known.
     """
-    if function is None or function.source is None or not call:
+    if function is None or not function.module.source or not call:
         return None
     return FunctionOfMeans(function._replace(call=call))
 

@@ -14,10 +14,16 @@ from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.reader import ReaderError
 from ruamel.yaml.scanner import Scanner
 
-from agglom_mpi.declaration.bounded_reading import clipped, quoted_start, read_bounded
 from agglom_mpi.declaration.declared import FieldError, FieldPath
 from agglom_mpi.errors import MissingLibraryError, UserError
-from agglom_mpi.file_kinds import HDF5_IS_NO_YAML, SIGNATURE, begins_as_hdf5
+from agglom_mpi.file_kinds import (
+    HDF5_IS_NO_YAML,
+    SIGNATURE,
+    begins_as_hdf5,
+    clipped,
+    quoted_start,
+    read_bounded,
+)
 from agglom_mpi.formatting import pluralise
 
 # Limits, so that an alias that contains itself or doubles at every level ends in a message, and

@@ -13,6 +13,9 @@ from agglom_mpi.declaration.units import dimensions_of
 Violation: TypeAlias = str | None
 """Description of a fault; None if there is none."""
 
+RESULT_ROUNDING: Final = 1e-10
+"""Relative difference of results that is rounding."""
+
 SPECIAL_SHARE: Final = 0.2
 """Fraction of the cases in which a number has one of its special values."""
 

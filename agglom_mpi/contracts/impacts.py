@@ -4,8 +4,7 @@ import math
 from typing import Any, Final
 
 from agglom_mpi.compilation.kernels import as_plain
-from agglom_mpi.contracts.cases import Violation, equal, within
-from agglom_mpi.contracts.formulas import RESULT_ROUNDING
+from agglom_mpi.contracts.cases import RESULT_ROUNDING, Violation, equal, within
 from agglom_mpi.contracts.subject import Case
 from agglom_mpi.physics.friction import (
     normal_loss,

@@ -105,7 +105,7 @@ class Subject:
             free = name in MAY_BE_ZERO and VARIABLE_RANGES[name] == (low, high)
             if unit := VARIABLE_UNITS.get(name):
                 found[name] = Interval(low, high, unit, low > 0.0, (0.0,) if free else ())
-        own = {f"law.{name}": self._interval(name, number) for name, number in self._drawn.items()}
+        own = {f"law.{name}": self._interval(name, number) for name, number in self.drawn.items()}
         return found | own
 
     def value(self, name: str, number: int) -> float:
@@ -118,7 +118,7 @@ class Subject:
         return self._columns[name][number]
 
     @cached_property
-    def _drawn(self) -> dict[str, In]:
+    def drawn(self) -> dict[str, In]:
         """The law's own numbers that are drawn, by name."""
         fields = type(self.tested).model_fields
         return {
@@ -129,7 +129,6 @@ class Subject:
         }
 
     def _interval(self, name: str, number: In) -> Interval:
-        """Return where a number of the law is drawn from."""
         given = float(getattr(self.tested, name))
         if self.numbers is not None:
             low, high = self.numbers.get(name, (given, given))
@@ -145,11 +144,6 @@ class Subject:
             return Interval(begin, begin * DECADES**2, number.unit, True, ends)
         inner = 1e-6 * (end - start)
         return Interval(start + inner, end - inner, number.unit, False, ends)
-
-    def law_at(self, case: "Case") -> Law:
-        """Return the law with its numbers in a case."""
-        own = {name: case[f"law.{name}"] for name in self._drawn}
-        return self.scaled(self.tested).model_copy(update=own)
 
     def impact_laws(self, case: "Case") -> ImpactLaws:
         """Return all laws of an impact in a case, the one under test among them."""
@@ -247,7 +241,8 @@ class Case:
     @cached_property
     def law(self) -> Any:
         """The law with its numbers."""
-        return self.subject.law_at(self)
+        own = {name: self[f"law.{name}"] for name in self.subject.drawn}
+        return self.subject.scaled(self.subject.tested).model_copy(update=own)
 
     @cached_property
     def laws(self) -> ImpactLaws:

@@ -13,14 +13,15 @@ from typing import Final
 from agglom_mpi.compilation.kernels import runs_compiled
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.contracts.cases import PropertyFinding, component_label
-from agglom_mpi.contracts.objectives_and_rules import (
+from agglom_mpi.contracts.grains import SIZE_PROPERTIES, sizes_failures
+from agglom_mpi.contracts.searches import (
     OBJECTIVE_PROPERTIES,
     RULE_PROPERTIES,
+    SEARCH_PROPERTIES,
     objective_failures,
     rule_failures,
+    search_failures,
 )
-from agglom_mpi.contracts.searches import SEARCH_PROPERTIES, search_failures
-from agglom_mpi.contracts.starts import SIZE_PROPERTIES, sizes_failures
 from agglom_mpi.contracts.subject import CASES_SEED, Case, Subject
 from agglom_mpi.contracts.tested_laws import law_findings, properties_of
 from agglom_mpi.declaration.components import Component
@@ -85,7 +86,6 @@ def _ended_if_endless(label: str) -> Iterator[None]:
 
 
 def _of(campaign: Campaign, component: Component) -> list[PropertyFinding]:
-    """Return the findings on one component of one's own."""
     if isinstance(component, Law):
         return _of_law(campaign, component)
     sizes, plan = campaign.at(campaign.parameters()).section.sizes, campaign.plan

@@ -5,6 +5,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from agglom_mpi.config.arguments import read_count
 from agglom_mpi.coupling.state import BoxParticles
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.physics.scales import HEAVIEST, LIGHTEST
@@ -62,11 +63,13 @@ def initial_particles(
         radii = scene.radius * draw_radii(scene.sizes, random, count)
     else:
         radii = read_values("radii", radii, random, count)
-    check_radii(radii, scene.half_width)
+    limit = f"greater than 0 m and less than half_width, {scene.half_width:g} m"
+    raise_if("radii", radii, ~((radii > 0.0) & (radii < scene.half_width)), limit)
     masses = _masses(scene, radii)
     if positions is not None:
         positions = read_values("positions", positions, random, count)
-        check_positions(positions, scene.half_width)
+        limit = f"from {-scene.half_width:g} to {scene.half_width:g} m"
+        raise_if("positions", positions, np.abs(positions) > scene.half_width, limit)
         _check_apart(scene, positions, radii)
     # Drawn in the order of a sample: positions, then velocities.
     drawn = np.empty((3, count)) if velocities is None else None
@@ -80,14 +83,8 @@ def initial_particles(
         temperatures = np.full(count, scene.temperature)
     else:
         temperatures = read_values("temperatures", temperatures, random, count)
-        check_temperatures(temperatures)
     labels = np.arange(count)
     return BoxParticles(positions, velocities, radii, masses, temperatures, grain_counts, labels)
-
-
-def is_distribution(value: Any) -> bool:
-    """Return whether values are drawn from an input: a frozen distribution or a function."""
-    return hasattr(value, "rvs") or callable(value)
 
 
 def count_particles(particles: int | None, default: int, **inputs: Any) -> int:
@@ -112,15 +109,12 @@ def count_particles(particles: int | None, default: int, **inputs: Any) -> int:
     """
     counts: dict[str, int] = {}
     if particles is not None:
-        if (
-            isinstance(particles, bool)
-            or not isinstance(particles, int | np.integer)
-            or particles < 1
-        ):
-            raise ValueError(f"particles are {particles!r}; must be a whole number of at least 1")
-        counts["particles"] = int(particles)
+        try:
+            counts["particles"] = read_count(particles, least=1)
+        except ValueError as error:
+            raise ValueError(f"particles {error}") from None
     for name, values in inputs.items():
-        if values is not None and not is_distribution(values):
+        if not (values is None or hasattr(values, "rvs") or callable(values)):
             shape = _numbers(name, values).shape
             if len(shape) == (2 if name in VECTORS else 1):
                 counts[name] = shape[0]
@@ -152,7 +146,7 @@ def read_values(name: str, value: Any, random: np.random.Generator, count: int) 
     Raises
     ------
     ValueError
-        If these are not `count` finite numbers or vectors.
+        If these are not `count` finite numbers or vectors, or a temperature is below zero.
     """
     shape = (count, 3) if name in VECTORS else (count,)
     if hasattr(value, "rvs"):
@@ -166,6 +160,8 @@ def read_values(name: str, value: Any, random: np.random.Generator, count: int) 
         raise ValueError(f"{name} have the shape {values.shape}; must be {shape}, or {one} for all")
     values = np.array(np.broadcast_to(values, shape))
     raise_if(name, values, ~np.isfinite(values), "finite")
+    if name == "temperatures":
+        raise_if(name, values, values < 0.0, "at least 0 K")
     return values
 
 
@@ -175,23 +171,6 @@ def raise_if(name: str, values: Floats, wrong: npt.NDArray[np.bool_], allowed: s
         index = tuple(int(i) for i in np.argwhere(wrong)[0])
         inside = ", ".join(map(str, index))
         raise ValueError(f"{name}[{inside}] is {values[index]:g} {UNITS[name]}; must be {allowed}")
-
-
-def check_radii(radii: Floats, half_width: float) -> None:
-    """Raise a ValueError if a sphere does not fit into the box."""
-    allowed = f"greater than 0 m and less than half_width, {half_width:g} m"
-    raise_if("radii", radii, ~((radii > 0.0) & (radii < half_width)), allowed)
-
-
-def check_positions(positions: Floats, half_width: float) -> None:
-    """Raise a ValueError if a centre is outside the box."""
-    allowed = f"from {-half_width:g} to {half_width:g} m"
-    raise_if("positions", positions, np.abs(positions) > half_width, allowed)
-
-
-def check_temperatures(temperatures: Floats) -> None:
-    """Raise a ValueError if a temperature is below zero."""
-    raise_if("temperatures", temperatures, temperatures < 0.0, "at least 0 K")
 
 
 def read_grains(value: Any, count: int) -> npt.NDArray[np.int64]:
@@ -272,7 +251,6 @@ def _place_and_draw(
 
 
 def _check_apart(scene: Scene, positions: Floats, radii: Floats) -> None:
-    """Raise a ValueError if any two spheres overlap."""
     count = len(radii)
     particles = room_for_particles(scene, count)
     particles.size[0] = count

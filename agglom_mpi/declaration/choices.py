@@ -59,20 +59,11 @@ class Choice(NamedTuple):
             found = class_named(self.kind, mapping[key], reading)
         except UnknownComponentError as error:
             is_own = self.kind.may_be_own and names_own(mapping[key])
-            message = str(error) if is_own else self._unknown(mapping[key])
+            known = ", ".join(self.kind.components())
+            message = str(error) if is_own else f"is {quoted(mapping[key])}; allowed: {known}"
             path = (key,) if isinstance(entry, Mapping) and key in entry else ()
             raise FieldError((path, message)) from error
         return _made_own(found, mapping, reading) if found.own else found.checked(mapping, reading)
-
-    def _unknown(self, name: Any) -> str:
-        """Return that no component has a name, and which are known."""
-        hint = ""
-        if isinstance(name, str) and ":" in name:
-            if self.kind.may_be_own:
-                hint = "; a class of your own is FILE.py:Class"
-            elif names_own(name):
-                hint = "; no class of your own can stand here"
-        return f"is {quoted(name)}; allowed: {', '.join(self.kind.components())}{hint}"
 
     def class_of(self, entry: Any, reading: Reading = PLAIN) -> type[Component]:
         """Return the class that an entry of a file names.
@@ -104,7 +95,6 @@ def choice_of(field: Any) -> Choice | None:
 
 
 def _made_own(own: type[Component], entry: Any, reading: Reading) -> Component:
-    """Return a component of one's own of an entry of a file."""
     name = next(iter(own.names()), own.__name__)
     try:
         with users_code(name):

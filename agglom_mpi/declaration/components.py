@@ -22,10 +22,8 @@ from typing import (
     get_origin,
 )
 
-from agglom_mpi.declaration import own_fields
-from agglom_mpi.declaration.declared import Declared, DeclaredField, read_value
-from agglom_mpi.declaration.field_types import WholeNumber, named
-from agglom_mpi.declaration.needed import missing_methods, needed
+from agglom_mpi.declaration.declared import Declared, DeclaredField, WholeNumber, named, read_value
+from agglom_mpi.declaration.needed import check_names, check_number, missing_methods, needed
 from agglom_mpi.declaration.own_modules import OwnModule, own_module
 from agglom_mpi.declaration.reading import PLAIN, Reading, names_own
 from agglom_mpi.declaration.units import quoted, to_si
@@ -192,12 +190,12 @@ class Component(Declared):
     @classmethod
     def check_own(cls) -> None:
         """Raise a TypeError or ValueError if fields of a class of one's own are wrong."""
-        own_fields.check_names(cls, cls.base())
+        check_names(cls, cls.base())
         for name, field in cls.model_fields.items():
             number = number_of(field)
             if number is not None:
                 kind = float if isinstance(number, In) else int
-                own_fields.check_number(name, field, number, kind)
+                check_number(name, field, number, kind)
 
     @classmethod
     def base(cls) -> type["Component"]:
@@ -335,7 +333,6 @@ def class_named(kind: type[C], name: Any, reading: Reading = PLAIN) -> type[C]:
 
 
 def _own_class(kind: type[C], name: str, reading: Reading) -> type[C]:
-    """Return a class of one's own, `FILE.py:Class`, of a kind."""
     try:
         found = reading.own.find(name, kind)
     except ValueError as error:

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from typing import (
     TYPE_CHECKING,
+    Annotated,
     Any,
     ClassVar,
     Final,
@@ -31,6 +32,7 @@ from agglom_mpi.declaration.reading import FieldPath as FieldPath
 from agglom_mpi.declaration.reading import Problems as Problems
 from agglom_mpi.declaration.reading import raise_field_errors as raise_field_errors
 from agglom_mpi.declaration.spelling import suggestion
+from agglom_mpi.declaration.units import quoted
 
 LATER: Final = "added later"
 """Metadata of a field added after version 0.1.0: at its default it is not in the identity."""
@@ -53,16 +55,21 @@ class Reads(NamedTuple):
 
 
 class Fits(NamedTuple):
-    """Metadata of a field: a function of its value and the `Reading` that yields what is wrong."""
+    """Metadata of a field: a function of its value and the `Reading` that yields what is wrong.
+
+    It is asked where the fields `beside` it are among `Reading.earlier`.
+    """
 
     problems: Callable[[Any, Reading], Problems]
+    beside: tuple[str, ...] = ()
 
     def read_field(
         self, value: Any, kind: Any, reading: Reading, inner: Callable[[Any], Any]
     ) -> Any:
         """Return the value that is read by what stands before it, and fits."""
         found = inner(value)
-        raise_field_errors(self.problems(found, reading))
+        if reading.earlier.keys() >= set(self.beside):
+            raise_field_errors(self.problems(found, reading))
         return found
 
 
@@ -231,7 +238,6 @@ class Declared(metaclass=DeclaredType):
         return ((name, getattr(self, name)) for name in self.model_fields)
 
     def _values(self) -> tuple[Any, ...]:
-        """Return what instances are compared by: fields, and what was bound to them."""
         kind, own = type(self), self.__dict__
         bound = sorted(k for k in own if k[0] == "_" and own[k] != getattr(kind, k, MISSING))
         return tuple(own[name] for name in (*self.model_fields, *bound))
@@ -303,3 +309,59 @@ def _described(section: type[Any]) -> Mapping[str, str]:
     for names, text in _ENTRY.findall(parts[1]) if len(parts) > 1 else ():
         found |= {name.strip(): " ".join(text.split()) for name in names.split(",")}
     return found
+
+
+MAX_EXACT: Final = 2**53
+"""Maximum size of a whole number that float64 distinguishes from its neighbours."""
+
+
+def _whole(value: Any) -> Any:
+    exact = isinstance(value, float) and value.is_integer() and abs(value) <= MAX_EXACT
+    return int(value) if exact else value
+
+
+WholeNumber = Annotated[int, Reads(_whole)]
+"""An integer, which may be written `3e2`: no text, no `true`, no 100.5."""
+
+Flag = bool
+"""`true` or `false`: no 1, no `yes`."""
+
+
+def _printable(text: Any) -> Any:
+    if isinstance(text, str) and not text.isprintable():
+        raise ValueError(
+            "holds a character that cannot be printed; allowed: one line of plain text"
+        )
+    return text
+
+
+Line = Annotated[str, Reads(_printable)]
+"""One line of printable text: no line break, null byte or lone surrogate."""
+
+
+def _not_empty(text: Any) -> Any:
+    if text == "":
+        raise ValueError(f"is {quoted(text)}; must not be empty")
+    return text
+
+
+NotEmpty = Annotated[Line, Reads(_not_empty)]
+"""A `Line` that is not empty."""
+
+NONE = Reads(lambda value: None if value == "none" else value)
+"""Metadata that reads the word `none` as None."""
+
+
+def named(value: Any) -> Any:
+    """Return `foo` as `{law: foo}`, and a mapping as it is.
+
+    Raises
+    ------
+    ValueError
+        If the value is something else.
+    """
+    if isinstance(value, str):
+        return {"law": value}
+    if not isinstance(value, dict | Declared):
+        raise ValueError(f"is {quoted(value)}; must be the name of a law or a mapping with `law:`")
+    return value

@@ -11,10 +11,10 @@ from agglom_mpi.declaration.declared import (
     Declared,
     FieldPath,
     Meaning,
+    NotEmpty,
     Reads,
     raise_field_errors,
 )
-from agglom_mpi.declaration.field_types import NotEmpty
 from agglom_mpi.declaration.reading import Reading
 from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.declaration.units import quoted, to_si
@@ -22,10 +22,10 @@ from agglom_mpi.formatting import in_unit
 from agglom_mpi.variables import (
     TEN,
     VOLUME_FRACTION,
+    Limits,
     Variable,
     VariableTable,
     size_ratio,
-    volume_fraction,
 )
 
 JAMMING_FRACTION: Final = 0.38
@@ -34,34 +34,25 @@ JAMMING_FRACTION: Final = 0.38
 MAX_SIZE_RATIO: Final = 0.8986
 """(6 JAMMING_FRACTION / pi)^(1/3), rounded down to four digits for messages."""
 
-ZERO_ALLOWED: Final = frozenset(
-    {"relative_speed", "friction", "activation_energy", "reaction_heat"}
-)
+LIMITS: Final = {
+    **dict.fromkeys(
+        ("relative_speed", "friction", "activation_energy", "reaction_heat"), Limits(at_least=0.0)
+    ),
+    "size_ratio": Limits(above=0.0, at_most=MAX_SIZE_RATIO),
+    "volume_fraction": Limits(above=0.0, at_most=JAMMING_FRACTION),
+}
+"""Limits of variables of the papers that are not merely greater than 0."""
 
 
 def read_value(variable: Variable, value: Any) -> float:
     """Return one value of a variable in SI units; raise a ValueError if it is impossible."""
     number = to_si(value, variable.unit)
-    zero = in_unit(0, variable.unit)
-    if variable.limits is not None:
-        if limit := variable.limits.broken_by(number):
-            raise ValueError(f"is {quoted(value)}; must be {in_unit(limit, variable.unit)}")
-        return number
     name = variable.name.rpartition(".")[2]  # without that of an experiment
-    if name == "temperature" and number <= 0.0:
-        raise ValueError(f"is {quoted(value)}; must be above absolute zero, 0 K")
-    if number < 0.0 and name in ZERO_ALLOWED:
-        raise ValueError(f"is {quoted(value)}; must be {zero} or more")
-    if number <= 0.0 and name not in ZERO_ALLOWED:
-        raise ValueError(f"is {quoted(value)}; must be greater than {zero}")
-    if variable is VOLUME_FRACTION and number > JAMMING_FRACTION:
-        limit = f"random placement jams near {JAMMING_FRACTION}, so at most that"
-        raise ValueError(f"is {quoted(value)}; {limit}")
-    if name == "size_ratio" and number > MAX_SIZE_RATIO:
-        raise ValueError(
-            f"is {quoted(value)}, a volume fraction of {volume_fraction(number):.3g}; random "
-            f"placement jams near {JAMMING_FRACTION}, so at most {MAX_SIZE_RATIO}"
-        )
+    limits = variable.limits or LIMITS.get(name, Limits(above=0.0))
+    if broken := limits.broken_by(number):
+        jams = name in FRACTIONS and number > 0.0
+        why = f"; random placement jams near a volume fraction of {JAMMING_FRACTION}" * jams
+        raise ValueError(f"is {quoted(value)}; must be {in_unit(broken, variable.unit)}{why}")
     return number
 
 

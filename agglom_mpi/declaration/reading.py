@@ -111,31 +111,14 @@ class NamedFiles:
     """Reads the files of sizes and impacts that a campaign names; this one reads none."""
 
     def diameters(self, name: str) -> Any:
-        """Return the diameters of a file of grains, which `scene.sizes` names.
-
-        Raises
-        ------
-        ValueError
-            If it cannot be read, with the reason.
-        """
+        """Return the diameters of a file of grains, which `scene.sizes` names; see `curve`."""
         raise ValueError(f"is {quoted(name)}, {ONLY_BESIDE}")
 
     def curve(self, place: int, name: str, keys: Any) -> Any:
         """Return the size distribution of a file, which the section `data` names.
 
-        Parameters
-        ----------
-        place
-            Number of the entry, from 0.
-        name
-            Name of the file.
-        keys
-            What the entry states of it.
-
-        Raises
-        ------
-        ValueError
-            If it cannot be read, with the reason.
+        `place` is the number of the entry, from 0, and `keys` what it states of the file. Raises a
+        ValueError if that cannot be read, with the reason.
         """
         raise ValueError(f"is {quoted(name)}, {ONLY_BESIDE}")
 

@@ -44,6 +44,15 @@ KINDS: Final = {
     "m/s^2": "acceleration",
     "J/kg": "energy per mass",
     "W/m^2": "power per area",
+    "W/m^3": "power per volume",
+    "kg/s": "mass per time",
+    "kg/m^2/s": "mass flux",
+    "1/m": "inverse length",
+    "1/m^3": "number per volume",
+    "m^2/s": "diffusivity",
+    "Pa*s": "viscosity",
+    "W/m/K": "thermal conductivity",
+    "J/K": "heat capacity",
 }
 """Names of dimensions in messages, by SI unit."""
 

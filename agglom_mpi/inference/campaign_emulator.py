@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from agglom_mpi.config.certificate_plan import read_robust
+from agglom_mpi.config.plan import read_robust
 from agglom_mpi.declaration.units import to_si
 from agglom_mpi.file_kinds import is_hdf5
 from agglom_mpi.inference.emulator_file import NoEmulatorError, emulator_arrays

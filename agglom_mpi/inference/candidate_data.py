@@ -143,7 +143,7 @@ def read_errors(given: Mapping[str, Any] | None) -> dict[str, AssumedError]:
 
 def _read_error(value: Any, unit: str) -> AssumedError:
     if isinstance(value, str) and value.strip().endswith("%"):
-        error = AssumedError(read_amount(value).value, is_relative=True)
+        error = AssumedError(read_amount(value)[0], is_relative=True)
         rule = "between 0 % and 100 %"
         possible = 0.0 < error.value < 1.0
     else:

@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.config.certificate_plan import ENTRY, CertificatePlan, deviations_text
+from agglom_mpi.config.plan import ENTRY, CertificatePlan, deviations_text
 from agglom_mpi.formatting import format_percent, pluralise
 from agglom_mpi.inference.part_of_set import CertificateError, PartOfSet
 from agglom_mpi.inference.stored_samples import stored_samples

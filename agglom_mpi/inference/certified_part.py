@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.config.certificate_plan import CertificatePlan
+from agglom_mpi.config.plan import CertificatePlan
 from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.inference.emulated_set import EmulatedSet
 from agglom_mpi.inference.part_of_set import CertificateError, PartOfSet

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from agglom_mpi.config.arguments import mistaken_argument
-from agglom_mpi.config.certificate_plan import DEFAULT_TOLERANCE
+from agglom_mpi.config.plan import DEFAULT_TOLERANCE
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.emulation.emulator import Emulator
 from agglom_mpi.emulation.gaussian_process import Floats

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from agglom_mpi.config.certificate_plan import DEFAULT_TOLERANCE, deviations_text, read_robust
 from agglom_mpi.config.given_strings import Parameters
+from agglom_mpi.config.plan import DEFAULT_TOLERANCE, deviations_text, read_robust
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.errors import UserError, require_library

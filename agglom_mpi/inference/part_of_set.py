@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple, Self
 
-from agglom_mpi.config.certificate_plan import ENTRY
+from agglom_mpi.config.plan import ENTRY
 from agglom_mpi.errors import UserError
 from agglom_mpi.inference.tolerances import recorded_objective
 from agglom_mpi.search.criteria import Band, Criterion

@@ -6,7 +6,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.config.allowed_share import allowed_share
+from agglom_mpi.config.searchable import allowed_share
 from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.formatting import in_unit, value_with_error
 from agglom_mpi.inference.emulated_set import BOX_POINTS, EmulatedSet

@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from agglom_mpi.config.arguments import mistaken_argument
-from agglom_mpi.config.certificate_plan import read_tolerance
+from agglom_mpi.config.plan import read_tolerance
 from agglom_mpi.config.user_function import function_of_means
 from agglom_mpi.search.objectives.objective import Objective
 from agglom_mpi.storage.recorded_campaign import allowed_function, recorded_component

@@ -16,8 +16,7 @@ from agglom_mpi.declaration.components import (
     names_of,
     unit_of,
 )
-from agglom_mpi.declaration.declared import LATER, FieldPath
-from agglom_mpi.declaration.field_types import Line
+from agglom_mpi.declaration.declared import LATER, FieldPath, Line
 from agglom_mpi.declaration.needed import needed
 from agglom_mpi.declaration.reading import PLAIN, Reading, names_own
 from agglom_mpi.formatting import pluralise, value_with_prefix

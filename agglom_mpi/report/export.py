@@ -94,7 +94,7 @@ def export(
     file.with_unused = with_unused
     # Imported below: each form has libraries that are of no use to the others.
     if exports.draws is not None:
-        from agglom_mpi.config.certificate_plan import DEFAULT_TOLERANCE
+        from agglom_mpi.config.plan import DEFAULT_TOLERANCE
         from agglom_mpi.report.set_files import is_of_data
 
         asked = exports.draws.tolerance != DEFAULT_TOLERANCE or exports.draws.robust

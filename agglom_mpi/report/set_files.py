@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from agglom_mpi.analysis.tables import with_units
-from agglom_mpi.config.certificate_plan import DEFAULT_TOLERANCE
+from agglom_mpi.config.plan import DEFAULT_TOLERANCE
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.errors import require_library
 from agglom_mpi.formatting import without_nan

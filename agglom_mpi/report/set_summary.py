@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from rich.console import Group, RenderableType
 
-from agglom_mpi.config.allowed_share import allowed_share
+from agglom_mpi.config.searchable import allowed_share
 from agglom_mpi.display.table import Column, Facts, Table
 from agglom_mpi.errors import error_text
 from agglom_mpi.formatting import format_percent, value_with_error, without_nan

@@ -126,10 +126,10 @@ def simulate_string(
     function = campaign.user_function
     if failures:
         extra["reasons"] = failures[:1]
-    if function is not None and function.source is None:
+    if function is not None and not function.module.source:
         extra["note"] = OBJECTIVE_LEFT_OUT
     if recorded is not None and request.engine is None:
-        is_called = function is not None and function.source is not None
+        is_called = function is not None and bool(function.module.source)
         same = is_same_sample(recorded, outcomes[0], version, is_called)
         extra["replay"], code = AGREEMENT[same], FINISHED if same else FAILURE
     if request.out is not None and outcomes[0].frames is not None:

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.config.arguments import mistaken_argument
 from agglom_mpi.config.campaign import Campaign
-from agglom_mpi.config.certificate_plan import ENTRY, CertificatePlan
-from agglom_mpi.config.plan import Output
+from agglom_mpi.config.plan import ENTRY, CertificatePlan, Output
 from agglom_mpi.config.user_function import UserFunction, read_function
 from agglom_mpi.declaration.declared import FieldError, raise_field_errors
 from agglom_mpi.display.run_display import StudyDisplay
@@ -275,12 +274,13 @@ def runnable_campaign(data: CampaignData, known: UserFunction | None = None) -> 
         beside = known or read_function(data.path.parent, call)
     except ValueError as error:
         raise CertificateError(f"{data.path}: objective: {error}") from None
-    if beside.sha256 != function.sha256:
+    known_module, module = function.module, beside.module
+    if module.sha256 != known_module.sha256:
         raise CertificateError(
-            f"{data.path}: objective: {beside.file} was edited since the campaign was run"
+            f"{data.path}: objective: {module.file} was edited since the campaign was run"
         )
-    read = function._replace(source=beside.source, folder=beside.folder)
-    return replace(campaign, user_function=read)
+    read = module._replace(values=known_module.values)
+    return replace(campaign, user_function=UserFunction(function.call, read))
 
 
 def begun_part(data: CampaignData, plan: CertificatePlan, path: Path) -> CertifiedPart | None:

@@ -42,11 +42,13 @@ from agglom_mpi.stopwatch import Stopwatch, TimeSpent
 from agglom_mpi.storage.particle_tables import final_row, frame_rows
 from agglom_mpi.storage.schema import SAMPLES, TOOK_TOO_LONG, samples_schema
 from agglom_mpi.storage.table import checksums, concatenated
-from agglom_mpi.verbs.simulate import objective_value, random_numbers, stream_key
-from agglom_mpi.verbs.simulate_experiments import (
+from agglom_mpi.verbs.simulate import (
     ExperimentScene,
     experiment_scenes,
+    objective_value,
+    random_numbers,
     simulate_experiments,
+    stream_key,
 )
 
 MAX_AT_ONCE: Final = MOST_SAMPLES

@@ -12,7 +12,7 @@ from agglom_mpi.judge import HALF_WIDTH, EnsembleMeans, Judge, new_judge
 from agglom_mpi.outcome import SampleSummary
 from agglom_mpi.search.objectives.objective import Objective, RadiusAccumulator, RadiusObjective
 from agglom_mpi.search.stopping import EnsembleState, FixedNumber, StoppingRule
-from agglom_mpi.statistics import PlainMean, PooledMoments, t_95
+from agglom_mpi.statistics import PooledMoments, RunningMean, t_95
 
 MIN_SAMPLES_TO_GIVE_UP: Final = 10
 """Fewest samples at which the share of failed ones may end an ensemble."""
@@ -75,9 +75,9 @@ class Ensemble:
         self.rule = rule
         self.particles = particles
         self._converged = False
-        self._ratio = PlainMean()
+        self._ratio = RunningMean()
         self._objective = objective.accumulator()
-        self._grains = PlainMean()
+        self._grains = RunningMean()
         self._radii = PooledMoments()
         self._last: EnsembleState[float] | None = None  # None: not known
 

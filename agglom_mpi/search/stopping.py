@@ -21,8 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.declaration.components import Component, In, Whole
-from agglom_mpi.declaration.declared import LATER, FieldPath
-from agglom_mpi.declaration.field_types import NONE, Flag
+from agglom_mpi.declaration.declared import LATER, NONE, FieldPath, Flag
 from agglom_mpi.declaration.needed import needed
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.judge import HALF_WIDTH, MEAN_RADIUS, NOTHING, OBJECTIVE, has_settled

@@ -112,13 +112,13 @@ def allowed_function(data: "CampaignData") -> "UserFunction | None":
     from agglom_mpi.declaration.own_modules import OwnModule
 
     function = recorded_function(data.identity)
-    if function is None or not _may_run(data, function.file, function.sha256):
+    if function is None or not _may_run(data, *function.module[:2]):
         return None
-    source = recorded_source(data.attributes, function.file, function.sha256)
+    source = recorded_source(data.attributes, *function.module[:2])
     if source is None:
         return None
-    folder = OwnModule.of(function.file, source, data.path.parent).folder
-    return function._replace(source=source, folder=folder)
+    own = OwnModule.of(function.module.file, source, data.path.parent)
+    return function._replace(module=own._replace(values=function.module.values))
 
 
 def _may_run(data: "CampaignData", file: str, sha256: str) -> bool:

@@ -241,7 +241,6 @@ class Searcher(metaclass=PublicFace):
         self._errors += error.tolist()
 
     def _proposals(self) -> Proposals:
-        """Return the strings of the generation that is to be judged next."""
         if self.is_finished:
             message = f"is met: {self.why_finished}; nothing is left to ask or to tell"
             raise self._error("stopping", message)
@@ -251,7 +250,6 @@ class Searcher(metaclass=PublicFace):
     def _read(
         self, field: str, given: npt.ArrayLike, count: int, one_for_all: bool = True
     ) -> Floats:
-        """Return numbers of n strings, shape (n,)."""
         try:
             numbers = np.ma.filled(np.ma.asarray(given, np.float64), np.nan)
         except (TypeError, ValueError):

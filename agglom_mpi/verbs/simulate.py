@@ -1,15 +1,14 @@
-"""Simulation of one sample of a campaign, bit for bit as a rank simulates it."""
+"""Simulation of one sample of a campaign, or of all its experiments, as a rank simulates it."""
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 import agglom_mpi.simulation.event_driven.engine
 import agglom_mpi.simulation.time_driven.steppers  # noqa: F401  (all register their engines)
-from agglom_mpi import outcome as result
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.given_strings import read_string
 from agglom_mpi.config.user_function import (
@@ -20,8 +19,16 @@ from agglom_mpi.config.user_function import (
 )
 from agglom_mpi.config.yaml_source import CampaignError, Problem
 from agglom_mpi.errors import named_error
-from agglom_mpi.measurements.layout import CensusLayout
-from agglom_mpi.outcome import FinalParticles, final_particles
+from agglom_mpi.measurements.layout import CensusLayout, prefix_of
+from agglom_mpi.outcome import (
+    COMPLETED,
+    LEDGER,
+    OUTCOME,
+    REASONS,
+    FinalParticles,
+    final_particles,
+    joined,
+)
 from agglom_mpi.physics import scales
 from agglom_mpi.random_streams import sample_key, sample_stream
 from agglom_mpi.simulation.census import census_values, new_census_room
@@ -70,8 +77,8 @@ def simulate(
     spent = stopwatch.read()
     if census is not None and room is not None:  # one kernel counts, another records frames
         simulate_counted(scene, random_numbers(campaign, vector, sample), census)
-    if record["state"] != result.COMPLETED:
-        raise RuntimeError(f"sample {sample} failed: {result.REASONS[record['reason']]}")
+    if record["state"] != COMPLETED:
+        raise RuntimeError(f"sample {sample} failed: {REASONS[record['reason']]}")
     ratio = float(record["mean_radius_ratio"])
     final = final_particles(scene, particles)
     try:
@@ -90,7 +97,7 @@ def simulate(
         radii=final.radii / scene.radius,
         temperatures=final.temperatures,
         moments=np.array([ratio, *(float(record[f"radius_moment_{r}"]) for r in (2, 3, 4))]),
-        ledger={name: record[name].item() for name in result.LEDGER}
+        ledger={name: record[name].item() for name in LEDGER}
         | spin_account(record)
         | shear_account(scene, particles, ledger),
         collisions=int(record["collisions"]),
@@ -212,7 +219,7 @@ def objective_value(
     if objective.code is None:
         samples = np.array([record])
         return {"objective": float(campaign.objective_at(parameters).of_samples(samples)[0])}
-    if function is None or function.source is None:
+    if function is None or not function.module.source:
         return dict.fromkeys(("objective", *objective.quantity_units), math.nan)
     initial = initial_radii(scene, lambda: random_numbers(campaign, parameters, sample))
     values = campaign.variables.used_values(parameters)
@@ -222,3 +229,77 @@ def objective_value(
         return {"objective": evaluate(function, seen)}
     quantities = evaluate_quantities(function, seen, objective.quantity_units)
     return {"objective": objective_alone(of_means, quantities), **quantities}
+
+
+class ExperimentScene(NamedTuple):
+    """Campaign, string and scene of the samples of a string in one experiment.
+
+    Attributes
+    ----------
+    prefix
+        What the names of its columns begin with.
+    campaign
+        The experiment as a campaign of its own.
+    string
+        Its own string, shape (k,).
+    scene, layout
+        Scene of the string, and layout of its censuses.
+    """
+
+    prefix: str
+    campaign: Campaign
+    string: npt.NDArray[np.float64]
+    scene: Scene
+    layout: CensusLayout
+
+
+def experiment_scenes(
+    campaign: Campaign, parameters: npt.NDArray[np.float64], engine: Engine | None = None
+) -> tuple[ExperimentScene, ...]:
+    """Return the scenes of a string, (k,), in the order of the experiments.
+
+    Raises
+    ------
+    ValueError
+        If a law refuses the string.
+    """
+    found = []
+    for each in campaign.experiments:
+        own, layout = each.own(parameters), each.campaign.census
+        assert isinstance(layout, CensusLayout)
+        scene = each.campaign.at(own).build(engine)
+        found.append(ExperimentScene(prefix_of(each.name), each.campaign, own, scene, layout))
+    return tuple(found)
+
+
+def simulate_experiments(
+    scenes: tuple[ExperimentScene, ...], number: int, row: Any, abort: npt.NDArray[np.uint8]
+) -> None:
+    """Simulate one sample of all experiments.
+
+    Parameters
+    ----------
+    scenes
+        Of the string.
+    number
+        Number of the sample in the random streams, each of which depends on one experiment alone.
+    row
+        Record with the columns of all experiments and of `OUTCOME`, filled.
+    abort
+        Shape (1,); anything but 0 ends the sample, whose row then has no meaning.
+    """
+    records = []
+    for each in scenes:
+        census = new_census_room(each.layout, 1)
+        random = random_numbers(each.campaign, each.string, number)
+        record, _ = simulate_counted(each.scene, random, census, abort)
+        if abort[0]:
+            return
+        records.append(record[list(OUTCOME.names or ())])
+        for name in record.dtype.names:
+            row[f"{each.prefix}{name}"] = record[name]
+        for name, values in census_values(census).items():
+            row[f"{each.prefix}{name}"] = values[0] if record["state"] == COMPLETED else 0
+    whole = joined(np.array(records, OUTCOME))
+    for name in OUTCOME.names or ():
+        row[name] = whole[name]

@@ -228,7 +228,6 @@ def _simulate_range(
 
 
 def _simulate_with_function(work: _Work, i: int, j: int, scene: Scene) -> None:
-    """Simulate a sample, and evaluate the objective's function with it."""
     string, number = work.strings[i], work.first + j
     random = random_numbers(work.campaign, string, number)
     record, particles = simulate_scene(scene, random, work.abort)
@@ -245,6 +244,5 @@ def _simulate_with_function(work: _Work, i: int, j: int, scene: Scene) -> None:
 
 
 def _fail(work: _Work, i: int, j: int, reason: str) -> None:
-    """Record the failure of a sample."""
     work.rows["state"][i, j] = FAILED
     work.reasons[i, j] = reason

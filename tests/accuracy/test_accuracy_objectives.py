@@ -11,6 +11,7 @@ from agglom_mpi.accuracy.time_integration.stopping_study import OWN
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.user_function import UserFunction
+from agglom_mpi.declaration.own_modules import OwnModule
 
 TARGET = "{law: growth_target, ratio: 2}"
 MOMENTS = "{law: moments, targets: {mean: 2, spread: 0.5, skewness: 0}}"
@@ -21,7 +22,8 @@ def campaign(objective):
     text = load_campaign("jobs/quickstart.yaml").text
     assert text.count(TARGET) == 1
     return Campaign.from_text(
-        text.replace(TARGET, objective), user_function=UserFunction("shape:worth", "0")
+        text.replace(TARGET, objective),
+        user_function=UserFunction("shape:worth", OwnModule("shape.py", "0", b"")),
     )
 
 

@@ -10,6 +10,7 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import check_campaign, load_campaign
 from agglom_mpi.config.user_function import UserFunction, evaluate, load_function, recorded_function
 from agglom_mpi.config.yaml_source import CampaignError
+from agglom_mpi.declaration.own_modules import OwnModule
 
 FUNCTION = "objective: {law: function, call: 'shape:worth'}"
 LINE = edited().splitlines().index("objective: {law: growth_target, ratio: 2}") + 1
@@ -142,8 +143,9 @@ def test_a_check_reads_the_code_but_cannot_run_it(written: Path) -> None:
     checked, allowed = check_campaign(written), load_campaign(written, allow_code=True)
     assert (written.parent / "trace").read_text() == "x"
     assert checked.identity() == allowed.identity()
-    assert f"mean over samples of shape:worth (SHA-256 {allowed.user_function.sha256[:16]})" in (
-        checked.describe()
+    assert (
+        f"mean over samples of shape:worth (SHA-256 {allowed.user_function.module.sha256[:16]})"
+        in (checked.describe())
     )
     with pytest.raises(ValueError, match="the source of 'shape:worth' is not known here"):
         evaluate(checked.user_function, None)
@@ -200,7 +202,7 @@ def test_the_code_travels_with_the_campaign_and_is_not_read_again(written: Path)
 
 def code(body: str) -> UserFunction:
     source = f"def worth(sample):\n    {body}\n".encode()
-    return UserFunction("shape:worth", body, source)
+    return UserFunction("shape:worth", OwnModule("shape.py", body, source))
 
 
 @pytest.mark.parametrize(
@@ -254,6 +256,6 @@ def worth(sample):
     calls.append(sample)
     return float(len(calls)) + Wanted(2.0).mean
 """
-    own = UserFunction("shape:worth", "dataclasses", source)
+    own = UserFunction("shape:worth", OwnModule("shape.py", "dataclasses", source))
     assert [evaluate(own, None), evaluate(own, None)] == [3.0, 4.0]
     assert load_function(own) is load_function(UserFunction(*own))

@@ -127,7 +127,7 @@ def test_the_identity_has_units_and_function_and_a_recorded_campaign_is_the_same
         "objective.call": "shape:worth",
         "objective.quantities.loss": "kg",
         "objective.of_means": "shape:value",
-        "objective.source_sha256": allowed.user_function.sha256,
+        "objective.source_sha256": allowed.user_function.module.sha256,
     }
     assert checked.identity() == identity
     recorded = Campaign.from_text(allowed.text, "file.h5", recorded_function(identity))

@@ -111,7 +111,7 @@ def test_the_identity_holds_the_constraints_but_not_how_they_are_spelled():
         (["derived: {p: exp(density)}"], "which has 'exp(density)'"),
         (["constraints: pressure < 1"], "constraints: is 'pressure < 1'; must be a list of texts"),
         (["constraints: []"], "constraints: is []; must be a list of texts like ['pressure"),
-        (["constraints: [3]"], "constraints.0: is 3; must be a text like 'pressure < 0.1 * hard"),
+        (["constraints: [3]"], "constraints.0: is '3'; must compare two quantities by <"),
         (["constraints: [density]"], "constraints.0: is 'density'; must compare two quantities"),
         (["constraints: [density < 5]"], "'5' is a pure number; write a number with its unit"),
         (["constraints: [2 < 3]"], "constraints.0: is '2 < 3', which depends on nothing"),

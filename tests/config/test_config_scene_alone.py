@@ -79,7 +79,7 @@ def test_a_scene_alone_is_judged_by_its_growth_unless_it_says_otherwise() -> Non
     assert campaign(*given).plan is None
     assert campaign(*given).objective == campaign().objective
     assert message(*ALONE, ("title", "objective: {law: growth_target, ratio: 5}")) == (
-        "campaign.yaml:1: objective.ratio: is 5; 100 grains in one give 4.642, which is the most"
+        "campaign.yaml:1: objective.ratio: is 5; 100 grains in one give at most 4.642"
     )
 
 

@@ -106,7 +106,7 @@ def test_a_mistake_is_said_in_a_line(entry, width, said):
 def test_a_wide_law_may_fill_no_more_of_the_box_than_has_room():
     wide = "  sizes: {law: lognormal, spread: 2}"
     found = message(wide, "  half_width: 0.01")
-    assert "variables.size_ratio: reaches 0.8, a volume fraction of 1.13 with these" in found
+    assert "variables.size_ratio: reaches 0.8, where the grains fill 1.13 of the box" in found
     fits = with_sizes(wide, "  half_width: 0.01", ("  size_ratio", "  volume_fraction: 0.38"))
     assert fits.variables.fraction(fits.parameters()[1]) == pytest.approx(0.38, rel=1e-13)
 
@@ -222,7 +222,7 @@ def test_growth_is_possible_up_to_one_grain_of_all():
     low = ("  size_ratio", "  volume_fraction: 0.1")
     target = ("objective", "objective: {law: growth_target, ratio: 6}")
     assert with_sizes(wide, "  half_width: 0.01", low, target).objective.ratio == 6
-    with pytest.raises(CampaignError, match=r"100 grains in one give 4\.642"):
+    with pytest.raises(CampaignError, match=r"100 grains in one give at most 4\.642"):
         Campaign.from_text(edited(target))
     most = ("objective", "objective: maximum_growth")
     objective = with_sizes(wide, "  half_width: 0.01", low, most)

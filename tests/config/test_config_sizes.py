@@ -109,7 +109,7 @@ def test_the_middle_and_a_given_string_may_be_by_volume_fraction():
         ),
         (
             [("  size_ratio", "  volume_fraction: 0.5")],
-            "variables.volume_fraction: is 0.5; random placement jams near 0.38, so at most that",
+            "variables.volume_fraction: is 0.5; must be at most 0.38; random placement jams",
         ),
         ([("  size_ratio", "  volume_fraction: [0.2, 0.1]")], "the lower end must be less than"),
         ([("  size_ratio", "  volume_fraction: 0")], "is 0; must be greater than 0"),

@@ -139,8 +139,8 @@ def test_parameters_may_lie_outside_the_search_box() -> None:
         ({"hardnes": 1.0}, "campaign.yaml: hardnes: unknown variable; did you mean 'hardness'?"),
         ({"speed": 1.0}, "campaign.yaml: speed: unknown variable; did you mean 'relative_speed'?"),
         ({"hardness": "1 K"}, "campaign.yaml: hardness: wrong unit: 'K' is temperature"),
-        ({"size_ratio": 0.9}, "campaign.yaml: size_ratio: is 0.9, a volume fraction of 0.382"),
-        ({"temperature": 0}, "campaign.yaml: temperature: is 0; must be above absolute zero"),
+        ({"size_ratio": 0.9}, "campaign.yaml: size_ratio: is 0.9; must be at most 0.8986"),
+        ({"temperature": 0}, "campaign.yaml: temperature: is 0; must be greater than 0 K"),
         ({"density": float("nan")}, "campaign.yaml: density: is nan; must be a finite number"),
     ],
 )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from law_subjects import instance, subject_of
 
-from agglom_mpi.contracts.starts import sizes_failures
+from agglom_mpi.contracts.grains import sizes_failures
 from agglom_mpi.contracts.tested_laws import law_findings, properties_of
 from agglom_mpi.physics.contact import CompressionRecoveryDuration
 from agglom_mpi.physics.cooling import Cooling

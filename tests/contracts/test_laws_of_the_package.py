@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from law_subjects import KEYS, subject_of
 
-from agglom_mpi.contracts.starts import sizes_failures
+from agglom_mpi.contracts.grains import sizes_failures
 from agglom_mpi.contracts.subject import Case
 from agglom_mpi.contracts.tested_laws import guarded, law_findings, properties_of
 from agglom_mpi.physics.hardness import ArrheniusHardness

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from goals import FUNCTION_MEAN, growth_target, maximum_growth, moment_targets
 
-from agglom_mpi.contracts.objectives_and_rules import (
+from agglom_mpi.contracts.searches import (
     OBJECTIVE_PROPERTIES,
     RULE_PROPERTIES,
+    SEARCH_PROPERTIES,
     objective_failures,
     rule_failures,
+    search_failures,
 )
-from agglom_mpi.contracts.searches import SEARCH_PROPERTIES, search_failures
 from agglom_mpi.search.methods.baselines import RandomPoints, RandomSearch
 from agglom_mpi.search.methods.genetic import Genetic, GeneticSearch
 from agglom_mpi.search.methods.method import SearchMethod

@@ -10,8 +10,7 @@ from typing import Annotated, ClassVar, Literal
 import pytest
 
 from agglom_mpi.declaration.components import In, Whole
-from agglom_mpi.declaration.declared import LATER, Declared, FieldError
-from agglom_mpi.declaration.field_types import NONE
+from agglom_mpi.declaration.declared import LATER, NONE, Declared, FieldError
 
 
 class Part(Declared):

@@ -7,7 +7,7 @@ from storage_rows import put_status
 
 from agglom_mpi import open_campaign
 from agglom_mpi.analysis.file_check import check_file
-from agglom_mpi.config.certificate_plan import CertificatePlan
+from agglom_mpi.config.plan import CertificatePlan
 from agglom_mpi.inference import feasible_set
 from agglom_mpi.inference.certificate import certificate_of, certificate_path, samples_digest
 from agglom_mpi.inference.part_of_set import CertificateError

@@ -96,7 +96,7 @@ REFUSED = {
         "velocities": np.zeros((2, 3)),
     },
     "radii are for 2 particles, but particles for 5": {"radii": [1e-3, 1e-3], "particles": 5},
-    "particles are 0; must be a whole number of at least 1": {"particles": 0},
+    "particles is 0; must be a whole number of at least 1": {"particles": 0},
     "positions[0, 1] is 0.011 m; must be from -0.01 to 0.01 m": {
         "positions": [[0, 0.011, 0], [0, 0, 0]]
     },

@@ -13,9 +13,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from agglom_mpi.declaration.bounded_reading import quoted_start
 from agglom_mpi.declaration.declared import FieldError
 from agglom_mpi.declaration.units import quoted, to_si
+from agglom_mpi.file_kinds import quoted_start
 from agglom_mpi.measurements.files.grain_file import MAX_ROWS, grains_of, read_content
 from agglom_mpi.measurements.files.size_columns import (
     CURVE_EXAMPLE,

@@ -4,9 +4,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Final, TypeAlias
 
-from agglom_mpi.declaration.bounded_reading import quoted_start, read_bounded
 from agglom_mpi.declaration.units import quoted
-from agglom_mpi.file_kinds import begins_as_hdf5
+from agglom_mpi.file_kinds import begins_as_hdf5, quoted_start, read_bounded
 from agglom_mpi.measurements.files.size_columns import (
     AMOUNTS,
     RELATIVE,

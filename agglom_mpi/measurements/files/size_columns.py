@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import Final, Literal, NamedTuple, TypeAlias
 
-from agglom_mpi.declaration.bounded_reading import quoted_start
 from agglom_mpi.declaration.declared import FieldError
 from agglom_mpi.declaration.units import dimensions_of, quoted, to_si
+from agglom_mpi.file_kinds import quoted_start
 from agglom_mpi.measurements.files.size_curve import ShareWeight
 from agglom_mpi.measurements.files.text_table import (
     Heading,

@@ -12,8 +12,8 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from agglom_mpi.declaration.bounded_reading import quoted_start
 from agglom_mpi.declaration.units import to_si
+from agglom_mpi.file_kinds import quoted_start
 from agglom_mpi.measurements.files.size_columns import (
     RELATIVE,
     CurveKeys,

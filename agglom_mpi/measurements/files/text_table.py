@@ -14,10 +14,10 @@ from contextlib import suppress
 from itertools import chain
 from typing import Any, Final, NamedTuple
 
-from agglom_mpi.declaration.bounded_reading import SHOWN_CHARACTERS, quoted_start
 from agglom_mpi.declaration.spelling import NUMBER as PLAIN_NUMBER
 from agglom_mpi.declaration.spelling import as_python
 from agglom_mpi.declaration.units import dimensions_of
+from agglom_mpi.file_kinds import SHOWN_CHARACTERS, quoted_start
 
 MAX_OTHER_LINES: Final = 1000
 """Maximum number of lines that are not rows of numbers."""

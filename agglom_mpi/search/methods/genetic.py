@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.declaration.components import In, Whole
-from agglom_mpi.declaration.declared import LATER, Declared, FieldPath
-from agglom_mpi.declaration.field_types import NONE
+from agglom_mpi.declaration.declared import LATER, NONE, Declared, FieldPath
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.random_streams import OFFSPRING_BLEND, RANDOM_STRING, search_stream
 from agglom_mpi.search.methods.method import PopulationMethod, SearchInputs

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.declaration.components import In, Whole
-from agglom_mpi.declaration.declared import LATER, FieldPath, Meaning
-from agglom_mpi.declaration.field_types import NotEmpty
+from agglom_mpi.declaration.declared import LATER, FieldPath, Meaning, NotEmpty
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.random_streams import SURROGATE, search_stream
 from agglom_mpi.search.acquisition import (

@@ -5,7 +5,7 @@ import pytest
 from campaign_text import campaign
 
 from agglom_mpi.cli.certify import certify
-from agglom_mpi.config.certificate_plan import CertificatePlan
+from agglom_mpi.config.plan import CertificatePlan
 from agglom_mpi.config.yaml_source import CampaignError
 
 GIVEN = "{claim: 80%, strings: 40, robust: {relative_speed: 5%}}"

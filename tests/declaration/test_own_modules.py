@@ -5,8 +5,7 @@ from types import ModuleType
 
 import pytest
 
-from agglom_mpi.declaration.frozen_values import frozen_values
-from agglom_mpi.declaration.own_modules import OwnModule, executed
+from agglom_mpi.declaration.own_modules import OwnModule, executed, frozen_values
 
 
 def values_of(source, folder=""):
