@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.emulation.emulator import Emulator, merge_samples
 from agglom_mpi.emulation.gaussian_process import Floats
+from agglom_mpi.statistics import MeanEstimate, mean_of
 
 REGION_WEIGHT: Final = 0.9
 """Weight in the region whose volume is measured."""
@@ -71,13 +72,6 @@ class Candidate(NamedTuple):
         return np.asarray(np.linalg.cholesky(self.covariances + self.error), np.float64)
 
 
-class ExpectedVolume(NamedTuple):
-    """Mean volume after a measurement, as a share of the box, and its Monte-Carlo error."""
-
-    mean: float
-    standard_error: float
-
-
 def region_volumes(weights: Floats, share: float) -> Floats:
     """Return the volumes of the smallest regions with 90 % of the weight.
 
@@ -107,8 +101,8 @@ def expected_volume(
     candidate: Candidate,
     random: np.random.Generator,
     count: int = SIMULATED_MEASUREMENTS,
-) -> ExpectedVolume:
-    """Return the expected volume of the posterior after a measurement of a candidate.
+) -> MeanEstimate:
+    """Return the mean volume of the posterior after a measurement of a candidate, over `count`.
 
     Parameters
     ----------
@@ -126,7 +120,7 @@ def expected_volume(
     volumes = np.concatenate(
         [_volumes_after(points, some) for some in logarithms_after(points, candidate, measured)]
     )
-    return ExpectedVolume(float(volumes.mean()), float(volumes.std(ddof=1) / np.sqrt(count)))
+    return mean_of(volumes)
 
 
 def simulated_measurements(
@@ -233,47 +227,37 @@ class LinearQuantity(NamedTuple):
     rest_deviations: Floats | float = 0.0
 
 
-class CandidateEmulator:
-    """Emulator of a number of a sample beside those that are emulated already.
+def emulated_candidate(
+    samples: tuple[Floats, Floats, Floats],
+    number: Floats,
+    points: Floats,
+    random: np.random.Generator,
+    groups: int = 0,
+) -> LinearQuantity:
+    """Return a number of a sample, beside those that are emulated already, at points.
+
+    Its matrix has the slopes of its noise against that of these numbers.
 
     Parameters
     ----------
-    coordinates
-        Of each sample, shape (m, d).
-    emulated
-        Numbers of each sample that have emulators, shape (m, p).
-    residuals
-        Means of these numbers less their held-out predictions at the different points of the
-        samples in ascending order, shape (s, p).
+    samples
+        Coordinates of each sample, shape (m, d); its numbers that have emulators, (m, p); and means
+        of these less their held-out predictions at the different points of the samples in ascending
+        order, (s, p).
     number
         The candidate of each sample, shape (m,).
+    points
+        Where it is predicted, shape (n, d).
     random
         Stream of the subsets that covariances are fitted to.
     groups
         Number of coordinates, the last ones, that are groups of variables.
-
-    Attributes
-    ----------
-    slopes : ndarray
-        Of the candidate's noise against that of the numbers, shape (p,).
     """
-
-    def __init__(
-        self,
-        coordinates: Floats,
-        emulated: Floats,
-        residuals: Floats,
-        number: Floats,
-        random: np.random.Generator,
-        groups: int = 0,
-    ) -> None:
-        first = Emulator(merge_samples(coordinates, number), random, groups, rounds=0)
-        own = first.data.means - first.held_out()[0]
-        self.slopes = np.asarray(np.linalg.lstsq(residuals, own, rcond=None)[0], np.float64)
-        rest = number - emulated @ self.slopes
-        self._rest = Emulator(merge_samples(coordinates, rest), random, groups)
-
-    def at(self, points: Floats) -> LinearQuantity:
-        """Return the candidate at points, (n, d)."""
-        mean, deviation = self._rest.mean(points), self._rest.deviation(points)
-        return LinearQuantity(self.slopes[None], mean[:, None], deviation[:, None])
+    coordinates, emulated, residuals = samples
+    first = Emulator(merge_samples(coordinates, number), random, groups, rounds=0)
+    own = first.data.means - first.held_out()[0]
+    slopes = np.asarray(np.linalg.lstsq(residuals, own, rcond=None)[0], np.float64)
+    rest = number - emulated @ slopes
+    emulator = Emulator(merge_samples(coordinates, rest), random, groups)
+    mean, deviation = emulator.mean(points), emulator.deviation(points)
+    return LinearQuantity(slopes[None], mean[:, None], deviation[:, None])

@@ -16,7 +16,7 @@ from agglom_mpi.formatting import (
     label_of,
     pluralise,
 )
-from agglom_mpi.inference.measured_mean import MeasuredMean
+from agglom_mpi.inference.data_posterior import MeasuredMean
 from agglom_mpi.inference.next_measurement import NextMeasurements
 from agglom_mpi.inference.posterior import Posterior
 from agglom_mpi.inference.posterior_sampling import CENTRAL, REPORTED_QUANTILES

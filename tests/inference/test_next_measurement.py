@@ -55,8 +55,8 @@ def test_repetitions_with_half_of_the_error_leave_what_least_squares_leave(toy, 
         weights = ERRORS**-2.0
         weights[i] *= 1.0 + next_measurement.REPEATED_ERROR**-2
         expected = ellipse(SLOPES.T @ np.diag(weights) @ SLOPES)
-        assert left[f"number {i}, again"].mean == pytest.approx(expected, rel=0.05)
-    means = [each.after.mean for each in found.ranked]
+        assert left[f"number {i}, again"].value == pytest.approx(expected, rel=0.05)
+    means = [each.after.value for each in found.ranked]
     assert means == sorted(means)
     assert max(means) < found.volume
 
@@ -73,7 +73,7 @@ def test_a_repetition_of_a_correlated_datum_has_errors_of_its_own(tmp_path, monk
         again = precision.copy()
         again[i, i] += (next_measurement.REPEATED_ERROR * ERRORS[i]) ** -2.0
         expected = ellipse(SLOPES.T @ again @ SLOPES)
-        assert each.after.mean == pytest.approx(expected, rel=0.05)
+        assert each.after.value == pytest.approx(expected, rel=0.05)
 
 
 @pytest.fixture(scope="module")
@@ -163,7 +163,7 @@ def test_the_order_of_candidates_does_not_matter(measured, monkeypatch):
         monkeypatch.setattr(candidate_data, "quantities_to_measure", lambda *_, o=order: o)
         found.append({each.name: each.after for each in measured.next_measurements().ranked})
     for name in ("d43", "spread"):
-        assert found[0][name].mean == pytest.approx(found[1][name].mean, rel=1e-6)
+        assert found[0][name].value == pytest.approx(found[1][name].value, rel=1e-6)
 
 
 def test_what_no_string_changes_tells_two_laws_apart_and_a_law_not_from_itself(
