@@ -10,7 +10,7 @@ from agglom_mpi.formatting import encodable, pluralise, value_with_error
 if TYPE_CHECKING:
     from rich.text import Text
 
-    from agglom_mpi.search.decisions import GenerationSummary
+    from agglom_mpi.search.proposals import GenerationSummary
 
 
 MAX_BAR_WIDTH: Final = 40

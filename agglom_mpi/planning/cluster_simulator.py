@@ -15,9 +15,15 @@ from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.planning.forecast import FREE, MAX_SIMULATED, Forecast, MessageCosts
 from agglom_mpi.scheduling.interface import ReturnedPart, means_of
 from agglom_mpi.scheduling.scheduler import Scheduler
-from agglom_mpi.search.decisions import Decision, StringEvaluated, StringsProposed
 from agglom_mpi.search.inversion import Inversion
-from agglom_mpi.search.proposals import AGAIN, MODEL, OFFSPRING
+from agglom_mpi.search.proposals import (
+    AGAIN,
+    MODEL,
+    OFFSPRING,
+    Decision,
+    StringEvaluated,
+    StringsProposed,
+)
 
 BLOCK: Final = 16
 """Minimum number of samples of a string that are drawn from a workload at once."""

@@ -8,17 +8,19 @@ from numpy.typing import NDArray
 
 from agglom_mpi.judge import EnsembleMeans, Judge
 from agglom_mpi.outcome import SampleSummary, summaries
-from agglom_mpi.search.decisions import (
-    Decision,
-    GenerationSummary,
-    Progress,
-    StringEvaluated,
-    StringsProposed,
-)
 from agglom_mpi.search.ending import EndingCriterion
 from agglom_mpi.search.ensemble import Ensemble, EnsembleResult
 from agglom_mpi.search.methods.method import RunningSearch
-from agglom_mpi.search.proposals import AGAIN, Evaluations, Proposals
+from agglom_mpi.search.proposals import (
+    AGAIN,
+    Decision,
+    Evaluations,
+    GenerationSummary,
+    Progress,
+    Proposals,
+    StringEvaluated,
+    StringsProposed,
+)
 from agglom_mpi.search.racing import RaceEntry, Racing
 from agglom_mpi.search.sample_paths import SampleBatch, SamplePart, WaitingSamples, extend
 

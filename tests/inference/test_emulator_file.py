@@ -133,7 +133,7 @@ def test_the_file_has_no_pickles(exported):
 
 
 def test_measured_data_are_those_of_the_posterior(measured_file, monkeypatch):
-    monkeypatch.setattr("agglom_mpi.inference.emulator_file.MIN_STRINGS", 5)
+    monkeypatch.setattr("agglom_mpi.inference.stored_samples.MIN_STRINGS", 5)
     emulator = load_emulator(measured_file)
     file = read_campaign(measured_file)
     campaign, stored = recorded_campaign(file), stored_samples(file)

@@ -10,10 +10,9 @@ from toy_posteriors import correlated, linear_emulator, measurements
 
 from agglom_mpi.config.yaml_source import ArgumentError
 from agglom_mpi.emulation.blas_threads import single_threaded
-from agglom_mpi.inference import candidate_data, next_measurement
-from agglom_mpi.inference import data_posterior as data_posteriors
+from agglom_mpi.inference import candidate_data, next_measurement, stored_samples
 from agglom_mpi.inference import posterior as posterior_module
-from agglom_mpi.inference.data_posterior import data_posterior, posterior_of
+from agglom_mpi.inference.data_posterior import PosteriorError, data_posterior, posterior_of
 from agglom_mpi.inference.next_measurement import dense_points, next_measurements
 from agglom_mpi.inference.stored_samples import string_values
 from agglom_mpi.inference.telling_apart import telling_measurements
@@ -80,7 +79,7 @@ def test_a_repetition_of_a_correlated_datum_has_errors_of_its_own(tmp_path, monk
 def few_strings(measured_file):
     """Return the posterior of a small campaign, whose few strings are taken for enough."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(data_posteriors, "MIN_STRINGS", 5)
+        patch.setattr(stored_samples, "MIN_STRINGS", 5)
         return data_posterior(read_campaign(measured_file))
 
 
@@ -118,7 +117,7 @@ def test_a_campaign_ranks_all_it_can_measure_and_repetitions(measured):
 @pytest.fixture
 def three_experiments(tmp_path, monkeypatch):
     """Return the posterior of three experiments, of which the last, `faster`, has no data."""
-    monkeypatch.setattr(data_posteriors, "MIN_STRINGS", 5)
+    monkeypatch.setattr(stored_samples, "MIN_STRINGS", 5)
     monkeypatch.setattr(posterior_module, "IMPOSSIBLE", 0.0)
     write_experiments(tmp_path)
     finish(tmp_path, "experiments.yaml")
@@ -203,10 +202,10 @@ def test_an_impossible_error_is_refused_with_its_quantity(measured):
 
 def test_nothing_is_said_of_what_to_measure_next_where_no_string_fits(few_strings, monkeypatch):
     monkeypatch.setattr(posterior_module, "IMPOSSIBLE", math.nextafter(few_strings.p_value, 1.0))
-    with pytest.raises(data_posteriors.PosteriorError, match="is not known before"):
+    with pytest.raises(PosteriorError, match="is not known before"):
         few_strings.what_to_measure_next()
 
 
 def test_a_posterior_without_a_file_has_no_further_measurements(toy):
-    with pytest.raises(data_posteriors.PosteriorError):
+    with pytest.raises(PosteriorError):
         toy.what_to_measure_next()

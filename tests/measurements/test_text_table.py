@@ -8,8 +8,8 @@ import pytest
 
 from agglom_mpi.declaration.bounded_reading import SHOWN_CHARACTERS, clipped, quoted_start
 from agglom_mpi.measurements.files import grain_file
-from agglom_mpi.measurements.files.grain_file import GRAIN_EXAMPLE, read_diameters
 from agglom_mpi.measurements.files.size_columns import SIZES
+from agglom_mpi.measurements.files.size_table import GRAIN_EXAMPLE, read_diameters
 from agglom_mpi.measurements.files.text_table import (
     Heading,
     TableError,

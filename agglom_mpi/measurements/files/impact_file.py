@@ -15,8 +15,8 @@ from agglom_mpi.declaration.bounded_reading import quoted_start
 from agglom_mpi.declaration.declared import FieldError
 from agglom_mpi.declaration.spelling import MAX_MAGNITUDE
 from agglom_mpi.declaration.units import quoted, to_si
-from agglom_mpi.measurements.files.grain_file import read_content
 from agglom_mpi.measurements.files.size_columns import CurveKeys
+from agglom_mpi.measurements.files.size_table import read_content
 from agglom_mpi.measurements.files.text_table import (
     TableError,
     TextTable,
