@@ -9,11 +9,10 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agglom_mpi.analysis.estimates import completed_rows
 from agglom_mpi.outcome import COMPLETED, FailureReason, quantity_columns
-from agglom_mpi.statistics import MeanEstimate, mean_of
+from agglom_mpi.statistics import Floats, MeanEstimate, mean_of
 
 if TYPE_CHECKING:
     from agglom_mpi.storage.reader import CampaignData
@@ -50,7 +49,7 @@ def as_entries(data: "CampaignData", string: int) -> dict[str, Any]:
 
 def quantity_table(
     data: "CampaignData", strings: Iterable[int], fresh: bool
-) -> dict[str, tuple[NDArray[np.float64], str]]:
+) -> dict[str, tuple[Floats, str]]:
     """Return columns of means and standard errors for n strings: values, (n,), and unit, by name.
 
     Parameters
@@ -61,7 +60,7 @@ def quantity_table(
         Whether the means are over fresh samples, and not over those that results rest on.
     """
     found = [quantity_means(data, string) for string in strings] if data.sizes.quantities else []
-    table: dict[str, tuple[NDArray[np.float64], str]] = {}
+    table: dict[str, tuple[Floats, str]] = {}
     for name, unit in data.sizes.quantities.items():
         means = [each[name][int(fresh)] for each in found]
         own = quantity_columns(name)[2 * fresh :]

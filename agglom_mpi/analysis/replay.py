@@ -25,6 +25,7 @@ from agglom_mpi.search.proposals import (
     Proposals,
     StringEvaluated,
 )
+from agglom_mpi.statistics import Floats
 from agglom_mpi.storage.reader import given_strings
 from agglom_mpi.storage.recorded_campaign import allowed_function, recorded_campaign
 from agglom_mpi.storage.schema import parameters_of
@@ -165,7 +166,7 @@ def _propose_ahead(inversion: Inversion, last: int) -> None:
         pass
 
 
-def _given(campaign: Campaign, report: VerificationReport) -> NDArray[np.float64]:
+def _given(campaign: Campaign, report: VerificationReport) -> Floats:
     """Return the strings that the search began with, as they are stored, shape (n, k).
 
     Where a row is lost, the middle of the box takes its place, so that the others keep theirs.

@@ -14,13 +14,13 @@ from typing import Any, Final, NamedTuple, Self
 import numpy as np
 
 from agglom_mpi.config.certificate_plan import ENTRY, CertificatePlan
-from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.errors import UserError
 from agglom_mpi.inference.emulated_set import EmulatedSet
 from agglom_mpi.inference.set_points import OUTER_PROBABILITY, SetPoints
 from agglom_mpi.random_streams import CERTIFICATE, search_stream
 from agglom_mpi.search.criteria import DRAWN_FUNCTIONS, Band, Criterion
 from agglom_mpi.search.membership import MembershipTest, chance_to_show, looks_until
+from agglom_mpi.statistics import Floats
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.recorded_campaign import recorded_objective
 

@@ -10,7 +10,6 @@ import numpy as np
 from agglom_mpi.config.arguments import read_error, read_number, shown
 from agglom_mpi.config.yaml_source import ArgumentError
 from agglom_mpi.emulation.blas_threads import single_threaded
-from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.inference.data_calibration import calibrate_posterior
 from agglom_mpi.inference.data_emulator import EmulatedData
 from agglom_mpi.inference.emulated_set import EmulatedSet
@@ -24,6 +23,7 @@ from agglom_mpi.inference.stored_samples import (
     string_values,
 )
 from agglom_mpi.measurements.datum import exact_values
+from agglom_mpi.statistics import Floats
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
 if TYPE_CHECKING:

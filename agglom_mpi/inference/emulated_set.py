@@ -8,7 +8,6 @@ import numpy as np
 
 from agglom_mpi.config.arguments import mistaken_argument
 from agglom_mpi.config.certificate_plan import read_tolerance
-from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.formatting import ROUNDING
 from agglom_mpi.inference.posterior_sampling import PRIOR_POINTS
 from agglom_mpi.inference.searched_box import EmulatedBox, EmulatedStrings, SearchedBox
@@ -16,6 +15,7 @@ from agglom_mpi.inference.stored_samples import StoredSamples
 from agglom_mpi.random_streams import FEASIBLE_SET
 from agglom_mpi.search.criteria import Criterion
 from agglom_mpi.search.membership import extreme_numbers
+from agglom_mpi.statistics import Floats
 from agglom_mpi.storage.recorded_campaign import recorded_objective
 
 if TYPE_CHECKING:

@@ -19,7 +19,6 @@ from agglom_mpi.config.certificate_plan import DEFAULT_TOLERANCE, read_robust
 from agglom_mpi.declaration.units import to_si
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.emulation.emulator import Emulator
-from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.errors import UserError
 from agglom_mpi.file_kinds import is_hdf5
 from agglom_mpi.formatting import pluralise
@@ -41,6 +40,7 @@ from agglom_mpi.inference.stored_samples import (
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.random_streams import FEASIBLE_SET
 from agglom_mpi.search.criteria import Criterion, NoCriterionError
+from agglom_mpi.statistics import Floats
 from agglom_mpi.storage.files import atomic_file, require_absent, require_writable_folder
 from agglom_mpi.storage.reader import read_inversion
 from agglom_mpi.storage.recorded_campaign import recorded_campaign, recorded_objective

@@ -15,11 +15,9 @@ from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agglom_mpi.emulation.emulator import Emulator, merge_samples
-from agglom_mpi.emulation.gaussian_process import Floats
-from agglom_mpi.statistics import MeanEstimate, mean_of
+from agglom_mpi.statistics import Floats, MeanEstimate, mean_of
 
 REGION_WEIGHT: Final = 0.9
 """Weight in the region whose volume is measured."""
@@ -67,7 +65,7 @@ class Candidate(NamedTuple):
     error: Floats
 
     @property
-    def roots(self) -> NDArray[np.float64]:
+    def roots(self) -> Floats:
         """Cholesky factors of the covariances of a measurement given each point, (n, q, q)."""
         return np.asarray(np.linalg.cholesky(self.covariances + self.error), np.float64)
 
@@ -151,7 +149,7 @@ def _volumes_after(points: WeightedPoints, logarithms: Floats) -> Floats:
 
 
 def _logarithms_after(
-    points: WeightedPoints, means: Floats, roots: NDArray[np.float64], measured: Floats
+    points: WeightedPoints, means: Floats, roots: Floats, measured: Floats
 ) -> Floats:
     """Return logarithms, (r, n), after measurements, (r, q), by roots of covariances, (n, q, q)."""
     squares = np.zeros((len(measured), len(means)))

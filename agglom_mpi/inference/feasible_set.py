@@ -9,7 +9,6 @@ import numpy as np
 from agglom_mpi.config.certificate_plan import DEFAULT_TOLERANCE, deviations_text, read_robust
 from agglom_mpi.config.given_strings import Parameters
 from agglom_mpi.emulation.blas_threads import single_threaded
-from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.errors import UserError, require_library
 from agglom_mpi.formatting import printable
 from agglom_mpi.inference.calibration import Calibration, calibrate
@@ -34,6 +33,7 @@ from agglom_mpi.inference.stored_samples import (
     stored_samples,
 )
 from agglom_mpi.public_face import PublicFace
+from agglom_mpi.statistics import Floats
 from agglom_mpi.storage.recorded_campaign import recorded_campaign, recorded_objective
 from agglom_mpi.storage.schema import LEARNED_FROM
 

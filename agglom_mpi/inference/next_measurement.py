@@ -13,7 +13,6 @@ import numpy as np
 
 from agglom_mpi.config.allowed_share import allowed_share
 from agglom_mpi.emulation.blas_threads import single_threaded
-from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.errors import require_library
 from agglom_mpi.formatting import ROUNDING, value_with_error
 from agglom_mpi.inference.candidate_data import (
@@ -38,7 +37,7 @@ from agglom_mpi.inference.stored_samples import string_values
 from agglom_mpi.measurements.datum import Datum
 from agglom_mpi.measurements.quantities import AssumedError
 from agglom_mpi.random_streams import NEXT_MEASUREMENT, search_stream
-from agglom_mpi.statistics import MeanEstimate, weighted_quantiles
+from agglom_mpi.statistics import Floats, MeanEstimate, weighted_quantiles
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from agglom_mpi.declaration.spelling import suggestion
-from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.errors import UserError
 from agglom_mpi.inference.contributions import Contribution, contributions
 from agglom_mpi.inference.data_calibration import DataCalibration
@@ -40,7 +39,7 @@ from agglom_mpi.inference.predictive import (
 )
 from agglom_mpi.inference.set_directions import MIN_FREE_SHARE, name_ends, touched_ends
 from agglom_mpi.measurements.misfit import UNLIKELY
-from agglom_mpi.statistics import weighted_quantiles
+from agglom_mpi.statistics import Floats, weighted_quantiles
 
 if TYPE_CHECKING:
     import pandas as pd

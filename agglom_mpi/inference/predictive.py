@@ -12,12 +12,12 @@ from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.formatting import value_with_prefix
 from agglom_mpi.inference.data_emulator import PREDICTIVE_STREAM, EmulatedData, chi_squares
 from agglom_mpi.inference.posterior_sampling import REPORTED_QUANTILES, WeightedStrings
 from agglom_mpi.measurements.datum import Datum
 from agglom_mpi.measurements.misfit import UNLIKELY
+from agglom_mpi.statistics import Floats
 
 PREDICTIVE_DRAWS: Final = 2000
 """Number of strings whose predictions are drawn."""

@@ -15,13 +15,13 @@ import numpy as np
 from numpy.lib.recfunctions import repack_fields
 from numpy.typing import NDArray
 
-from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.errors import UserError
 from agglom_mpi.measurements.census import Census, ExperimentCensuses
 from agglom_mpi.measurements.datum import Datum, experiments_of, predictions
 from agglom_mpi.measurements.layout import census_names
 from agglom_mpi.outcome import COMPLETED, FAILED
 from agglom_mpi.search.proposals import MODEL, OFFSPRING
+from agglom_mpi.statistics import Floats
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
 from agglom_mpi.storage.schema import LEARNED_FAVOURS_LOW, LEARNED_STRING, parameters_of
 from agglom_mpi.storage.table import concatenated, fitted

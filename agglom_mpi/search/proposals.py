@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agglom_mpi.statistics import Floats
+
 if TYPE_CHECKING:
     from agglom_mpi.search.ensemble import EnsembleResult
 
@@ -30,7 +32,7 @@ class Proposals(NamedTuple):
     parents: NDArray[np.int64]
     """Numbers of the two parent strings, -1 for none, shape (n, 2); for origin `again` the string
     that gets more samples."""
-    parameters: NDArray[np.float64]
+    parameters: Floats
     """The strings in SI units, shape (n, k)."""
 
 
@@ -39,14 +41,14 @@ class Evaluations(NamedTuple):
 
     ids: NDArray[np.int64]
     """Their numbers, in the order of the proposals, shape (n,)."""
-    parameters: NDArray[np.float64]
+    parameters: Floats
     """The strings as they were evaluated, shape (n, k); a resumed campaign reads them from its
     file."""
-    objectives: NDArray[np.float64]
+    objectives: Floats
     """Shape (n,); not finite where a string could not be evaluated."""
-    deviations: NDArray[np.float64]
+    deviations: Floats
     """The signed means whose magnitudes the objectives are, or the objectives, shape (n,)."""
-    samples: NDArray[np.int64] | NDArray[np.float64]
+    samples: NDArray[np.int64] | Floats
     """Number of completed samples of each, or another number that the variance of its noise is
     inversely proportional to, shape (n,)."""
 
@@ -60,9 +62,7 @@ class Ranked(NamedTuple):
     """Of the search's own estimate; None where the objective is that of the string's ensemble."""
 
 
-def as_proposals(
-    generation: int, strings: NDArray[np.float64], origin: int, slot: int = 0
-) -> Proposals:
+def as_proposals(generation: int, strings: Floats, origin: int, slot: int = 0) -> Proposals:
     """Return strings, shape (n, k), without parents as proposals, in the slots from `slot` on."""
     count = len(strings)
     return Proposals(
@@ -75,8 +75,8 @@ def as_proposals(
 
 
 def begun_with(
-    given: NDArray[np.float64],
-    others: NDArray[np.float64],
+    given: Floats,
+    others: Floats,
     generation: int = 0,
     origin: int = RANDOM,
 ) -> Proposals:
@@ -165,7 +165,7 @@ class FixedProposals(EvaluatedStrings):
 
     parents = 1
 
-    def __init__(self, parameters: NDArray[np.float64]) -> None:
+    def __init__(self, parameters: Floats) -> None:
         super().__init__(len(parameters))
         self._given = parameters
 
@@ -177,9 +177,7 @@ class FixedProposals(EvaluatedStrings):
         """Return None: there is one generation only."""
 
 
-def restored(
-    proposals: Proposals, first: int, known: Mapping[int, NDArray[np.float64]]
-) -> Proposals:
+def restored(proposals: Proposals, first: int, known: Mapping[int, Floats]) -> Proposals:
     """Return proposals, numbered from `first`, with the `known` ones, by number, replaced."""
     parameters = proposals.parameters.copy()
     for row in range(len(parameters)):

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agglom_mpi.declaration.bounded_reading import quoted_start
 from agglom_mpi.declaration.declared import FieldError
@@ -23,6 +22,7 @@ from agglom_mpi.measurements.files.text_table import (
     parse_heading,
     read_table,
 )
+from agglom_mpi.statistics import Floats
 
 MAX_IMPACTS: Final = 300
 """Maximum number of impacts of a file."""
@@ -81,7 +81,7 @@ class MeasuredImpacts(NamedTuple):
         return fit and min(positive, default=0.0) > 0.0 and max(positive) < MAX_MAGNITUDE
 
     @property
-    def conditions(self) -> NDArray[np.float64]:
+    def conditions(self) -> Floats:
         """Speeds, both radii and temperatures, shape (q, 4)."""
         return np.column_stack(self[:4])
 
