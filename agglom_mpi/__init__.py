@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from agglom_mpi.campaign_file import compare_laws, open_campaign
     from agglom_mpi.campaign_runs import load_campaign
     from agglom_mpi.coupling.box import Box
-    from agglom_mpi.inference.campaign_emulator import load_emulator
+    from agglom_mpi.inference.emulator_file import load_emulator
 
 __all__ = [
     "Box",
@@ -59,7 +59,7 @@ def __getattr__(name: str) -> Any:
 
         return compare_laws
     if name == "load_emulator":
-        from agglom_mpi.inference.campaign_emulator import load_emulator
+        from agglom_mpi.inference.emulator_file import load_emulator
 
         return load_emulator
     if name == "Box":

@@ -15,6 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+Floats = NDArray[np.float64]
+"""Array of numbers."""
 Central = tuple[float, float, float]
 """Central moments 2, 3, 4."""
 
@@ -154,7 +156,7 @@ class PooledMomentErrors:
         away = self._numbers(*sample) - self._of.means
         return float(self._gradient(slopes, central) @ away)
 
-    def _numbers(self, particles: int, mean: float, central: Central) -> NDArray[np.float64]:
+    def _numbers(self, particles: int, mean: float, central: Central) -> Floats:
         second, third, fourth = central
         d = mean - self._origin
         about_origin = (
@@ -165,7 +167,7 @@ class PooledMomentErrors:
         )
         return np.array([mean, particles, *(particles * power for power in about_origin)])
 
-    def _gradient(self, slopes: Mapping[str, float], central: Central) -> NDArray[np.float64]:
+    def _gradient(self, slopes: Mapping[str, float], central: Central) -> Floats:
         """Return the derivatives by the six means, shape (6,).
 
         With D the distance of the common mean from c, the sums about that mean are binomial sums of
@@ -220,15 +222,15 @@ class RunningMeans:
         self._products += np.outer(step, values - self.means)
 
     @property
-    def standard_errors(self) -> NDArray[np.float64]:
+    def standard_errors(self) -> Floats:
         """Standard errors of the means, shape (k,); nan below two samples."""
         return self._errors_of(np.diag(self._products))
 
-    def standard_error(self, gradient: NDArray[np.float64]) -> float:
+    def standard_error(self, gradient: Floats) -> float:
         """Return the standard error of a function of the means by its derivatives, (k,)."""
         return float(self._errors_of(np.asarray(gradient @ self._products @ gradient)))
 
-    def _errors_of(self, squares: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _errors_of(self, squares: Floats) -> Floats:
         if self.count < 2:
             return np.full(np.shape(squares), math.nan)
         return np.sqrt(np.maximum(squares, 0.0) / (self.count - 1) / self.count)
@@ -285,7 +287,7 @@ def t_quantile(degrees_of_freedom: int, coverage: float) -> float:
 
 
 def weighted_quantiles(
-    values: NDArray[np.float64], weights: NDArray[np.float64], shares: tuple[float, ...]
+    values: Floats, weights: Floats, shares: tuple[float, ...]
 ) -> tuple[float, ...]:
     """Return the values, of some of shape (n,), below which these shares of the weights lie."""
     order = np.argsort(values)
@@ -294,9 +296,7 @@ def weighted_quantiles(
     return tuple(values[order][places].tolist())
 
 
-def probability_between(
-    lower: float, upper: float, mean: NDArray[np.float64], deviation: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def probability_between(lower: float, upper: float, mean: Floats, deviation: Floats) -> Floats:
     """Return the probability of normally distributed values to lie between two bounds, (n,).
 
     Parameters

@@ -15,7 +15,7 @@ import agglom_mpi
 from agglom_mpi import campaign_runs
 from agglom_mpi.campaign_file import CampaignFile
 from agglom_mpi.config.campaign import PUBLIC, Campaign
-from agglom_mpi.inference.campaign_emulator import CampaignEmulator
+from agglom_mpi.inference.emulator_file import CampaignEmulator
 from agglom_mpi.inference.feasible_set import SET_INTERNALS, FeasibleSet
 from agglom_mpi.public_face import PublicFace
 from agglom_mpi.simulation.sample import Outcome

@@ -10,10 +10,14 @@ from typing import Any, Final
 import numpy as np
 
 from agglom_mpi.analysis.derived import derived_columns, recorded_box, values_of
-from agglom_mpi.analysis.drawn_sizes import drawn_fraction
 from agglom_mpi.analysis.estimates import Estimate, objective_of
 from agglom_mpi.analysis.finite_size import finite_sizes
-from agglom_mpi.analysis.quantity_means import MEASURED_ON, as_entries, quantity_means
+from agglom_mpi.analysis.quantity_means import (
+    MEASURED_ON,
+    as_entries,
+    drawn_fraction,
+    quantity_means,
+)
 from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.analysis.shown_units import column_of
 from agglom_mpi.analysis.tables import time_of_strings

@@ -11,6 +11,7 @@ from agglom_mpi.analysis.estimates import completed_rows, objective_at, objectiv
 from agglom_mpi.formatting import pluralise, value_with_error
 from agglom_mpi.measurements.datum import Datum, exact_values
 from agglom_mpi.measurements.misfit import UNLIKELY, DatumMisfit, Misfit, sampling_noise
+from agglom_mpi.statistics import Floats
 from agglom_mpi.storage.reader import CampaignData
 
 
@@ -38,7 +39,7 @@ def data_fit(file: CampaignData, string: int) -> tuple[Misfit, int] | None:
     return law.misfit(law.summaries(completed)), len(completed)
 
 
-StringPredictions = tuple[tuple[Datum, ...], NDArray[np.float64], NDArray[np.float64]]
+StringPredictions = tuple[tuple[Datum, ...], Floats, Floats]
 """Data, what a string predicts for the values of all of them, (Q,), one datum after the other, and
 the covariance of the errors of that by the jackknife over samples, (Q, Q); nan of a single one."""
 

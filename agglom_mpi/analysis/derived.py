@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agglom_mpi.analysis.estimates import kept
 from agglom_mpi.config.quantities import DerivedColumn, columns_of
+from agglom_mpi.statistics import Floats
 from agglom_mpi.storage.recorded_campaign import code_note, recorded_campaign
 from agglom_mpi.storage.schema import INVERSION, parameters_of
 from agglom_mpi.variables import LOGARITHMIC, VOLUME_FRACTION, Variable, VariableTable
@@ -15,8 +15,6 @@ from agglom_mpi.variables import LOGARITHMIC, VOLUME_FRACTION, Variable, Variabl
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
     from agglom_mpi.storage.reader import CampaignData
-
-Floats = NDArray[np.float64]
 
 DERIVING_KEYS: Final = ("derived", "volume_fraction", "grain_diameter", "grain_radius", "sizes")
 """Keys of a campaign file; a campaign with derived columns has at least one of them."""

@@ -198,7 +198,7 @@ def unconverged(data: "CampaignData") -> int:
 @kept
 def objective_of(data: "CampaignData") -> "Objective":
     """Return the objective that a campaign searched by."""
-    from agglom_mpi.inference.tolerances import recorded_objective
+    from agglom_mpi.storage.recorded_campaign import recorded_objective
 
     grains: float = int(data.identity["scene.particles"])
     if "scene.sizes.law" in data.identity:

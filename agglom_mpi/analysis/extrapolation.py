@@ -25,9 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.formatting import value_with_error
-from agglom_mpi.statistics import MeanEstimate
-
-Floats = NDArray[np.float64]
+from agglom_mpi.statistics import Floats, MeanEstimate
 
 POOR_FIT: Final = 0.05
 """Probability of a misfit at least as large below which a line or parabola in 1/N is rejected."""

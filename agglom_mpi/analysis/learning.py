@@ -14,6 +14,7 @@ from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.proposals import Evaluations
 from agglom_mpi.search.stopping import FixedNumber
+from agglom_mpi.statistics import Floats
 from agglom_mpi.storage.access import DamagedCampaign
 from agglom_mpi.storage.reader import CampaignData, read_campaign, read_inversion
 from agglom_mpi.storage.recorded_campaign import code_note
@@ -68,7 +69,7 @@ def stored_learning(output: Path) -> Learned | None:
     return Learned(rows)
 
 
-def learn_from(campaign: Campaign, path: Path, given: NDArray[np.float64]) -> Learned:
+def learn_from(campaign: Campaign, path: Path, given: Floats) -> Learned:
     """Return all samples of a campaign file that a campaign with the same scene can use.
 
     Samples of a string that the campaign is given to begin with, (n, k), are left out: with the

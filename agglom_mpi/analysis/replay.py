@@ -16,10 +16,16 @@ from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.declaration.reading import SOURCE_VALUES
 from agglom_mpi.errors import MissingLibraryError
 from agglom_mpi.outcome import FAILED
-from agglom_mpi.search.decisions import Decision, GenerationSummary, StringEvaluated
 from agglom_mpi.search.ensemble import EnsembleResult
 from agglom_mpi.search.inversion import Inversion
-from agglom_mpi.search.proposals import MODEL, Proposals
+from agglom_mpi.search.proposals import (
+    MODEL,
+    Decision,
+    GenerationSummary,
+    Proposals,
+    StringEvaluated,
+)
+from agglom_mpi.statistics import Floats
 from agglom_mpi.storage.reader import given_strings
 from agglom_mpi.storage.recorded_campaign import allowed_function, recorded_campaign
 from agglom_mpi.storage.schema import parameters_of
@@ -160,7 +166,7 @@ def _propose_ahead(inversion: Inversion, last: int) -> None:
         pass
 
 
-def _given(campaign: Campaign, report: VerificationReport) -> NDArray[np.float64]:
+def _given(campaign: Campaign, report: VerificationReport) -> Floats:
     """Return the strings that the search began with, as they are stored, shape (n, k).
 
     Where a row is lost, the middle of the box takes its place, so that the others keep theirs.

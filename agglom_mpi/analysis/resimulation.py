@@ -4,11 +4,11 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from agglom_mpi.config.yaml_source import CampaignError, Problem
 from agglom_mpi.measurements.layout import prefix_of
 from agglom_mpi.outcome import COLUMNS, COMPLETED, SPIN_COLUMNS, SPIN_UNITS, outcome_type
+from agglom_mpi.statistics import Floats
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
@@ -25,7 +25,7 @@ COMPARED: Final = 3
 """Number of samples that a check of a file with code of one's own simulates again."""
 
 
-def recorded_parameters(data: "CampaignData", string: int | None) -> npt.NDArray[np.float64]:
+def recorded_parameters(data: "CampaignData", string: int | None) -> Floats:
     """Return the parameters of a string, (k,); raises CampaignError if the file has none."""
     if string is not None and string in data.parameters:
         return data.parameters[string].copy()

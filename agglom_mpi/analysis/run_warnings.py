@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from agglom_mpi.analysis.derived import searched_variables, values_of
-from agglom_mpi.analysis.drawn_sizes import drawn_fraction
 from agglom_mpi.analysis.estimates import is_free_of_noise, objective_of, rounding_of
 from agglom_mpi.analysis.finite_size import finite_size_warnings
+from agglom_mpi.analysis.quantity_means import drawn_fraction
 from agglom_mpi.analysis.ranking import RankedStrings, rank_strings
 from agglom_mpi.formatting import in_unit, pluralise, value_with_error
 from agglom_mpi.outcome import COMPLETED, FailureReason

@@ -16,10 +16,10 @@ from agglom_mpi.analysis.estimates import Estimate, objective_at
 from agglom_mpi.formatting import value_with_error
 from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.search.objectives.objective import Objective
-from agglom_mpi.statistics import MeanEstimate, mean_of, t_tails, without_rounding
+from agglom_mpi.statistics import Floats, MeanEstimate, mean_of, t_tails, without_rounding
 from agglom_mpi.storage.reader import CampaignData
 
-SampleValues = tuple[NDArray[np.int64], NDArray[np.float64]]
+SampleValues = tuple[NDArray[np.int64], Floats]
 """Numbers of the completed samples of a string, ascending, and what each adds to the objective,
 which is their mean (delta method); shape (n,)."""
 SIGNIFICANCE: Final = 0.05
@@ -69,7 +69,7 @@ class PairedSamples:
     def _shared(self, strings: list[int]) -> NDArray[np.int64]:
         return reduce(np.intersect1d, (self._samples[string][0] for string in strings))
 
-    def _values(self, string: int, numbers: NDArray[np.int64]) -> NDArray[np.float64]:
+    def _values(self, string: int, numbers: NDArray[np.int64]) -> Floats:
         own, values = self._samples[string]
         return values[np.searchsorted(own, numbers)]
 

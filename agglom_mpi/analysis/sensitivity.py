@@ -20,6 +20,7 @@ from agglom_mpi.formatting import label_of
 from agglom_mpi.random_streams import SENSITIVITY, search_stream
 from agglom_mpi.search.methods.surrogate import best_and_spread
 from agglom_mpi.search.space import SearchSpace
+from agglom_mpi.statistics import Floats
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
 from agglom_mpi.storage.schema import parameters_of
@@ -52,8 +53,8 @@ class Sensitivity(NamedTuple):
         Share of the noise of the samples in that variance, by the regression.
     """
 
-    first_order: NDArray[np.float64]
-    total: NDArray[np.float64]
+    first_order: Floats
+    total: Floats
     strings: int
     explained: float
     noise: float
@@ -66,8 +67,8 @@ class Sensitivity(NamedTuple):
 
 @single_threaded
 def sensitivity(
-    points: NDArray[np.float64],
-    objectives: NDArray[np.float64],
+    points: Floats,
+    objectives: Floats,
     samples: NDArray[np.int64],
     rounding: float = 0.0,
 ) -> Sensitivity | None:

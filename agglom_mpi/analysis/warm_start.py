@@ -14,6 +14,7 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.own_components import permitted_modules
 from agglom_mpi.config.yaml_source import CampaignError, Problem, parse
 from agglom_mpi.formatting import pluralise
+from agglom_mpi.statistics import Floats
 from agglom_mpi.storage.access import NotACampaign
 from agglom_mpi.storage.reader import (
     given_strings,
@@ -23,8 +24,6 @@ from agglom_mpi.storage.reader import (
 from agglom_mpi.storage.recorded_campaign import code_note
 from agglom_mpi.storage.schema import parameters_of
 from agglom_mpi.storage.verify import row_list
-
-Floats = NDArray[np.float64]
 
 END_ROUNDING: Final = 1e-9
 """Distance beyond an end, relative to that end, that is only rounding of another spelling."""
@@ -193,7 +192,7 @@ def _first_of_equals(strings: Floats, usable: NDArray[np.bool_]) -> NDArray[np.b
     return first
 
 
-def _check_begun(begun: NDArray[np.void], strings: NDArray[np.float64]) -> None:
+def _check_begun(begun: NDArray[np.void], strings: Floats) -> None:
     """Raise ValueError if the strings that a campaign began with are not those it would get now.
 
     The earlier campaign may have gone on since, or have new estimates of its best.

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.coordinates import coordinates_of
 from agglom_mpi.declaration.users_code import users_code
-from agglom_mpi.search.decisions import Decision, StringsProposed
 from agglom_mpi.search.ensemble import Ensemble, EnsembleResult
 from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.search.methods.method import RunningSearch, SearchInputs
-from agglom_mpi.search.proposals import Evaluations, Proposals
+from agglom_mpi.search.proposals import Decision, Evaluations, Proposals, StringsProposed
 
 
 class OwnInversion(Inversion):

@@ -11,7 +11,7 @@ from agglom_mpi.statistics import RunningMean, t_95
 if TYPE_CHECKING:
     from rich.text import Text
 
-    from agglom_mpi.search.decisions import GenerationSummary
+    from agglom_mpi.search.proposals import GenerationSummary
 
 
 MIN_DURATIONS: Final = 3

@@ -14,7 +14,7 @@ from agglom_mpi.formatting import pluralise
 from agglom_mpi.launcher import launched_size
 
 if TYPE_CHECKING:
-    from agglom_mpi.search.decisions import GenerationSummary
+    from agglom_mpi.search.proposals import GenerationSummary
 
 
 TABLE_WIDTH: Final = 88

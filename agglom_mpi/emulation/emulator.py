@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import digamma, gammaincinv, ndtri, polygamma
 
-from agglom_mpi.emulation.gaussian_process import Covariance, Floats, GaussianProcess
+from agglom_mpi.emulation.gaussian_process import Covariance, GaussianProcess
 from agglom_mpi.emulation.likelihood_fit import LargeFit
+from agglom_mpi.statistics import Floats
 
 NOISE_ROUNDS: Final = 2
 """Number of times that the noise and then the mean are fitted again."""

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
-Floats = NDArray[np.float64]
+from agglom_mpi.statistics import Floats
 
 JITTER: Final = 1e-8
 """Number added to the diagonal of a covariance of unit scale to keep it positive definite."""

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from agglom_mpi.emulation.emulator import Emulator, merge_samples
-from agglom_mpi.emulation.gaussian_process import Floats
+from agglom_mpi.statistics import Floats
 
 NORMAL_POINTS: Final = 256
 """Number of normally distributed points that a function of several numbers is averaged over."""

@@ -16,11 +16,11 @@ from scipy.optimize import minimize
 from agglom_mpi.emulation.gaussian_process import (
     JITTER,
     Covariance,
-    Floats,
     matern,
     matern_slope,
     standardised,
 )
+from agglom_mpi.statistics import Floats
 
 LENGTH_BOUNDS: Final = (0.05, 100.0)
 """Bounds of a length in units of the box; a variable with a much longer one has no influence."""

@@ -6,10 +6,10 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.formatting import format_digits
 from agglom_mpi.inference.emulated_set import EmulatedSet
 from agglom_mpi.inference.set_points import SetPoints
+from agglom_mpi.statistics import Floats
 
 MIN_HELD_OUT: Final = 100
 """Minimum number of held-out strings near the set, those nearest to it where it has fewer."""

@@ -1,9 +1,9 @@
 """Data that may be measured next: which quantities at which times, and with which error."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -46,39 +46,19 @@ def quantities_to_measure(
     ]
 
 
-class MeasurableScene(NamedTuple):
-    """A scene whose particles may be measured: that of a campaign, or of an experiment.
+def new_data(campaign: "Campaign", layout: "Layouts", measured: Sequence[Datum]) -> list[Datum]:
+    """Return the data of one number that are not measured yet, of all experiments of a campaign.
 
-    Attributes
-    ----------
-    experiment
-        Name of the experiment; empty where there is none.
-    times
-        Times of the censuses in s; None: the end.
-    has_heat
-        Whether its particles have a temperature that changes.
+    Each is at the times of its censuses, also of those without data so far.
     """
-
-    experiment: str
-    times: Sequence[float | None]
-    has_heat: bool
-
-    def new(self, measured: Sequence[Datum]) -> list[Datum]:
-        """Return the data of one number that are not measured yet, as `quantities_to_measure`."""
-        known = [datum for datum in measured if datum.experiment == self.experiment]
-        found = quantities_to_measure(self.times, known, self.has_heat)
-        if not self.experiment:
-            return found
-        name = self.experiment
-        return [replace(each, experiment=name, name=f"{name}: {each.name}") for each in found]
-
-
-def scenes_to_measure(campaign: "Campaign", layout: "Layouts") -> Iterator[MeasurableScene]:
-    """Yield the scenes of a campaign: of all experiments, also of those without data yet."""
     scenes = {each.name: each.campaign.scene for each in campaign.experiments}
+    found = list[Datum]()
     for name, scene in (scenes or {"": campaign.scene}).items():
         times = [None if time == math.inf else time for time in layout.of(name).times]
-        yield MeasurableScene(name, times, not scene.heating.is_absent)
+        known = [datum for datum in measured if datum.experiment == name]
+        for new in quantities_to_measure(times, known, not scene.heating.is_absent):
+            found.append(replace(new, experiment=name, name=f"{name}: {new.name}") if name else new)
+    return found
 
 
 def repeated(datum: Datum) -> Datum:

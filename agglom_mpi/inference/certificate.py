@@ -14,7 +14,7 @@ import numpy as np
 
 from agglom_mpi.config.plan import ENTRY, CertificatePlan, deviations_text
 from agglom_mpi.formatting import format_percent, pluralise
-from agglom_mpi.inference.part_of_set import CertificateError, PartOfSet
+from agglom_mpi.inference.certified_part import CertificateError, PartOfSet
 from agglom_mpi.inference.stored_samples import stored_samples
 from agglom_mpi.outcome import COLUMNS, COMPLETED
 from agglom_mpi.search.membership import (

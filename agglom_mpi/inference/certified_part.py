@@ -7,18 +7,70 @@ jointly from the emulator, so that it counts that a whole part may be wrong. A r
 only if its samples can decide it, so its mean must keep a distance from the bounds.
 """
 
-from typing import Final, NamedTuple
+import math
+from collections.abc import Mapping
+from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
 
-from agglom_mpi.config.plan import CertificatePlan
-from agglom_mpi.emulation.gaussian_process import Floats
+from agglom_mpi.config.plan import ENTRY, CertificatePlan
+from agglom_mpi.errors import UserError
 from agglom_mpi.inference.emulated_set import EmulatedSet
-from agglom_mpi.inference.part_of_set import CertificateError, PartOfSet
 from agglom_mpi.inference.set_points import OUTER_PROBABILITY, SetPoints
 from agglom_mpi.random_streams import CERTIFICATE, search_stream
-from agglom_mpi.search.criteria import DRAWN_FUNCTIONS
+from agglom_mpi.search.criteria import DRAWN_FUNCTIONS, Band, Criterion
 from agglom_mpi.search.membership import MembershipTest, chance_to_show, looks_until
+from agglom_mpi.statistics import Floats
+from agglom_mpi.storage.reader import CampaignData
+from agglom_mpi.storage.recorded_campaign import recorded_objective
+
+
+class CertificateError(UserError, ValueError):
+    """There is nothing to certify, or a certificate belongs to something else."""
+
+
+class PartOfSet(NamedTuple):
+    """The part of a set that a certificate is about.
+
+    Attributes
+    ----------
+    least_probability
+        The part is all strings that are members with at least this probability; where values
+        wobble, on average over the wobble.
+    share
+        Its share of what is allowed of the box.
+    allowed
+        Share of the box that the constraints allow.
+    expected
+        Probability by the emulator that the claim would be shown.
+    least_mean
+        Least mean growth of a right string, where members are those near a maximum: the share of
+        the emulated maximum. nan otherwise.
+    """
+
+    least_probability: float
+    share: float
+    allowed: float
+    expected: float
+    least_mean: float = math.nan
+
+    def entries(self) -> dict[str, object]:
+        """Return it as entries of an identity, without what is nan."""
+        return {ENTRY + n: v for n, v in self._asdict().items() if not math.isnan(v)}
+
+    @classmethod
+    def of_entries(cls, identity: Mapping[str, Any]) -> Self:
+        """Return the part of an identity."""
+        return cls(*(float(identity.get(ENTRY + name, math.nan)) for name in cls._fields))
+
+    def criterion(self, data: CampaignData, tolerance: float) -> Criterion:
+        """Return what makes a string of the campaign of a file right."""
+        criterion = recorded_objective(data).criterion(tolerance)
+        if math.isnan(self.least_mean):
+            return criterion
+        text = f"mean b/b0 at least {self.least_mean:.4g}, near the emulated maximum"
+        return Band("mean_radius_ratio", self.least_mean, math.inf, text)
+
 
 WANTED_CHANCE: Final = 0.8
 """Minimum probability that the claim is shown; the largest part that has it is chosen."""

@@ -9,7 +9,6 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from agglom_mpi.emulation.blas_threads import single_threaded
-from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.inference.data_emulator import EmulatedData, log_densities
 from agglom_mpi.inference.posterior_sampling import (
     MAX_LOGARITHM_AWAY,
@@ -19,6 +18,7 @@ from agglom_mpi.inference.posterior_sampling import (
     sample_posterior,
 )
 from agglom_mpi.measurements.datum import experiments_of
+from agglom_mpi.statistics import Floats
 
 AT_ONCE: Final = 2048
 """Maximum number of strings whose covariances of all data are kept together."""

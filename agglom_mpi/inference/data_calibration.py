@@ -18,7 +18,6 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from scipy.stats import kstest, kstwo
 
-from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.formatting import format_digits
 from agglom_mpi.inference.calibration import MAX_COVERAGE, MIN_COVERAGE, Region, region_of
 from agglom_mpi.inference.data_emulator import (
@@ -28,6 +27,7 @@ from agglom_mpi.inference.data_emulator import (
     log_densities,
 )
 from agglom_mpi.inference.posterior_sampling import CENTRAL, WeightedStrings, effective_size
+from agglom_mpi.statistics import Floats
 
 DATA_SETS: Final = 200
 """Number of data sets that are made up."""

@@ -20,7 +20,6 @@ import numpy as np
 
 from agglom_mpi.config.coordinates import coordinates_of
 from agglom_mpi.emulation.emulator import merge_samples
-from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.inference.posterior_sampling import MAX_LOGARITHM_AWAY, Observed
 from agglom_mpi.inference.searched_box import EmulatedBox, EmulatedStrings, SearchedBox
 from agglom_mpi.inference.stored_samples import StoredSamples, StringValues
@@ -28,6 +27,7 @@ from agglom_mpi.measurements.datum import Datum, exact_values, experiments_of
 from agglom_mpi.measurements.misfit import ResidualFrame, residual_frame
 from agglom_mpi.physics.impact_tests import impact_coefficients
 from agglom_mpi.random_streams import DATA_POSTERIOR
+from agglom_mpi.statistics import Floats
 
 MIN_COMPONENT_VARIANCE: Final = 0.01
 """Minimum variance between strings of an emulated component; that of the measurement is 1."""

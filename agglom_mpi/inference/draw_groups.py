@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.errors import require_library
 from agglom_mpi.inference.posterior_sampling import Measurement, Observed
 from agglom_mpi.inference.searched_box import SearchedBox
+from agglom_mpi.statistics import Floats
 from agglom_mpi.version import __version__
 
 if TYPE_CHECKING:

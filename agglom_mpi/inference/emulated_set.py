@@ -1,20 +1,89 @@
 """Probability that a string is a member of the set, by an emulator of the campaign's samples."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
-from typing import Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from agglom_mpi.emulation.gaussian_process import Floats
+from agglom_mpi.config.arguments import mistaken_argument
+from agglom_mpi.config.plan import read_tolerance
 from agglom_mpi.formatting import ROUNDING
 from agglom_mpi.inference.posterior_sampling import PRIOR_POINTS
 from agglom_mpi.inference.searched_box import EmulatedBox, EmulatedStrings, SearchedBox
 from agglom_mpi.inference.stored_samples import StoredSamples
-from agglom_mpi.inference.wobble import Wobble
 from agglom_mpi.random_streams import FEASIBLE_SET
 from agglom_mpi.search.criteria import Criterion
 from agglom_mpi.search.membership import extreme_numbers
+from agglom_mpi.statistics import Floats
+from agglom_mpi.storage.recorded_campaign import recorded_objective
+
+if TYPE_CHECKING:
+    from agglom_mpi.storage.reader import CampaignData
+
+DEVIATIONS: Final = 16
+"""Number of deviations of a string that its probability is averaged over."""
+
+
+def even_places(count: int) -> Floats:
+    """Return deviations of `count` variables, (`DEVIATIONS`, count), evenly from -1 to 1."""
+    from scipy.stats import qmc
+
+    points = qmc.Sobol(count, scramble=False).random(DEVIATIONS)
+    return np.asarray(2.0 * points + 1.0 / DEVIATIONS - 1.0)  # in the middle of their intervals
+
+
+def mean_over_deviations(function: Callable[[Floats], Any], count: int) -> Any:
+    """Return the mean of a function of deviations, (count,), over `DEVIATIONS` even ones."""
+    return np.mean([function(place) for place in even_places(count)], axis=0)
+
+
+class Wobble:
+    """Values of the variables of strings that deviate evenly by up to a share of themselves.
+
+    The emulator is known in the box alone, so a deviation that would leave the box ends at its
+    edge, both in probabilities and in strings that are judged. Near an edge, that edge therefore
+    counts more often than any one value inside. Deviations may break the constraints; they are then
+    no members.
+
+    Parameters
+    ----------
+    box
+    robust
+        By name, the largest relative deviation of a variable; none where nothing deviates.
+    """
+
+    def __init__(self, box: SearchedBox, robust: Mapping[str, float]) -> None:
+        self._space = box.space
+        named = {variable.name: variable for variable in box.own}
+        self._wobbling = [(named[name], share) for name, share in robust.items()]
+
+    def __bool__(self) -> bool:
+        return bool(self._wobbling)
+
+    def wobbled(self, strings: Floats, places: Floats) -> Floats:
+        """Return strings, (n, k), with values at places from -1 to 1, (n, w) or (w,).
+
+        A value that would leave the box is at its edge.
+        """
+        found = strings.copy()
+        for i, (variable, share) in enumerate(self._wobbling):
+            factors = 1.0 + share * np.asarray(places)[..., i]
+            found[:, variable.column] *= factors ** (1.0 / variable.power)
+        return np.asarray(self._space.clip(found))
+
+    def drawn(self, strings: Floats, random: np.random.Generator) -> Floats:
+        """Return strings, (n, k), each with drawn values."""
+        shape = len(strings), len(self._wobbling)
+        return self.wobbled(strings, random.uniform(-1.0, 1.0, shape)) if shape[1] else strings
+
+    def mean(self, function: Callable[[Floats], Any], strings: Floats) -> Any:
+        """Return the mean of a function of strings, (n, k), over their deviations."""
+        if not self._wobbling:
+            return function(strings)
+        count = len(self._wobbling)
+        return mean_over_deviations(lambda place: function(self.wobbled(strings, place)), count)
+
 
 BOX_POINTS: Final = 1 << 13
 """Number of even points of the box."""
@@ -162,3 +231,12 @@ def settled_numbers(numbers: Floats) -> Floats:
     """
     spread, size = np.ptp(numbers, axis=0), np.abs(numbers).max(axis=0)
     return np.where(spread <= ROUNDING * size, numbers[0], numbers)
+
+
+def tolerance_of(data: "CampaignData", tolerance: float | str) -> float:
+    """Return the tolerance of a file's objective; raise an ArgumentError if it is impossible."""
+    objective = recorded_objective(data)
+    try:
+        return read_tolerance(objective, tolerance)
+    except ValueError as error:
+        raise mistaken_argument(data.path, "tolerance", error) from None

@@ -1,44 +1,49 @@
-"""The emulator of a campaign as a file that NumPy alone evaluates: `agglom export --emulator`.
+"""The emulator of a campaign as a file that NumPy alone evaluates, and as an object of Python.
 
 The file is an archive of plain arrays. A block of arrays, whose names begin with its number, holds
 the Gaussian processes of numbers with the same points; `place NAME` is the block and the values of
 a quantity in it. `portable_emulator.py` evaluates them, and is written beside the file.
 """
 
-from collections.abc import Iterator
+import os
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, suppress
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from agglom_mpi.config.arguments import mistaken_argument
-from agglom_mpi.config.plan import DEFAULT_TOLERANCE
+from agglom_mpi.config.plan import DEFAULT_TOLERANCE, read_robust
+from agglom_mpi.declaration.units import to_si
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.emulation.emulator import Emulator
-from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.errors import UserError
+from agglom_mpi.file_kinds import is_hdf5
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.inference import portable_emulator
 from agglom_mpi.inference.calibration import MIN_COVERAGE, region_of
 from agglom_mpi.inference.data_emulator import EmulatedData
-from agglom_mpi.inference.emulated_set import settled_numbers
+from agglom_mpi.inference.emulated_set import mean_over_deviations, settled_numbers, tolerance_of
 from agglom_mpi.inference.feasible_set import feasible_set
-from agglom_mpi.inference.portable_emulator import FORMAT, GROWTH
+from agglom_mpi.inference.portable_emulator import FORMAT, GROWTH, PortableEmulator
 from agglom_mpi.inference.searched_box import EmulatedBox, SearchedBox
 from agglom_mpi.inference.stored_samples import (
-    MIN_STRINGS,
     StoredSamples,
     favours_low_objectives,
+    require_emulated,
+    require_strings,
     stored_samples,
     string_values,
-    why_not_emulated,
 )
-from agglom_mpi.inference.tolerances import recorded_objective, tolerance_of
+from agglom_mpi.public_face import PublicFace
 from agglom_mpi.random_streams import FEASIBLE_SET
 from agglom_mpi.search.criteria import Criterion, NoCriterionError
+from agglom_mpi.statistics import Floats
 from agglom_mpi.storage.files import atomic_file, require_absent, require_writable_folder
-from agglom_mpi.storage.recorded_campaign import recorded_campaign
+from agglom_mpi.storage.reader import read_inversion
+from agglom_mpi.storage.recorded_campaign import recorded_campaign, recorded_objective
 from agglom_mpi.version import __version__
 
 if TYPE_CHECKING:
@@ -108,10 +113,9 @@ def emulator_arrays(data: "CampaignData", tolerance: float | str | None = None) 
         If the tolerance is impossible, or there is no set that it could be of.
     """
     campaign = recorded_campaign(data)
-    if reason := why_not_emulated(campaign):
-        raise NoEmulatorError(f"{data.path}: {reason}")
+    require_emulated(data, NoEmulatorError)
     band, stored, box = _band(data, tolerance), stored_samples(data), SearchedBox(campaign)
-    _require_strings(data, stored.strings)
+    require_strings(data, stored.strings, "an emulator", NoEmulatorError)
     arrays, about = _box_arrays(box), {"title": data.title, "digest": campaign.sha256()}
     about["version"] = __version__
     name = GROWTH if band is None else band.quantities[0]
@@ -137,15 +141,6 @@ def emulator_arrays(data: "CampaignData", tolerance: float | str | None = None) 
         texts = "; ".join(each.text for each in campaign.relations.constraints)
         about["constraints"] = f"not evaluated, nor in the probability: {texts}"
     return arrays | {"about": np.array([*about.items()])}
-
-
-def _require_strings(data: "CampaignData", strings: Floats) -> None:
-    different = len(np.unique(np.nan_to_num(strings), axis=0))
-    if different < MIN_STRINGS:
-        raise NoEmulatorError(
-            f"{data.path}: results of {different} different strings; at least {MIN_STRINGS} are "
-            "needed for an emulator"
-        )
 
 
 def _band(data: "CampaignData", tolerance: float | str | None) -> Criterion | None:
@@ -206,7 +201,7 @@ def _add_data(
     if all(datum.kind.is_exact for datum in data):
         return {}
     values = string_values(file, data, stored)
-    _require_strings(file, values.strings)
+    require_strings(file, values.strings, "an emulator", NoEmulatorError)
     of = EmulatedData(box, data, values, stored)
     back = np.linalg.pinv(of.frame.basis)
     linear = {
@@ -226,3 +221,129 @@ def _add_data(
             arrays[f"edges {name}"] = datum.edges
     arrays["quantities"] = np.vstack((arrays["quantities"], units))
     return {"data": _held_out(of)}
+
+
+class CampaignEmulator(PortableEmulator, metaclass=PublicFace):
+    """Emulated means of any string of a campaign's box.
+
+    `agglom_mpi.load_emulator(path)` returns it. Strings are values by name, in a mapping or a
+    DataFrame: SI numbers or texts with units, one or an array of any shape. A string outside of the
+    box is a ValueError, which names the variable, its value and its range.
+
+    Attributes
+    ----------
+    box
+        Lower and upper end in SI units, SI unit and scale of each searched variable by its name.
+    quantities
+        SI unit of each emulated quantity by its name: `mean_radius_ratio`, which is b/b0, and data.
+    edges
+        Diameters in m between the classes of each quantity that is a size curve.
+    about
+        Title and digest of the campaign, version of this package, and how well means are known.
+    """
+
+    def __repr__(self) -> str:
+        known = f"{', '.join(self.quantities)} by {', '.join(self.box)}"
+        return f"<CampaignEmulator of {self.about['title']!r}: {known[:150]}>"
+
+    mean, deviation = PortableEmulator.mean, PortableEmulator.deviation
+
+    def probability(self, strings: Any, robust: Mapping[str, float | str] | None = None) -> Any:
+        """Return the probability that strings are members of the set, but for its constraints.
+
+        Parameters
+        ----------
+        strings
+            Each searched variable by its name.
+        robust
+            Deviations to average over, such as `{"relative_speed": "5%"}`, as of `feasible_set`.
+
+        Raises
+        ------
+        ValueError
+            If a string is outside of the box, the objective has no target, or a deviation is
+            impossible.
+        """
+        known = super().probability
+        if not robust:
+            return known(strings)
+        shares = read_robust(self.about["title"], robust, self.box)
+        at = {name: np.asarray(self._read(name, value)) for name, value in strings.items()}
+
+        def moved(places: Any) -> dict[str, Any]:
+            factors = {n: 1.0 + s * p for (n, s), p in zip(shares.items(), places, strict=True)}
+            return {n: np.clip(at[n] * factor, *self.box[n][:2]) for n, factor in factors.items()}
+
+        return mean_over_deviations(lambda places: known(at | moved(places)), len(shares))
+
+    def _at(self, strings: Any, quantity: str) -> Any:
+        read = {str(name): self._read(str(name), value) for name, value in strings.items()}
+        return super()._at(read, quantity)
+
+    def _read(self, name: str, value: Any) -> Any:
+        """Return a value or an array of them with texts in SI units."""
+        given = np.asarray(value)
+        if name not in self.box or given.dtype.kind in "iuf":
+            return value
+        try:
+            numbers = [to_si(each, self.box[name][2]) for each in given.ravel().tolist()]
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}") from None
+        return np.reshape(numbers, given.shape)
+
+
+def load_emulator(
+    path: str | os.PathLike[str], tolerance: float | str | None = None, allow_code: bool = False
+) -> "CampaignEmulator":
+    """Return the emulator of a campaign file, or one that `agglom export --emulator` has written.
+
+    Parameters
+    ----------
+    path
+        The HDF5 file of a campaign, which takes seconds, or the exported file `.npz`.
+    tolerance
+        Of the set of a campaign file whose objective has a target, by default `"5%"`; an exported
+        file has its own.
+    allow_code
+        Whether components of one's own, whose code a campaign file has, may be executed.
+
+    Returns
+    -------
+    CampaignEmulator
+        Mean, deviation and probability at any string of the box.
+
+    Raises
+    ------
+    NoEmulatorError, NoFeasibleSetError
+        If the file is no emulator, or the strings of the campaign cannot be emulated.
+    NotACampaign, OSError
+        As from `open_campaign`.
+    ValueError
+        If the tolerance is impossible.
+
+    Examples
+    --------
+    >>> import agglom_mpi
+    >>> agglom_mpi.load_emulator("quickstart.h5")  # searches too few strings
+    Traceback (most recent call last):
+        ...
+    agglom_mpi.inference.emulator_file.NoEmulatorError: quickstart.h5: results of ...
+    """
+    if is_hdf5(path):
+        arrays = emulator_arrays(read_inversion(path, allow_code), tolerance)
+        buffer = BytesIO()
+        np.savez(buffer, **arrays)
+        buffer.seek(0)
+        return CampaignEmulator(buffer)
+    if tolerance is not None:
+        raise NoEmulatorError(
+            f"{path}: tolerance: value {tolerance}; must be left out, as the file has its own"
+        )
+    try:
+        return CampaignEmulator(path)
+    except OSError:
+        raise
+    except Exception as error:  # whatever NumPy and zipfile raise of other files
+        raise NoEmulatorError(
+            f"{path}: no emulator that agglom export --emulator has written ({error})"
+        ) from None

@@ -16,7 +16,6 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.inference.data_emulator import EmulatedData
 from agglom_mpi.inference.posterior_sampling import (
     MIN_SIZE,
@@ -27,6 +26,7 @@ from agglom_mpi.inference.posterior_sampling import (
     log_density_within,
 )
 from agglom_mpi.inference.set_directions import touched_ends
+from agglom_mpi.statistics import Floats
 
 KERNELS: Final = 256
 """Number of strings of the posterior that have a kernel."""

@@ -15,10 +15,9 @@ from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agglom_mpi.emulation.emulator import Emulator, merge_samples
-from agglom_mpi.emulation.gaussian_process import Floats
+from agglom_mpi.statistics import Floats, MeanEstimate, mean_of
 
 REGION_WEIGHT: Final = 0.9
 """Weight in the region whose volume is measured."""
@@ -66,16 +65,9 @@ class Candidate(NamedTuple):
     error: Floats
 
     @property
-    def roots(self) -> NDArray[np.float64]:
+    def roots(self) -> Floats:
         """Cholesky factors of the covariances of a measurement given each point, (n, q, q)."""
         return np.asarray(np.linalg.cholesky(self.covariances + self.error), np.float64)
-
-
-class ExpectedVolume(NamedTuple):
-    """Mean volume after a measurement, as a share of the box, and its Monte-Carlo error."""
-
-    mean: float
-    standard_error: float
 
 
 def region_volumes(weights: Floats, share: float) -> Floats:
@@ -107,8 +99,8 @@ def expected_volume(
     candidate: Candidate,
     random: np.random.Generator,
     count: int = SIMULATED_MEASUREMENTS,
-) -> ExpectedVolume:
-    """Return the expected volume of the posterior after a measurement of a candidate.
+) -> MeanEstimate:
+    """Return the mean volume of the posterior after a measurement of a candidate, over `count`.
 
     Parameters
     ----------
@@ -126,7 +118,7 @@ def expected_volume(
     volumes = np.concatenate(
         [_volumes_after(points, some) for some in logarithms_after(points, candidate, measured)]
     )
-    return ExpectedVolume(float(volumes.mean()), float(volumes.std(ddof=1) / np.sqrt(count)))
+    return mean_of(volumes)
 
 
 def simulated_measurements(
@@ -157,7 +149,7 @@ def _volumes_after(points: WeightedPoints, logarithms: Floats) -> Floats:
 
 
 def _logarithms_after(
-    points: WeightedPoints, means: Floats, roots: NDArray[np.float64], measured: Floats
+    points: WeightedPoints, means: Floats, roots: Floats, measured: Floats
 ) -> Floats:
     """Return logarithms, (r, n), after measurements, (r, q), by roots of covariances, (n, q, q)."""
     squares = np.zeros((len(measured), len(means)))
@@ -233,47 +225,37 @@ class LinearQuantity(NamedTuple):
     rest_deviations: Floats | float = 0.0
 
 
-class CandidateEmulator:
-    """Emulator of a number of a sample beside those that are emulated already.
+def emulated_candidate(
+    samples: tuple[Floats, Floats, Floats],
+    number: Floats,
+    points: Floats,
+    random: np.random.Generator,
+    groups: int = 0,
+) -> LinearQuantity:
+    """Return a number of a sample, beside those that are emulated already, at points.
+
+    Its matrix has the slopes of its noise against that of these numbers.
 
     Parameters
     ----------
-    coordinates
-        Of each sample, shape (m, d).
-    emulated
-        Numbers of each sample that have emulators, shape (m, p).
-    residuals
-        Means of these numbers less their held-out predictions at the different points of the
-        samples in ascending order, shape (s, p).
+    samples
+        Coordinates of each sample, shape (m, d); its numbers that have emulators, (m, p); and means
+        of these less their held-out predictions at the different points of the samples in ascending
+        order, (s, p).
     number
         The candidate of each sample, shape (m,).
+    points
+        Where it is predicted, shape (n, d).
     random
         Stream of the subsets that covariances are fitted to.
     groups
         Number of coordinates, the last ones, that are groups of variables.
-
-    Attributes
-    ----------
-    slopes : ndarray
-        Of the candidate's noise against that of the numbers, shape (p,).
     """
-
-    def __init__(
-        self,
-        coordinates: Floats,
-        emulated: Floats,
-        residuals: Floats,
-        number: Floats,
-        random: np.random.Generator,
-        groups: int = 0,
-    ) -> None:
-        first = Emulator(merge_samples(coordinates, number), random, groups, rounds=0)
-        own = first.data.means - first.held_out()[0]
-        self.slopes = np.asarray(np.linalg.lstsq(residuals, own, rcond=None)[0], np.float64)
-        rest = number - emulated @ self.slopes
-        self._rest = Emulator(merge_samples(coordinates, rest), random, groups)
-
-    def at(self, points: Floats) -> LinearQuantity:
-        """Return the candidate at points, (n, d)."""
-        mean, deviation = self._rest.mean(points), self._rest.deviation(points)
-        return LinearQuantity(self.slopes[None], mean[:, None], deviation[:, None])
+    coordinates, emulated, residuals = samples
+    first = Emulator(merge_samples(coordinates, number), random, groups, rounds=0)
+    own = first.data.means - first.held_out()[0]
+    slopes = np.asarray(np.linalg.lstsq(residuals, own, rcond=None)[0], np.float64)
+    rest = number - emulated @ slopes
+    emulator = Emulator(merge_samples(coordinates, rest), random, groups)
+    mean, deviation = emulator.mean(points), emulator.deviation(points)
+    return LinearQuantity(slopes[None], mean[:, None], deviation[:, None])

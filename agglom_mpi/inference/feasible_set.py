@@ -9,13 +9,12 @@ import numpy as np
 from agglom_mpi.config.given_strings import Parameters
 from agglom_mpi.config.plan import DEFAULT_TOLERANCE, deviations_text, read_robust
 from agglom_mpi.emulation.blas_threads import single_threaded
-from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.errors import UserError, require_library
 from agglom_mpi.formatting import printable
 from agglom_mpi.inference.calibration import Calibration, calibrate
 from agglom_mpi.inference.certificate import Certificate, certificate_of
-from agglom_mpi.inference.emulated_set import VOLUME_STREAM, EmulatedSet
-from agglom_mpi.inference.measured_mean import mean_posterior
+from agglom_mpi.inference.data_posterior import mean_posterior
+from agglom_mpi.inference.emulated_set import VOLUME_STREAM, EmulatedSet, tolerance_of
 from agglom_mpi.inference.posterior import Posterior
 from agglom_mpi.inference.searched_box import SearchedBox
 from agglom_mpi.inference.set_directions import SetVariable, set_directions, set_variables
@@ -28,14 +27,14 @@ from agglom_mpi.inference.set_points import (
     spread_points,
 )
 from agglom_mpi.inference.stored_samples import (
-    MIN_STRINGS,
     favours_low_objectives,
+    require_emulated,
+    require_strings,
     stored_samples,
-    why_not_emulated,
 )
-from agglom_mpi.inference.tolerances import recorded_objective, tolerance_of
 from agglom_mpi.public_face import PublicFace
-from agglom_mpi.storage.recorded_campaign import recorded_campaign
+from agglom_mpi.statistics import Floats
+from agglom_mpi.storage.recorded_campaign import recorded_campaign, recorded_objective
 from agglom_mpi.storage.schema import LEARNED_FROM
 
 if TYPE_CHECKING:
@@ -96,19 +95,13 @@ class FeasibleSet(metaclass=PublicFace, internal=SET_INTERNALS):
         self.robust = read_robust(data.path, robust or {}, box.names)
         self.tolerance = tolerance_of(data, tolerance)
         criterion = recorded_objective(data).criterion(self.tolerance)
-        if reason := why_not_emulated(campaign):
-            raise NoFeasibleSetError(f"{data.path}: {reason}")
+        require_emulated(data, NoFeasibleSetError)
         stored = stored_samples(data)
         self.samples = len(stored.rows)
-        self.strings = len(np.unique(np.nan_to_num(stored.strings), axis=0))
         self.learned = data.sizes.learned
         self.learned_from = printable(data.attributes.get(LEARNED_FROM, ""))
         self.favours_low_objectives = favours_low_objectives(data)
-        if self.strings < MIN_STRINGS:
-            raise NoFeasibleSetError(
-                f"{data.path}: completed samples of {self.strings} different strings; at least "
-                f"{MIN_STRINGS} are needed for a feasible set"
-            )
+        self.strings = require_strings(data, stored.strings, "a feasible set", NoFeasibleSetError)
         if self.robust:
             criterion.text += f"; P averaged over deviations: {deviations_text(self.robust)}"
         self.emulated = EmulatedSet(box, criterion, stored, self.robust)

@@ -13,24 +13,22 @@ import numpy as np
 
 from agglom_mpi.config.searchable import allowed_share
 from agglom_mpi.emulation.blas_threads import single_threaded
-from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.errors import require_library
 from agglom_mpi.formatting import ROUNDING, value_with_error
 from agglom_mpi.inference.candidate_data import (
     REPEATED_ERROR,
     assumed_error,
+    new_data,
     read_errors,
     repeated,
-    scenes_to_measure,
 )
 from agglom_mpi.inference.data_emulator import EmulatedData
 from agglom_mpi.inference.expected_volume import (
     Candidate,
-    CandidateEmulator,
     DataAtPoints,
-    ExpectedVolume,
     LinearQuantity,
     WeightedPoints,
+    emulated_candidate,
     expected_volume,
 )
 from agglom_mpi.inference.posterior_sampling import BoxPart, WeightedStrings
@@ -39,7 +37,7 @@ from agglom_mpi.inference.stored_samples import string_values
 from agglom_mpi.measurements.datum import Datum
 from agglom_mpi.measurements.quantities import AssumedError
 from agglom_mpi.random_streams import NEXT_MEASUREMENT, search_stream
-from agglom_mpi.statistics import weighted_quantiles
+from agglom_mpi.statistics import Floats, MeanEstimate, weighted_quantiles
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -127,13 +125,13 @@ class NextMeasurement(Measurable):
         Whether the points are dense enough for this volume; otherwise it is an upper bound.
     """
 
-    after: ExpectedVolume
+    after: MeanEstimate
     resolved: bool
 
     @property
     def volume_text(self) -> str:
         """Expected volume in percent with its Monte-Carlo error."""
-        shown = value_with_error(100.0 * self.after.mean, 100.0 * self.after.standard_error)
+        shown = value_with_error(100.0 * self.after.value, 100.0 * self.after.error)
         return f"{'' if self.resolved else 'at most '}{shown} %"
 
 
@@ -172,8 +170,8 @@ class NextMeasurements(NamedTuple):
             each.record()
             | {
                 "volume": self.volume,
-                "expected_volume": each.after.mean,
-                "standard_error": each.after.standard_error,
+                "expected_volume": each.after.value,
+                "standard_error": each.after.error,
                 "resolved": each.resolved,
             }
             for each in self.ranked
@@ -214,9 +212,9 @@ def next_measurements(
     for each, candidate in measurables(file, of, strings, points, stated):
         if each.repeats or candidate.covariances.any():
             after = expected_volume(points, candidate, _stream(of.box, MEASUREMENT_STREAM))
-            resolved = after.mean >= MIN_RESOLVED_POINTS * points.share
+            resolved = after.value >= MIN_RESOLVED_POINTS * points.share
             found.append(NextMeasurement(**vars(each), after=after, resolved=resolved))
-    ranked = sorted(found, key=lambda each: (each.after.mean, each.name))
+    ranked = sorted(found, key=lambda each: (each.after.value, each.name))
     return NextMeasurements(points.volume, tuple(ranked))
 
 
@@ -296,7 +294,7 @@ def _new_quantities(
         return
     layout = file.sizes.census
     assert layout is not None
-    new = [each for own in scenes_to_measure(of.box.campaign, layout) for each in own.new(of.data)]
+    new = new_data(of.box.campaign, layout, of.data)
     values = string_values(file, [*of.data, *new])
     size = len(of.frame.measured)
     samples, numbers = (
@@ -310,8 +308,8 @@ def _new_quantities(
             candidate = Candidate(same, np.zeros((len(strings), 1, 1)), np.zeros((1, 1)))
         else:
             random = _stream(of.box, EMULATOR_STREAM)
-            emulator = CandidateEmulator(*samples, number, random, groups)
-            candidate = data.expected(emulator.at(at), np.zeros((1, 1)))
+            linear = emulated_candidate(samples, number, at, random, groups)
+            candidate = data.expected(linear, np.zeros((1, 1)))
         means = datum.kind.within_limits(candidate.means, values.lengths)
         [value] = weighted_quantiles(means[:, 0], points.weights, (0.5,))
         assumed = assumed_error(datum.quantity, of.data, stated)
@@ -321,7 +319,7 @@ def _new_quantities(
 
 
 def _samples_of(of: EmulatedData, strings: Floats, values: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return coordinates, mixed components and held-out residuals as `CandidateEmulator` needs.
+    """Return coordinates, mixed components and held-out residuals as `emulated_candidate` needs.
 
     Samples of strings that predict the data alone, and not all that may be measured, are left out.
     """

@@ -8,12 +8,10 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from agglom_mpi.declaration.spelling import suggestion
-from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.errors import UserError
 from agglom_mpi.inference.contributions import Contribution, contributions
 from agglom_mpi.inference.data_calibration import DataCalibration
 from agglom_mpi.inference.data_emulator import EmulatedData
-from agglom_mpi.inference.datum_densities import conditional_densities, datum_points
 from agglom_mpi.inference.draw_groups import (
     DEFAULT_DRAWS,
     Groups,
@@ -33,10 +31,15 @@ from agglom_mpi.inference.posterior_sampling import (
     WeightedStrings,
     contraction_of,
 )
-from agglom_mpi.inference.predictive import PredictedDatum, predict_data
+from agglom_mpi.inference.predictive import (
+    PredictedDatum,
+    conditional_densities,
+    datum_points,
+    predict_data,
+)
 from agglom_mpi.inference.set_directions import MIN_FREE_SHARE, name_ends, touched_ends
 from agglom_mpi.measurements.misfit import UNLIKELY
-from agglom_mpi.statistics import weighted_quantiles
+from agglom_mpi.statistics import Floats, weighted_quantiles
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -170,7 +173,7 @@ class Posterior(WeightedStrings):
         found = posterior_groups(self.of, self.strings[chosen], stats, attributes, random)
         if isinstance(self.of, EmulatedData):
             flat = self.strings[chosen.ravel()]
-            names = [each.name for each in datum_points(self.of)[0]]
+            names = [name for name, *_ in datum_points(self.of)[0]]
             densities = conditional_densities(self.of, flat).reshape(*chosen.shape, -1)
             found["log_likelihood"] = density_group(names, densities)
         return found

@@ -14,10 +14,9 @@ from typing import Any, Final, NamedTuple, Protocol, Self
 import numpy as np
 
 from agglom_mpi.config.coordinates import Coordinates
-from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.inference.expected_volume import REGION_WEIGHT, region_volumes
 from agglom_mpi.inference.searched_box import SearchedBox
-from agglom_mpi.statistics import weighted_quantiles
+from agglom_mpi.statistics import Floats, weighted_quantiles
 
 REPORTED_QUANTILES: Final = (0.025, 0.25, 0.5, 0.75, 0.975)
 """Reported quantiles."""

@@ -1,15 +1,23 @@
-"""Predictions of each datum by a posterior of data, and their agreement with it."""
+"""What a posterior of data says of each datum: its prediction, and its density given the others.
 
+Data have a covariance: by the errors of the measurement, and as the error of the emulator at a
+string is shared. So the density of a datum, what leaving it out rests on, is the conditional one.
+With the precision Q of all data and their residuals r, it is normal with the precision Q_ii about
+the residual Q_ii⁻¹ (Q r)_i (Bürkner, Gabry and Vehtari, Comput. Stat. 36, 2021, 1243).
+"""
+
+import math
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from agglom_mpi.emulation.gaussian_process import Floats
+from agglom_mpi.formatting import value_with_prefix
 from agglom_mpi.inference.data_emulator import PREDICTIVE_STREAM, EmulatedData, chi_squares
 from agglom_mpi.inference.posterior_sampling import REPORTED_QUANTILES, WeightedStrings
 from agglom_mpi.measurements.datum import Datum
 from agglom_mpi.measurements.misfit import UNLIKELY
+from agglom_mpi.statistics import Floats
 
 PREDICTIVE_DRAWS: Final = 2000
 """Number of strings whose predictions are drawn."""
@@ -114,3 +122,52 @@ def predict_data(of: EmulatedData, drawn: WeightedStrings) -> tuple[list[Predict
         blind = bool(np.all(datum.standard_errors > differ[rows]))
         found.append(PredictedDatum(datum, draws, p, bool(outside[rows].any()), blind))
     return found, p_values[0]
+
+
+STRINGS_AT_ONCE: Final = 512
+"""Number of strings whose covariances are inverted together."""
+
+
+DatumPoint: TypeAlias = tuple[str, str, slice]
+"""What is left out together, a datum with all classes of a curve or one impact of a list: its name,
+its experiment, empty where there is none, and its directions among those of all data."""
+
+
+def datum_points(of: EmulatedData) -> tuple[list[DatumPoint], Floats]:
+    """Return what is left out together, and the directions, (p, p), of all of it in the frame."""
+    turned, found = of.frame.roots.copy(), list[DatumPoint]()
+    own_basis = of.frame.basis @ of.frame.roots.T
+    for datum, rows, columns in zip(of.data, of.frame.rows, of.frame.columns, strict=True):
+        is_square = rows.stop - rows.start == columns.stop - columns.start
+        if datum.impacts is None or not is_square:
+            found.append((datum.name, datum.experiment, columns))
+            continue
+        # Directions of a list mix its impacts; these are residuals over their standard errors.
+        back = np.linalg.inv(own_basis[rows, columns]).T / datum.standard_errors[:, None]
+        turned[columns] = back @ of.frame.roots[columns]
+        for i, speed in enumerate(datum.impacts[:, 0].tolist()):
+            place = columns.start + i
+            name = f"{datum.name}: impact at {value_with_prefix(speed, 'm/s')}"
+            found.append((name, datum.experiment, slice(place, place + 1)))
+    return found, turned
+
+
+def conditional_densities(of: EmulatedData, strings: Floats) -> Floats:
+    """Return the log-density of each `datum_points` given the others, for strings: (n, points).
+
+    Densities are those of data in units of their errors.
+    """
+    points, turned = datum_points(of)
+    found = np.empty((len(strings), len(points)))
+    for start in range(0, len(strings), STRINGS_AT_ONCE):
+        some = slice(start, start + STRINGS_AT_ONCE)
+        away, covariances = of.framed_residuals(strings[some])
+        precision = np.linalg.inv(turned @ covariances @ turned.T)
+        pulls = np.einsum("nab,nb->na", precision, away @ turned.T)
+        for i, (*_, own) in enumerate(points):
+            block, pull = precision[:, own, own], pulls[:, own]
+            squares = np.einsum("na,na->n", pull, np.linalg.solve(block, pull[..., None])[..., 0])
+            _, logarithm = np.linalg.slogdet(block)
+            rank = own.stop - own.start
+            found[some, i] = 0.5 * (logarithm - squares - rank * math.log(2.0 * math.pi))
+    return found

@@ -11,12 +11,12 @@ from agglom_mpi.config.coordinates import Coordinates, coordinates_of
 from agglom_mpi.config.given_strings import Parameters, read_searched
 from agglom_mpi.config.yaml_source import ArgumentError
 from agglom_mpi.emulation.emulator import Emulator, merge_samples
-from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.emulation.joint_emulator import JointEmulator
 from agglom_mpi.errors import require_library
 from agglom_mpi.inference.stored_samples import StoredSamples
 from agglom_mpi.random_streams import search_stream
 from agglom_mpi.search.space import SearchSpace
+from agglom_mpi.statistics import Floats
 from agglom_mpi.variables import Variable
 
 if TYPE_CHECKING:

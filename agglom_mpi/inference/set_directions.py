@@ -5,10 +5,9 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 
 from agglom_mpi.config.coordinates import Group
-from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.inference.emulated_set import EmulatedSet
 from agglom_mpi.inference.set_points import OUTER_PROBABILITY, SetPoints
-from agglom_mpi.statistics import weighted_quantiles
+from agglom_mpi.statistics import Floats, weighted_quantiles
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.config.searchable import allowed_share
-from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.formatting import in_unit, value_with_error
 from agglom_mpi.inference.emulated_set import BOX_POINTS, EmulatedSet
 from agglom_mpi.inference.searched_box import MAX_RANDOM_POINTS, MIN_EVEN_POINTS
+from agglom_mpi.statistics import Floats
 
 INNER_PROBABILITY, OUTER_PROBABILITY = 0.95, 0.05
 """Minimum probability of the members of the inner and of the outer set."""

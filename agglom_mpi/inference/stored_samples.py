@@ -15,18 +15,18 @@ import numpy as np
 from numpy.lib.recfunctions import repack_fields
 from numpy.typing import NDArray
 
-from agglom_mpi.emulation.gaussian_process import Floats
+from agglom_mpi.errors import UserError
 from agglom_mpi.measurements.census import Census, ExperimentCensuses
 from agglom_mpi.measurements.datum import Datum, experiments_of, predictions
 from agglom_mpi.measurements.layout import census_names
 from agglom_mpi.outcome import COMPLETED, FAILED
 from agglom_mpi.search.proposals import MODEL, OFFSPRING
+from agglom_mpi.statistics import Floats
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
 from agglom_mpi.storage.schema import LEARNED_FAVOURS_LOW, LEARNED_STRING, parameters_of
 from agglom_mpi.storage.table import concatenated, fitted
 
 if TYPE_CHECKING:
-    from agglom_mpi.config.campaign import Campaign
     from agglom_mpi.storage.reader import CampaignData
 
 MIN_STRINGS: Final = 50
@@ -120,17 +120,32 @@ def _own_samples(data: "CampaignData", learned: bool = True) -> StoredSamples:
     return StoredSamples(different[place[good]], rows[good], different[tried], failed[tried])
 
 
-def why_not_emulated(campaign: "Campaign") -> str:
-    """Return why the samples of a campaign give no emulator of its strings; empty if they may."""
+def require_emulated(data: "CampaignData", error: type[UserError]) -> None:
+    """Raise an error if the samples of a campaign cannot give an emulator of its strings."""
+    campaign, why = recorded_campaign(data), ""
     if campaign.plan is None or not campaign.variables.searched:
-        return "no variable is searched, so nothing is to be inferred"
-    if campaign.common_configurations:
-        return (
+        why = "no variable is searched, so nothing is to be inferred"
+    elif campaign.common_configurations:
+        why = (
             "ensemble.common_configurations is true; the noise of its strings is correlated, which "
             "the emulator does not model, so results would look surer than they are; run the "
             "campaign without them"
         )
-    return ""
+    if why:
+        raise error(f"{data.path}: {why}")
+
+
+def require_strings(
+    data: "CampaignData", strings: Floats, what: str, error: type[UserError]
+) -> int:
+    """Return how many of strings, (n, k), differ; raise an error if they are too few for `what`."""
+    different = len(np.unique(np.nan_to_num(strings), axis=0))
+    if different < MIN_STRINGS:
+        raise error(
+            f"{data.path}: results of {different} different strings; at least {MIN_STRINGS} are "
+            f"needed for {what}"
+        )
+    return different
 
 
 def favours_low_objectives(data: "CampaignData") -> bool:

@@ -15,7 +15,6 @@ import numpy as np
 from scipy.special import expit, logsumexp
 
 from agglom_mpi.emulation.blas_threads import single_threaded
-from agglom_mpi.emulation.gaussian_process import Floats
 from agglom_mpi.inference.data_emulator import EmulatedData
 from agglom_mpi.inference.expected_volume import (
     Candidate,
@@ -25,6 +24,7 @@ from agglom_mpi.inference.expected_volume import (
 )
 from agglom_mpi.inference.next_measurement import Measurable, dense_points, measurables
 from agglom_mpi.random_streams import NEXT_MEASUREMENT, search_stream
+from agglom_mpi.statistics import Floats
 
 if TYPE_CHECKING:
     from agglom_mpi.inference.posterior import Posterior

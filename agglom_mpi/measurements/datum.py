@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from agglom_mpi.formatting import value_with_prefix
 from agglom_mpi.measurements.census import Census, ExperimentCensuses, SampleSums
 from agglom_mpi.measurements.quantities import PARTICLE_WEIGHTS, QUANTITIES, MeasuredQuantity
-
-Floats = NDArray[np.float64]
+from agglom_mpi.statistics import Floats
 
 MAX_SUM_ERROR: Final = 1e-6
 """Largest difference between the sum of the shares of a datum and 1."""

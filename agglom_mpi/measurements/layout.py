@@ -5,7 +5,8 @@ from collections.abc import Iterator, Mapping
 from typing import Final, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
+
+from agglom_mpi.statistics import Floats
 
 CLASS_WIDTH: Final = math.log(1.02)
 """Width of a class, in the logarithm of the diameter."""
@@ -58,7 +59,7 @@ class CensusLayout(NamedTuple):
         return len(self.times) * (12 * self.classes + 16)
 
     @property
-    def edges(self) -> NDArray[np.float64]:
+    def edges(self) -> Floats:
         """Ends of the classes, diameters over twice the mean radius b⁰, shape (B + 1,)."""
         return np.exp(self.lower + CLASS_WIDTH * np.arange(self.classes + 1))
 

@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.measurements.census import Census, ExperimentCensuses
 from agglom_mpi.measurements.datum import Datum, exact_values, predictions
-
-Floats = NDArray[np.float64]
+from agglom_mpi.statistics import Floats
 
 UNLIKELY: Final = 0.05
 """Probability of a larger χ² below which data and predictions disagree."""

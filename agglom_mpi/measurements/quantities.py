@@ -8,14 +8,12 @@ import math
 from typing import ClassVar, Final, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agglom_mpi.declaration.components import Component
 from agglom_mpi.declaration.needed import needed
 from agglom_mpi.formatting import in_unit, value_with_prefix
 from agglom_mpi.measurements.census import SampleSums, left_out_sums
-
-Floats = NDArray[np.float64]
+from agglom_mpi.statistics import Floats
 
 PARTICLE_WEIGHTS: Final = ("number", "area", "mass")
 """Weights of a particle in a distribution: 1, its surface, or its mass."""

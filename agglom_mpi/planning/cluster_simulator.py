@@ -13,9 +13,15 @@ from agglom_mpi.planning.forecast import FREE, MAX_SIMULATED, Forecast, MessageC
 from agglom_mpi.planning.workload import DrawnSamples, Workload
 from agglom_mpi.scheduling.interface import ReturnedPart, means_of
 from agglom_mpi.scheduling.scheduler import Scheduler
-from agglom_mpi.search.decisions import Decision, StringEvaluated, StringsProposed
 from agglom_mpi.search.inversion import Inversion
-from agglom_mpi.search.proposals import AGAIN, MODEL, OFFSPRING
+from agglom_mpi.search.proposals import (
+    AGAIN,
+    MODEL,
+    OFFSPRING,
+    Decision,
+    StringEvaluated,
+    StringsProposed,
+)
 
 PROGRESS_MESSAGES: Final = 500
 """Number of messages between two reports of the progress."""

@@ -19,7 +19,7 @@ from agglom_mpi.display.progress import (
 from agglom_mpi.display.run_display import Display
 from agglom_mpi.errors import FAILURE, FINISHED, INTERRUPTED, STOPPED
 from agglom_mpi.outcome import FAILED
-from agglom_mpi.search.decisions import GenerationSummary
+from agglom_mpi.search.proposals import GenerationSummary
 from agglom_mpi.storage.lock import live_status
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.recorded_campaign import recorded_campaign

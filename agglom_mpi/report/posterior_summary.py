@@ -18,8 +18,8 @@ from agglom_mpi.formatting import (
     pluralise,
     value_with_error,
 )
+from agglom_mpi.inference.data_posterior import MeasuredMean
 from agglom_mpi.inference.law_comparison import MAX_PARETO, LawComparison
-from agglom_mpi.inference.measured_mean import MeasuredMean
 from agglom_mpi.inference.next_measurement import NextMeasurements
 from agglom_mpi.inference.posterior import Posterior
 from agglom_mpi.inference.posterior_sampling import CENTRAL, REPORTED_QUANTILES

@@ -10,13 +10,12 @@ from agglom_mpi.config.plan import DEFAULT_TOLERANCE
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.errors import require_library
 from agglom_mpi.formatting import without_nan
-from agglom_mpi.inference.data_posterior import data_posterior
+from agglom_mpi.inference.data_posterior import data_posterior, measurement_of
+from agglom_mpi.inference.emulated_set import tolerance_of
 from agglom_mpi.inference.feasible_set import FeasibleSet
-from agglom_mpi.inference.measured_mean import measurement_of
-from agglom_mpi.inference.tolerances import recorded_objective, tolerance_of
 from agglom_mpi.report.set_summary import grid_table, set_as_dict, set_text
 from agglom_mpi.storage.files import atomic_file, require_absent, require_writable_folder
-from agglom_mpi.storage.recorded_campaign import recorded_campaign
+from agglom_mpi.storage.recorded_campaign import recorded_campaign, recorded_objective
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -10,9 +10,9 @@ from agglom_mpi.display.table import Column, Facts, Table
 from agglom_mpi.errors import error_text
 from agglom_mpi.formatting import format_percent, value_with_error, without_nan
 from agglom_mpi.inference.certificate import Certificate
+from agglom_mpi.inference.certified_part import CertificateError
 from agglom_mpi.inference.emulated_set import BOX_POINTS
 from agglom_mpi.inference.feasible_set import FeasibleSet
-from agglom_mpi.inference.part_of_set import CertificateError
 from agglom_mpi.inference.set_directions import SetVariable, name_ends, rounded
 from agglom_mpi.inference.set_points import INNER_PROBABILITY, OUTER_PROBABILITY
 from agglom_mpi.report.posterior_summary import measure_text, posterior_text, variable_rows

@@ -30,10 +30,14 @@ from agglom_mpi.inference.certificate import (
     samples_digest,
     verdict_of,
 )
-from agglom_mpi.inference.certified_part import SAMPLE_STREAM, CertifiedPart, certified_part
+from agglom_mpi.inference.certified_part import (
+    SAMPLE_STREAM,
+    CertificateError,
+    CertifiedPart,
+    PartOfSet,
+    certified_part,
+)
 from agglom_mpi.inference.feasible_set import feasible_set
-from agglom_mpi.inference.part_of_set import CertificateError, PartOfSet
-from agglom_mpi.inference.tolerances import recorded_objective
 from agglom_mpi.outcome import SampleSummary
 from agglom_mpi.random_streams import CERTIFICATE as CERTIFICATE_STREAM
 from agglom_mpi.random_streams import search_stream
@@ -46,7 +50,7 @@ from agglom_mpi.search.membership import MembershipTest, Verdict
 from agglom_mpi.search.objectives.objective import Objective
 from agglom_mpi.search.stopping import FixedNumber
 from agglom_mpi.storage.reader import CampaignData, read_inversion
-from agglom_mpi.storage.recorded_campaign import recorded_campaign
+from agglom_mpi.storage.recorded_campaign import recorded_campaign, recorded_objective
 from agglom_mpi.storage.room import TableSizes, table_sizes
 from agglom_mpi.storage.schema import CERTIFICATE
 

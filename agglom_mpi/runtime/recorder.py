@@ -14,13 +14,13 @@ from agglom_mpi.display.run_display import Display
 from agglom_mpi.outcome import FailureReason
 from agglom_mpi.runtime.stop_request import StopRequest
 from agglom_mpi.runtime.tally import RunTally
-from agglom_mpi.search.decisions import (
+from agglom_mpi.search.ensemble import EnsembleResult
+from agglom_mpi.search.proposals import (
     Decision,
     GenerationSummary,
     StringEvaluated,
     StringsProposed,
 )
-from agglom_mpi.search.ensemble import EnsembleResult
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.schema import FORMAT_VERSION, RESULTS, SAMPLES, TableSchema, samples_schema
 from agglom_mpi.storage.table import (

@@ -12,12 +12,10 @@ from numpy.typing import NDArray
 
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.search.space import SearchSpace
-from agglom_mpi.statistics import probability_between
+from agglom_mpi.statistics import Floats, probability_between
 
 if TYPE_CHECKING:
     from agglom_mpi.emulation.gaussian_process import GaussianProcess
-
-Floats = NDArray[np.float64]
 
 CANDIDATES: Final = 1200
 """Number of points at which drawn functions are compared; a draw takes the cube of it in time."""

@@ -8,18 +8,16 @@ import copy
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import TYPE_CHECKING, ClassVar, Final, TypeAlias
+from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.errors import UserError
-from agglom_mpi.statistics import probability_between
+from agglom_mpi.statistics import Floats, probability_between
 
 if TYPE_CHECKING:
     from agglom_mpi.emulation.joint_emulator import JointEmulator, JointFunctions
-
-Floats: TypeAlias = NDArray[np.float64]
 
 DRAWN_FUNCTIONS: Final = 256
 """Number of functions drawn jointly for the error of the volume and for the maximum."""

@@ -6,13 +6,12 @@ from functools import cache
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agglom_mpi.judge import HALF_WIDTH, EnsembleMeans, Judge, new_judge
 from agglom_mpi.outcome import SampleSummary
 from agglom_mpi.search.objectives.objective import Objective, RadiusAccumulator, RadiusObjective
 from agglom_mpi.search.stopping import EnsembleState, FixedNumber, StoppingRule
-from agglom_mpi.statistics import PooledMoments, RunningMean, t_95
+from agglom_mpi.statistics import Floats, PooledMoments, RunningMean, t_95
 
 MIN_SAMPLES_TO_GIVE_UP: Final = 10
 """Fewest samples at which the share of failed ones may end an ensemble."""
@@ -267,6 +266,6 @@ def judge_of(
 
 
 @cache
-def _t_factors(count: int) -> NDArray[np.float64]:
+def _t_factors(count: int) -> Floats:
     """Return t of the 95 % interval of a mean over 0, 1, 2, … samples, (count,)."""
     return np.array([math.nan, math.nan, *(t_95(samples - 1) for samples in range(2, count))])

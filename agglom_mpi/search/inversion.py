@@ -8,19 +8,22 @@ from numpy.typing import NDArray
 
 from agglom_mpi.judge import EnsembleMeans, Judge
 from agglom_mpi.outcome import SampleSummary, summaries
-from agglom_mpi.search.decisions import (
-    Decision,
-    GenerationSummary,
-    Progress,
-    StringEvaluated,
-    StringsProposed,
-)
 from agglom_mpi.search.ending import EndingCriterion
 from agglom_mpi.search.ensemble import Ensemble, EnsembleResult
 from agglom_mpi.search.methods.method import RunningSearch
-from agglom_mpi.search.proposals import AGAIN, Evaluations, Proposals
+from agglom_mpi.search.proposals import (
+    AGAIN,
+    Decision,
+    Evaluations,
+    GenerationSummary,
+    Progress,
+    Proposals,
+    StringEvaluated,
+    StringsProposed,
+)
 from agglom_mpi.search.racing import RaceEntry, Racing
 from agglom_mpi.search.sample_paths import SampleBatch, SamplePart, WaitingSamples, extend
+from agglom_mpi.statistics import Floats
 
 
 class Inversion:
@@ -69,7 +72,7 @@ class Inversion:
     def __init__(
         self,
         search: RunningSearch,
-        make_ensemble: Callable[[NDArray[np.float64]], Ensemble],
+        make_ensemble: Callable[[Floats], Ensemble],
         ending: EndingCriterion,
         restore: Callable[[Proposals, int], Proposals] | None = None,
         signed: Callable[[EnsembleResult], float] = lambda result: result.objective,
@@ -89,8 +92,8 @@ class Inversion:
         self._more_samples = more_samples
         self._summarise = summarise
         self._top = ending.best_strings or search.parents
-        self._strings: list[NDArray[np.float64]] = []  # of all generations that have begun
-        self._strings_ahead: dict[int, NDArray[np.float64]] = {}
+        self._strings: list[Floats] = []  # of all generations that have begun
+        self._strings_ahead: dict[int, Floats] = {}
         self._last_ahead = 0  # generation that was proposed ahead last
         self._numbers = np.empty(0, np.int64)  # of this generation
         self._origins = np.empty(0, np.int8)
@@ -150,7 +153,7 @@ class Inversion:
         """Return the strings that the search ranks, the best first."""
         return [ranked.string for ranked in self._search.best(len(self.results))]
 
-    def parameters(self, string: int) -> NDArray[np.float64]:
+    def parameters(self, string: int) -> Floats:
         """Return a string of this or an earlier generation, or one proposed ahead, shape (k,)."""
         if string < len(self._strings):
             return self._strings[string]

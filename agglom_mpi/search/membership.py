@@ -58,12 +58,9 @@ from enum import IntEnum
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agglom_mpi.search.criteria import Criterion
-from agglom_mpi.statistics import t_quantile
-
-Floats = NDArray[np.float64]
+from agglom_mpi.statistics import Floats, t_quantile
 
 FIRST_LOOK: Final = 40
 """Number of samples at the first look; each further look has twice as many."""

@@ -2,15 +2,13 @@
 
 import math
 from collections.abc import Mapping
-from typing import Final, TypeAlias
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.search.criteria import Criterion
-
-Floats: TypeAlias = NDArray[np.float64]
-Central: TypeAlias = tuple[float, float, float]
+from agglom_mpi.statistics import Central, Floats
 
 MOMENTS: Final = ("mean", "spread", "skewness", "kurtosis", "second", "third", "fourth")
 """Moments of the final radii b/b⁰ that may have a target."""

@@ -1,10 +1,15 @@
-"""Proposed strings, and the results of their evaluation."""
+"""Proposed strings, the results of their evaluation, and what a search decides by these."""
 
 from collections.abc import Mapping
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from agglom_mpi.statistics import Floats
+
+if TYPE_CHECKING:
+    from agglom_mpi.search.ensemble import EnsembleResult
 
 RANDOM: Final = 0
 OFFSPRING: Final = 1
@@ -27,7 +32,7 @@ class Proposals(NamedTuple):
     parents: NDArray[np.int64]
     """Numbers of the two parent strings, -1 for none, shape (n, 2); for origin `again` the string
     that gets more samples."""
-    parameters: NDArray[np.float64]
+    parameters: Floats
     """The strings in SI units, shape (n, k)."""
 
 
@@ -36,14 +41,14 @@ class Evaluations(NamedTuple):
 
     ids: NDArray[np.int64]
     """Their numbers, in the order of the proposals, shape (n,)."""
-    parameters: NDArray[np.float64]
+    parameters: Floats
     """The strings as they were evaluated, shape (n, k); a resumed campaign reads them from its
     file."""
-    objectives: NDArray[np.float64]
+    objectives: Floats
     """Shape (n,); not finite where a string could not be evaluated."""
-    deviations: NDArray[np.float64]
+    deviations: Floats
     """The signed means whose magnitudes the objectives are, or the objectives, shape (n,)."""
-    samples: NDArray[np.int64] | NDArray[np.float64]
+    samples: NDArray[np.int64] | Floats
     """Number of completed samples of each, or another number that the variance of its noise is
     inversely proportional to, shape (n,)."""
 
@@ -57,9 +62,7 @@ class Ranked(NamedTuple):
     """Of the search's own estimate; None where the objective is that of the string's ensemble."""
 
 
-def as_proposals(
-    generation: int, strings: NDArray[np.float64], origin: int, slot: int = 0
-) -> Proposals:
+def as_proposals(generation: int, strings: Floats, origin: int, slot: int = 0) -> Proposals:
     """Return strings, shape (n, k), without parents as proposals, in the slots from `slot` on."""
     count = len(strings)
     return Proposals(
@@ -72,8 +75,8 @@ def as_proposals(
 
 
 def begun_with(
-    given: NDArray[np.float64],
-    others: NDArray[np.float64],
+    given: Floats,
+    others: Floats,
     generation: int = 0,
     origin: int = RANDOM,
 ) -> Proposals:
@@ -162,7 +165,7 @@ class FixedProposals(EvaluatedStrings):
 
     parents = 1
 
-    def __init__(self, parameters: NDArray[np.float64]) -> None:
+    def __init__(self, parameters: Floats) -> None:
         super().__init__(len(parameters))
         self._given = parameters
 
@@ -174,12 +177,59 @@ class FixedProposals(EvaluatedStrings):
         """Return None: there is one generation only."""
 
 
-def restored(
-    proposals: Proposals, first: int, known: Mapping[int, NDArray[np.float64]]
-) -> Proposals:
+def restored(proposals: Proposals, first: int, known: Mapping[int, Floats]) -> Proposals:
     """Return proposals, numbered from `first`, with the `known` ones, by number, replaced."""
     parameters = proposals.parameters.copy()
     for row in range(len(parameters)):
         if first + row in known:
             parameters[row] = known[first + row]
     return proposals._replace(parameters=parameters)
+
+
+class Progress(NamedTuple):
+    """Samples used and allowed of a string that is not evaluated yet."""
+
+    next_sample: int
+    """Samples used so far, hence the number of the one that is needed next."""
+    max_samples: int
+
+
+class StringsProposed(NamedTuple):
+    """Strings that the search has proposed."""
+
+    proposals: Proposals
+    strings: NDArray[np.int64]
+    """Their numbers, shape (n,)."""
+    ahead: bool
+    """Whether their generation is still to come: they are proposed once more when it begins."""
+
+
+class StringEvaluated(NamedTuple):
+    """A string of the generation under way that needs no more samples."""
+
+    string: int
+    result: "EnsembleResult"
+
+
+class GenerationSummary(NamedTuple):
+    """A generation whose strings are all evaluated."""
+
+    generation: int
+    best: int
+    """Number of the best string of the population."""
+    objective: float
+    standard_error: float
+    """Of the best string: as its ensemble gives them, or a search that makes its own estimate."""
+    mean_of_top: float
+    """Mean objective of the best strings of the target, or of the parents without a target."""
+    population: NDArray[np.int64]
+    """Numbers of the strings, the best first, shape (S,)."""
+    evaluations: int
+    """Strings evaluated so far."""
+    samples_used: int
+    """Samples used so far, of all evaluated strings."""
+    estimated: bool = False
+    """Whether the objective is the search's own estimate, not that of the string's ensemble."""
+
+
+Decision = StringsProposed | StringEvaluated | GenerationSummary

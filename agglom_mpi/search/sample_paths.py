@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from agglom_mpi.judge import EnsembleMeans, samples_needed
 from agglom_mpi.outcome import COMPLETED, SampleSummary
 from agglom_mpi.search.ensemble import Ensemble
+from agglom_mpi.statistics import Floats
 
 Rows = NDArray[np.void]
 
@@ -34,7 +35,7 @@ class SampleBatch:
         self._summarise = summarise
 
     @cached_property
-    def _columns(self) -> tuple[NDArray[np.bool_], NDArray[np.float64], NDArray[np.int64]]:
+    def _columns(self) -> tuple[NDArray[np.bool_], Floats, NDArray[np.int64]]:
         """Whether each sample completed, its b^f/b⁰, and its particles left, (n,)."""
         completed, left = self._rows["state"] == COMPLETED, self._rows["particles"]
         if not left[completed].all():

@@ -7,9 +7,10 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from agglom_mpi.statistics import Floats
 from agglom_mpi.variables import VariableTable
 
-Allowed = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
+Allowed = Callable[[Floats], NDArray[np.bool_]]
 """Function of strings, (n, k), that returns which of them may be proposed, (n,)."""
 
 MOST_DRAWS: Final = 1 << 20
@@ -74,7 +75,7 @@ class SearchSpace:
             raise ValueError("what is searched by its logarithm must be positive")
         self.outermost = self if outermost is None else outermost
         self.allowed: Allowed | None = None
-        self.centre: NDArray[np.float64] | None = None
+        self.centre: Floats | None = None
 
     @classmethod
     def of(cls, variables: VariableTable) -> Self:
@@ -94,7 +95,7 @@ class SearchSpace:
             box.outermost = box
         return box
 
-    def allows(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def allows(self, points: Floats) -> NDArray[np.bool_]:
         """Return which points of the unit cube, shape (n, d), are allowed strings, shape (n,)."""
         if self.allowed is None:
             return np.ones(len(points), np.bool_)
@@ -111,7 +112,7 @@ class SearchSpace:
         return len(self.lower)
 
     @property
-    def no_strings(self) -> NDArray[np.float64]:
+    def no_strings(self) -> Floats:
         """An array of no strings, shape (0, k)."""
         return np.empty((0, self.count))
 
@@ -120,7 +121,7 @@ class SearchSpace:
         """Number of components that vary, d."""
         return int(self.searched.sum())
 
-    def scaled(self, strings: NDArray[np.float64]) -> NDArray[np.float64]:
+    def scaled(self, strings: Floats) -> Floats:
         """Return strings, shape (..., k), in the coordinates in which the box is searched.
 
         These are logarithms of the logarithmic components and cubes of the cubic ones.
@@ -132,7 +133,7 @@ class SearchSpace:
         scaled[..., self.cubic] = scaled[..., self.cubic] ** 3
         return scaled
 
-    def unscaled(self, scaled: NDArray[np.float64]) -> NDArray[np.float64]:
+    def unscaled(self, scaled: Floats) -> Floats:
         """Return the strings, shape (..., k), of scaled ones."""
         if not (self.logarithmic.any() or self.cubic.any()):
             return scaled
@@ -141,13 +142,13 @@ class SearchSpace:
         strings[..., self.cubic] = np.cbrt(strings[..., self.cubic])
         return strings
 
-    def to_unit(self, strings: NDArray[np.float64]) -> NDArray[np.float64]:
+    def to_unit(self, strings: Floats) -> Floats:
         """Return strings, shape (n, k), as points of the unit cube, shape (n, d)."""
         lower, upper = self.scaled(self.lower), self.scaled(self.upper)
         some = self.searched
         return (self.scaled(strings) - lower)[:, some] / (upper - lower)[some]
 
-    def from_unit(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def from_unit(self, points: Floats) -> Floats:
         """Return the strings, shape (n, k), of points of the unit cube, shape (n, d)."""
         lower, upper = self.scaled(self.lower), self.scaled(self.upper)
         scaled = np.tile(lower, (len(points), 1))
@@ -155,7 +156,7 @@ class SearchSpace:
         scaled[:, some] = lower[some] + points * (upper - lower)[some]
         return self.clip(self.unscaled(scaled))
 
-    def sample(self, rng: np.random.Generator) -> NDArray[np.float64]:
+    def sample(self, rng: np.random.Generator) -> Floats:
         """Draw one string uniformly from what is allowed of the box, shape (k,).
 
         k numbers are drawn whatever is searched, so that fixing one component leaves the
@@ -181,12 +182,12 @@ class SearchSpace:
         points = self.towards(self.to_unit(strings[:1]), self.to_unit(self.centre[None]))
         return self.from_unit(points)[0] if self.allows(points)[0] else self.centre
 
-    def _drawn(self, shares: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _drawn(self, shares: Floats) -> Floats:
         """Return strings by their shares of the way from lower to upper ends, shape (..., k)."""
         lower, upper = self.scaled(self.lower), self.scaled(self.upper)
         return self.clip(self.unscaled(lower + shares * (upper - lower)))
 
-    def sample_points(self, rng: np.random.Generator, count: int) -> NDArray[np.float64]:
+    def sample_points(self, rng: np.random.Generator, count: int) -> Floats:
         """Draw points uniformly from what is allowed of the unit cube, shape (count, d).
 
         Where fewer of `MOST_DRAWS` independent points are allowed, the others are found by random
@@ -209,9 +210,7 @@ class SearchSpace:
             raise RuntimeError(f"no string of {MOST_DRAWS:,} satisfies the constraints")
         return np.vstack((found, self._walked(found, rng, count - len(found))))
 
-    def _walked(
-        self, found: NDArray[np.float64], rng: np.random.Generator, count: int
-    ) -> NDArray[np.float64]:
+    def _walked(self, found: Floats, rng: np.random.Generator, count: int) -> Floats:
         """Return more allowed points, (count, d), by random walks from independent ones, (n, d).
 
         A step goes along a random line ("hit and run", Smith 1984) to a point that is drawn from
@@ -237,9 +236,7 @@ class SearchSpace:
             points = moved
         return points
 
-    def towards(
-        self, points: NDArray[np.float64], origins: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def towards(self, points: Floats, origins: Floats) -> Floats:
         """Return points of the unit cube, moved to their origins until they are allowed.
 
         Parameters
@@ -263,11 +260,11 @@ class SearchSpace:
         moved[out] = begin + inside * way
         return moved
 
-    def clip(self, strings: NDArray[np.float64]) -> NDArray[np.float64]:
+    def clip(self, strings: Floats) -> Floats:
         """Return the nearest strings in the box, shape (..., k); unused components become nan."""
         return np.clip(strings, self.lower, self.upper)
 
-    def around(self, centre: NDArray[np.float64], factor: float) -> Self:
+    def around(self, centre: Floats, factor: float) -> Self:
         """Return the box restricted around a string [B 8, "restricted and rescaled"].
 
         Every searched half-width is multiplied by `factor`; what is then outside of the

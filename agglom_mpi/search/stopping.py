@@ -26,9 +26,8 @@ from agglom_mpi.declaration.needed import needed
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.judge import HALF_WIDTH, MEAN_RADIUS, NOTHING, OBJECTIVE, has_settled
 from agglom_mpi.search.racing import Racing
-from agglom_mpi.statistics import t_95
+from agglom_mpi.statistics import Floats, t_95
 
-Floats = NDArray[np.float64]
 Number = TypeVar("Number", float, Floats)
 
 

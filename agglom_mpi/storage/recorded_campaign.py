@@ -7,6 +7,7 @@ from agglom_mpi.declaration.components import UnknownComponentError
 from agglom_mpi.declaration.reading import OWN_MODULES, SOURCE_SHA256, Reading, own_names
 from agglom_mpi.errors import CodeNotAllowedError
 from agglom_mpi.search.methods.method import SearchMethod
+from agglom_mpi.search.objectives.objective import Objective
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
@@ -74,6 +75,21 @@ def recorded_search(data: "CampaignData") -> SearchMethod | None:
         return SearchMethod.of_entries(entries, reading)
     except UnknownComponentError:
         return None
+
+
+def recorded_objective(data: "CampaignData") -> Objective:
+    """Return the objective of a campaign file.
+
+    Raises
+    ------
+    UnknownComponentError
+        If its name is unknown.
+    """
+    # Imported here: it loads what reads a campaign's text.
+    from agglom_mpi.config.user_function import function_of_means
+
+    objective = recorded_component(data, "objective", Objective.of_entries)
+    return objective.with_code(function_of_means(allowed_function(data), objective.code_of_means))
 
 
 def recorded_reading(data: "CampaignData") -> Reading:

@@ -13,7 +13,7 @@ from agglom_mpi.display.run_display import Display, print_wide
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import prepare
 from agglom_mpi.runtime.provenance import leg_start
-from agglom_mpi.search.decisions import GenerationSummary
+from agglom_mpi.search.proposals import GenerationSummary
 from agglom_mpi.storage.lock import KILLED, CampaignLock
 from agglom_mpi.storage.reader import read_campaign
 from agglom_mpi.storage.schema import RESULTS, sample_dtype

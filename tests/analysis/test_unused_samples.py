@@ -44,7 +44,7 @@ def test_no_analysis_of_a_set_sees_samples_that_ran_ahead_unused(three, tmp_path
 
 
 def test_no_analysis_of_data_sees_samples_that_ran_ahead_unused(measured, tmp_path, monkeypatch):
-    monkeypatch.setattr("agglom_mpi.inference.data_posterior.MIN_STRINGS", 5)
+    monkeypatch.setattr("agglom_mpi.inference.stored_samples.MIN_STRINGS", 5)
     path, other = measured
     same(*(answers(each, tmp_path / each.stem, "--posterior") for each in (other, path)))
 

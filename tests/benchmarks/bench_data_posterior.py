@@ -128,9 +128,9 @@ def found_over_expected(posterior, string, random):
     campaign = posterior.of.box.campaign
     value = predicted(campaign, string, emulated.data[-1:], TRUE_SAMPLES).mean(axis=0)
     volume = volume_after(emulated, value, random)
-    volumes = f"{next_ones.volume:.4g}, expected {each.after.mean:.4g}, found {volume:.4g}"
+    volumes = f"{next_ones.volume:.4g}, expected {each.after.value:.4g}, found {volume:.4g}"
     print(f"  {each.name}, {each.error_text}: {volumes}", flush=True)
-    return volume / each.after.mean
+    return volume / each.after.value
 
 
 def direct(posterior, samples=10):

@@ -72,9 +72,9 @@ def main(path, count=MEASUREMENTS):
         volumes = volumes_after(posterior, each, count, random)
         mean, error = volumes.mean(), volumes.std(ddof=1) / math.sqrt(count)
         print(
-            f"{each.name}, {each.error_text}: expected {each.after.mean:.4g} ± "
-            f"{each.after.standard_error:.1g}, found {mean:.4g} ± {error:.1g}, "
-            f"ratio {mean / each.after.mean:.3f}"
+            f"{each.name}, {each.error_text}: expected {each.after.value:.4g} ± "
+            f"{each.after.error:.1g}, found {mean:.4g} ± {error:.1g}, "
+            f"ratio {mean / each.after.value:.3f}"
         )
 
 

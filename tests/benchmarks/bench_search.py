@@ -18,8 +18,8 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.outcome import summaries
 from agglom_mpi.random_streams import sample_stream
 from agglom_mpi.runtime.experiment import InversionExperiment
-from agglom_mpi.search.decisions import GenerationSummary
 from agglom_mpi.search.ensemble import Ensemble
+from agglom_mpi.search.proposals import GenerationSummary
 from agglom_mpi.search.space import SearchSpace
 from agglom_mpi.simulation.sample import simulate_scene
 

@@ -18,7 +18,7 @@ from agglom_mpi.runtime.worker import serve_coordinator as serve
 from agglom_mpi.runtime.worker_pool import WorkerPool
 from agglom_mpi.scheduling import estimators, interface
 from agglom_mpi.scheduling.scheduler import Scheduler
-from agglom_mpi.search.decisions import Progress
+from agglom_mpi.search.proposals import Progress
 
 STRINGS, SAMPLES, NUMBERS = 20, 10**9, 10
 NO_TIME = 1e-9

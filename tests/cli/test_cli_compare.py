@@ -14,7 +14,7 @@ from agglom_mpi.inference.data_calibration import DataCalibration
 @pytest.fixture
 def files(measured_file, tmp_path, monkeypatch, remembered):
     """Return a file with data, twice, whose few strings are taken to suffice."""
-    monkeypatch.setattr("agglom_mpi.inference.data_posterior.MIN_STRINGS", 5)
+    monkeypatch.setattr("agglom_mpi.inference.stored_samples.MIN_STRINGS", 5)
     monkeypatch.setattr(DataCalibration, "passed", True)
     # A law fits, whatever its few samples are; repetitions need no further emulators.
     monkeypatch.setattr(law_comparison, "UNLIKELY", 0.0)

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 @pytest.fixture
 def run(measured_file, monkeypatch, remembered):
     """Return a function that runs a command on a campaign of few strings as if they sufficed."""
-    monkeypatch.setattr("agglom_mpi.inference.data_posterior.MIN_STRINGS", 5)
+    monkeypatch.setattr("agglom_mpi.inference.stored_samples.MIN_STRINGS", 5)
 
     def run(command, *words):
         from agglom_mpi.cli import main

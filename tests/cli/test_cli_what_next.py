@@ -12,7 +12,7 @@ from agglom_mpi.inference import next_measurement
 @pytest.fixture
 def run(measured_file, monkeypatch, remembered):
     """Return a function that reports on a campaign of few strings as if they sufficed."""
-    monkeypatch.setattr("agglom_mpi.inference.data_posterior.MIN_STRINGS", 5)
+    monkeypatch.setattr("agglom_mpi.inference.stored_samples.MIN_STRINGS", 5)
     # Repetitions need no further emulators.
     monkeypatch.setattr(next_measurement, "_new_quantities", lambda *_: ())
 

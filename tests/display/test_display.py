@@ -16,7 +16,7 @@ from test_progress import FULL
 from agglom_mpi.display import run_display as module
 from agglom_mpi.display.progress import log_line
 from agglom_mpi.display.run_display import Display
-from agglom_mpi.search.decisions import GenerationSummary
+from agglom_mpi.search.proposals import GenerationSummary
 from agglom_mpi.storage.reader import read_campaign
 
 BRIEF = {"generations": 4, "max_samples": 12, "population": 6, "parents": 2}

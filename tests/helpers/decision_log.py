@@ -1,6 +1,6 @@
 """What an inversion decides, in order."""
 
-from agglom_mpi.search.decisions import GenerationSummary, StringEvaluated, StringsProposed
+from agglom_mpi.search.proposals import GenerationSummary, StringEvaluated, StringsProposed
 
 
 class DecisionLog:

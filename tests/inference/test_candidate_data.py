@@ -8,10 +8,10 @@ from experiment_runs import write_experiments
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.inference.candidate_data import (
     assumed_error,
+    new_data,
     quantities_to_measure,
     read_errors,
     repeated,
-    scenes_to_measure,
 )
 from agglom_mpi.measurements.datum import Datum
 from agglom_mpi.measurements.quantities import QUANTITIES, AssumedError, MeasuredQuantity
@@ -67,13 +67,12 @@ def test_what_is_measured_under_another_name_is_not_new(quantity, weight, known)
 
 def test_each_experiment_is_measured_at_its_own_times_also_without_data(tmp_path):
     campaign = load_campaign(write_experiments(tmp_path))
-    scenes = {each.experiment: each for each in scenes_to_measure(campaign, campaign.census)}
-    assert {name: set(each.times) for name, each in scenes.items()} == {
-        "slow": {2e-3, None},
-        "fast": {None},
-        "faster": {None},
-    }
-    new = {name: names(each.new(campaign.data)) for name, each in scenes.items()}
+    found = new_data(campaign, campaign.census, campaign.data)
+    times = {"slow": {2e-3, None}, "fast": {None}, "faster": {None}}
+    of = {name: [each for each in found if each.experiment == name] for name in times}
+    assert sum(map(len, of.values())) == len(found)
+    assert {name: {each.time for each in own} for name, own in of.items()} == times
+    new = {name: names(own) for name, own in of.items()}
     mean, left = "mean_diameter by number at the end", "particles_left at the end"
     for quantity, known in ((mean, "slow"), (left, "fast")):
         assert {name for name in new if f"{name}: {quantity}" in new[name]} == {*new} - {known}

@@ -5,9 +5,9 @@ import pytest
 
 from agglom_mpi.emulation.emulator import Emulator, merge_samples
 from agglom_mpi.inference.expected_volume import (
-    CandidateEmulator,
     DataAtPoints,
     LinearQuantity,
+    emulated_candidate,
 )
 
 
@@ -50,11 +50,10 @@ def test_noise_that_is_shared_with_the_data_is_no_noise_of_the_rest():
     number = x**2 + 2.0 * 0.3 * noise[0] + 0.01 * noise[1]
     first = Emulator(merge_samples(coordinates, emulated[:, 0]), random)
     residuals = (first.data.means - first.held_out()[0])[:, None]
-    found = CandidateEmulator(coordinates, emulated, residuals, number, random)
     points = np.linspace(0.1, 0.9, 9)[:, None]
-    rest = found.at(points)
+    rest = emulated_candidate((coordinates, emulated, residuals), number, points, random)
     # Whatever the slope is, the candidate is right; how sure the rest is shows that it is near 2.
-    expected = points[:, 0] ** 2 - found.slopes[0] * np.sin(3.0 * points[:, 0])
+    expected = points[:, 0] ** 2 - rest.matrix[0, 0] * np.sin(3.0 * points[:, 0])
     assert np.all(np.abs(rest.rest[:, 0] - expected) < 5.0 * rest.rest_deviations[:, 0])
     alone = Emulator(merge_samples(coordinates, number), random).deviation(points)
     assert np.all(rest.rest_deviations[:, 0] < 0.5 * alone)

@@ -9,8 +9,7 @@ from toy_posteriors import correlated, linear_emulator, measurements
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.inference import data_calibration
 from agglom_mpi.inference.data_emulator import log_densities
-from agglom_mpi.inference.data_posterior import data_posterior, posterior_of
-from agglom_mpi.inference.measured_mean import MeasuredMean
+from agglom_mpi.inference.data_posterior import MeasuredMean, data_posterior, posterior_of
 from agglom_mpi.inference.posterior import PosteriorError
 from agglom_mpi.inference.posterior_sampling import BoxPart
 from agglom_mpi.inference.searched_box import EmulatedStrings

@@ -133,7 +133,7 @@ def test_the_file_has_no_pickles(exported):
 
 
 def test_measured_data_are_those_of_the_posterior(measured_file, monkeypatch):
-    monkeypatch.setattr("agglom_mpi.inference.emulator_file.MIN_STRINGS", 5)
+    monkeypatch.setattr("agglom_mpi.inference.stored_samples.MIN_STRINGS", 5)
     emulator = load_emulator(measured_file)
     file = read_campaign(measured_file)
     campaign, stored = recorded_campaign(file), stored_samples(file)
@@ -225,11 +225,9 @@ def test_a_campaign_without_an_emulator_says_why(finished, measured_file, tmp_pa
 
 
 def test_common_configurations_have_no_emulator(tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        "agglom_mpi.inference.emulator_file.why_not_emulated", lambda campaign: "their noise"
-    )
     path = three_variable_file(tmp_path, generations=1)
-    with pytest.raises(NoEmulatorError, match=r"three\.h5: their noise"):
+    monkeypatch.setattr("agglom_mpi.config.campaign.Campaign.common_configurations", True)
+    with pytest.raises(NoEmulatorError, match=r"three\.h5: ensemble\.common_configurations"):
         load_emulator(path)
 
 

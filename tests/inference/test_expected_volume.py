@@ -52,8 +52,8 @@ def test_expected_volume_of_a_linear_quantity_is_the_closed_form(error, deviatio
     found = expected_volume(points, number(slope * LINE, error, deviation), stream())
     after = 1.0 / math.sqrt(1.0 / 0.05**2 + slope**2 / (error**2 + deviation**2))
     # The width does not depend on what is measured: only the resolution and the ends differ.
-    assert found.mean == pytest.approx(WIDTH * after, abs=2.0 * points.share)
-    assert found.standard_error < points.share
+    assert found.value == pytest.approx(WIDTH * after, abs=2.0 * points.share)
+    assert found.error < points.share
 
 
 def test_expected_volume_of_two_correlated_numbers_is_the_closed_form():
@@ -66,21 +66,21 @@ def test_expected_volume_of_two_correlated_numbers_is_the_closed_form():
     precision = np.eye(2) / 0.07**2 + slopes.T @ np.linalg.inv(emulator + error) @ slopes
     area = math.pi * chi2.ppf(0.9, 2) / math.sqrt(np.linalg.det(precision))
     # Some 200 points lie in the region; even ones count an area in the plane to well within 1 %.
-    assert found.mean == pytest.approx(area, rel=0.01)
+    assert found.value == pytest.approx(area, rel=0.01)
 
 
 def test_quantity_that_does_not_depend_on_the_variables_changes_nothing():
     points = normal_points(SQUARE, 0.1)
     found = expected_volume(points, number(np.full(len(SQUARE), 3.0), 0.1, 0.2), stream())
-    assert found.mean == pytest.approx(points.volume, rel=1e-9)
-    assert found.standard_error < 1e-9 * points.volume
+    assert found.value == pytest.approx(points.volume, rel=1e-9)
+    assert found.error < 1e-9 * points.volume
 
 
 def test_measurement_twice_as_sure_leaves_less():
     points = normal_points(SQUARE, 0.1)
     quantity = SQUARE.sum(axis=1)
     errors = 0.2, 0.1, 0.05
-    found = [expected_volume(points, number(quantity, e), stream()).mean for e in errors]
+    found = [expected_volume(points, number(quantity, e), stream()).value for e in errors]
     assert points.volume > found[0] > found[1] > found[2]
 
 
@@ -88,8 +88,8 @@ def test_variables_may_be_exchanged():
     points = normal_points(SQUARE, 0.1)
     candidates = [number(SQUARE[:, place] ** 2, 0.1) for place in (0, 1)]
     first, second = (expected_volume(points, each, stream()) for each in candidates)
-    error = math.hypot(first.standard_error, second.standard_error)
-    assert abs(first.mean - second.mean) < 5.0 * error + 1e-3 * points.volume
+    error = math.hypot(first.error, second.error)
+    assert abs(first.value - second.value) < 5.0 * error + 1e-3 * points.volume
 
 
 def test_truths_of_a_posterior_and_noise_have_the_stated_error():
@@ -99,8 +99,8 @@ def test_truths_of_a_posterior_and_noise_have_the_stated_error():
         expected_volume(points, candidate, np.random.default_rng([seed, 7]), count=100)
         for seed in range(60)
     ]
-    stated = float(np.mean([each.standard_error for each in means]))
-    scatter = float(np.std([each.mean for each in means], ddof=1))
+    stated = float(np.mean([each.error for each in means]))
+    scatter = float(np.std([each.value for each in means], ddof=1))
     # A standard deviation of 60 numbers has a relative error of 1/sqrt(118); five of these.
     assert scatter == pytest.approx(stated, rel=5.0 / math.sqrt(118.0))
 

@@ -148,7 +148,7 @@ def test_a_repetition_with_half_of_the_error_shrinks_the_region_as_fisher_says(p
     strings, points = dense_points(of, posterior)
     [(_, again)] = measurables(None, of, strings, points, {})
     after = expected_volume(points, again, np.random.default_rng(1))
-    assert after.mean / points.volume == pytest.approx(0.2, rel=0.1)
+    assert after.value / points.volume == pytest.approx(0.2, rel=0.1)
 
 
 class LinearBox(SearchedBox):

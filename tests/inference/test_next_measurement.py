@@ -10,10 +10,9 @@ from toy_posteriors import correlated, linear_emulator, measurements
 
 from agglom_mpi.config.yaml_source import ArgumentError
 from agglom_mpi.emulation.blas_threads import single_threaded
-from agglom_mpi.inference import candidate_data, next_measurement
-from agglom_mpi.inference import data_posterior as data_posteriors
+from agglom_mpi.inference import candidate_data, next_measurement, stored_samples
 from agglom_mpi.inference import posterior as posterior_module
-from agglom_mpi.inference.data_posterior import data_posterior, posterior_of
+from agglom_mpi.inference.data_posterior import PosteriorError, data_posterior, posterior_of
 from agglom_mpi.inference.next_measurement import dense_points, next_measurements
 from agglom_mpi.inference.stored_samples import string_values
 from agglom_mpi.inference.telling_apart import telling_measurements
@@ -55,8 +54,8 @@ def test_repetitions_with_half_of_the_error_leave_what_least_squares_leave(toy, 
         weights = ERRORS**-2.0
         weights[i] *= 1.0 + next_measurement.REPEATED_ERROR**-2
         expected = ellipse(SLOPES.T @ np.diag(weights) @ SLOPES)
-        assert left[f"number {i}, again"].mean == pytest.approx(expected, rel=0.05)
-    means = [each.after.mean for each in found.ranked]
+        assert left[f"number {i}, again"].value == pytest.approx(expected, rel=0.05)
+    means = [each.after.value for each in found.ranked]
     assert means == sorted(means)
     assert max(means) < found.volume
 
@@ -73,14 +72,14 @@ def test_a_repetition_of_a_correlated_datum_has_errors_of_its_own(tmp_path, monk
         again = precision.copy()
         again[i, i] += (next_measurement.REPEATED_ERROR * ERRORS[i]) ** -2.0
         expected = ellipse(SLOPES.T @ again @ SLOPES)
-        assert each.after.mean == pytest.approx(expected, rel=0.05)
+        assert each.after.value == pytest.approx(expected, rel=0.05)
 
 
 @pytest.fixture(scope="module")
 def few_strings(measured_file):
     """Return the posterior of a small campaign, whose few strings are taken for enough."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(data_posteriors, "MIN_STRINGS", 5)
+        patch.setattr(stored_samples, "MIN_STRINGS", 5)
         return data_posterior(read_campaign(measured_file))
 
 
@@ -118,7 +117,7 @@ def test_a_campaign_ranks_all_it_can_measure_and_repetitions(measured):
 @pytest.fixture
 def three_experiments(tmp_path, monkeypatch):
     """Return the posterior of three experiments, of which the last, `faster`, has no data."""
-    monkeypatch.setattr(data_posteriors, "MIN_STRINGS", 5)
+    monkeypatch.setattr(stored_samples, "MIN_STRINGS", 5)
     monkeypatch.setattr(posterior_module, "IMPOSSIBLE", 0.0)
     write_experiments(tmp_path)
     finish(tmp_path, "experiments.yaml")
@@ -163,7 +162,7 @@ def test_the_order_of_candidates_does_not_matter(measured, monkeypatch):
         monkeypatch.setattr(candidate_data, "quantities_to_measure", lambda *_, o=order: o)
         found.append({each.name: each.after for each in measured.next_measurements().ranked})
     for name in ("d43", "spread"):
-        assert found[0][name].mean == pytest.approx(found[1][name].mean, rel=1e-6)
+        assert found[0][name].value == pytest.approx(found[1][name].value, rel=1e-6)
 
 
 def test_what_no_string_changes_tells_two_laws_apart_and_a_law_not_from_itself(
@@ -203,10 +202,10 @@ def test_an_impossible_error_is_refused_with_its_quantity(measured):
 
 def test_nothing_is_said_of_what_to_measure_next_where_no_string_fits(few_strings, monkeypatch):
     monkeypatch.setattr(posterior_module, "IMPOSSIBLE", math.nextafter(few_strings.p_value, 1.0))
-    with pytest.raises(data_posteriors.PosteriorError, match="is not known before"):
+    with pytest.raises(PosteriorError, match="is not known before"):
         few_strings.what_to_measure_next()
 
 
 def test_a_posterior_without_a_file_has_no_further_measurements(toy):
-    with pytest.raises(data_posteriors.PosteriorError):
+    with pytest.raises(PosteriorError):
         toy.what_to_measure_next()

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from agglom_mpi.config.yaml_source import CampaignError
-from agglom_mpi.inference.measured_mean import measurement_of
+from agglom_mpi.inference.data_posterior import measurement_of
 from agglom_mpi.inference.posterior import PosteriorError
 from agglom_mpi.inference.posterior_sampling import effective_size
 

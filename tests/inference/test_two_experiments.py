@@ -72,11 +72,11 @@ def test_the_next_experiment_leaves_the_volume_that_was_expected(tmp_path):
     found = posterior.next_measurements()
     each = found.ranked[0]
     assert each.datum.experiment == "rough"
-    assert each.after.mean < 0.8 * found.volume
+    assert each.after.value < 0.8 * found.volume
     emulated, random = with_measurement(posterior, each), np.random.default_rng(5)
     truths = random.choice(len(posterior.weights), TRUTHS, p=posterior.weights)
     volumes = []
     for string in posterior.strings[truths]:
         own = predicted(posterior.of.box.campaign, string, emulated.data[-1:], samples=100)
         volumes.append(volume_after(emulated, own.mean(axis=0), random))
-    assert np.mean(volumes) == pytest.approx(each.after.mean, rel=0.3)
+    assert np.mean(volumes) == pytest.approx(each.after.value, rel=0.3)

@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.formatting import without_nan
-from agglom_mpi.inference.expected_volume import ExpectedVolume
 from agglom_mpi.inference.next_measurement import NextMeasurement, NextMeasurements
 from agglom_mpi.measurements.datum import Datum, datum_name
 from agglom_mpi.measurements.quantities import AssumedError
@@ -20,6 +19,7 @@ from agglom_mpi.report.figures.posterior_figures import MAX_BARS, draw_next
 from agglom_mpi.report.posterior_summary import MAX_MEASUREMENTS, _compared, next_text
 from agglom_mpi.report.sections.section import plain_text
 from agglom_mpi.report.set_files import PosteriorRequest
+from agglom_mpi.statistics import MeanEstimate
 
 FIVE = AssumedError(0.05, is_relative=True)
 
@@ -27,7 +27,7 @@ FIVE = AssumedError(0.05, is_relative=True)
 def measurement(quantity, time, volume, error=FIVE, resolved=True, unit_value=4e-3):
     name = datum_name(quantity, "mass", time)
     datum = Datum.of_value(quantity, 1.0, 1.0, "mass", time, name)
-    after = ExpectedVolume(volume, 0.01 * volume)
+    after = MeanEstimate(volume, 0.01 * volume, 200)
     assumed = None if error is None else error.at(unit_value)
     return NextMeasurement(datum, error is None, error, unit_value, assumed, after, resolved)
 
@@ -97,7 +97,7 @@ def test_figure_has_a_bar_for_each_of_the_best_measurements(found):
     ax = draw_next(Figure().subplots(), found)
     widths = [bar.get_width() for bar in ax.patches]
     assert len(widths) == MAX_BARS
-    assert sorted(widths) == pytest.approx([100.0 * e.after.mean for e in found.ranked[:MAX_BARS]])
+    assert sorted(widths) == pytest.approx([100.0 * e.after.value for e in found.ranked[:MAX_BARS]])
     assert ax.get_xlim()[1] >= 14.0
     assert str(len(found.ranked) - MAX_BARS) in figures()["next_measurement"].caption(found)
 

@@ -10,8 +10,8 @@ from agglom_mpi.analysis.file_check import check_file
 from agglom_mpi.config.plan import CertificatePlan
 from agglom_mpi.inference import feasible_set
 from agglom_mpi.inference.certificate import certificate_of, certificate_path, samples_digest
-from agglom_mpi.inference.part_of_set import CertificateError
-from agglom_mpi.inference.wobble import Wobble
+from agglom_mpi.inference.certified_part import CertificateError
+from agglom_mpi.inference.emulated_set import Wobble
 from agglom_mpi.outcome import SampleSummary
 from agglom_mpi.report.sections.section import plain_text
 from agglom_mpi.report.set_summary import set_as_dict, set_text

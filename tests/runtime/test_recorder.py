@@ -2,8 +2,8 @@ import pytest
 from storage_rows import sample_rows
 
 from agglom_mpi.runtime.recorder import RunRecorder
-from agglom_mpi.search.decisions import StringEvaluated
 from agglom_mpi.search.ensemble import EnsembleResult
+from agglom_mpi.search.proposals import StringEvaluated
 from agglom_mpi.storage.reader import read_campaign
 
 RESULT = EnsembleResult(0.1, 0.01, 1.9, 10, 0, False, 6.859, 7.0)

@@ -8,7 +8,7 @@ import pytest
 from campaign_runs import SMALL, assert_sound, finish, invert, write_campaign
 from click.testing import CliRunner
 
-from agglom_mpi.analysis.drawn_sizes import drawn_fraction
+from agglom_mpi.analysis.quantity_means import drawn_fraction
 from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.analysis.run_warnings import run_warnings
 from agglom_mpi.analysis.summary import collect_summary

@@ -10,13 +10,13 @@ from rules import difference, ensemble_of, half_width
 from search_fakes import PARTICLES, Decisions, completed, failed, unit_box
 from searches import genetic_search
 
-from agglom_mpi.search.decisions import (
+from agglom_mpi.search.ending import Generations, MeanOfBest, any_of
+from agglom_mpi.search.inversion import Inversion
+from agglom_mpi.search.proposals import (
     GenerationSummary,
     StringEvaluated,
     StringsProposed,
 )
-from agglom_mpi.search.ending import Generations, MeanOfBest, any_of
-from agglom_mpi.search.inversion import Inversion
 
 SEED = 11
 

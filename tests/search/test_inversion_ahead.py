@@ -11,10 +11,9 @@ from rules import difference, ensemble_of
 from search_fakes import PARTICLES, Decisions, completed, unit_box
 from searches import genetic_search
 
-from agglom_mpi.search.decisions import Progress
 from agglom_mpi.search.ending import Generations
 from agglom_mpi.search.inversion import Inversion
-from agglom_mpi.search.proposals import RANDOM
+from agglom_mpi.search.proposals import RANDOM, Progress
 
 GENERATIONS = 5
 POPULATION, PARENTS = 8, 2

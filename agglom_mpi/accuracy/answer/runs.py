@@ -19,7 +19,7 @@ from agglom_mpi.runtime.provenance import sources_digest
 from agglom_mpi.storage.reader import CampaignData, read_inversion
 
 if TYPE_CHECKING:
-    from agglom_mpi.search.decisions import GenerationSummary
+    from agglom_mpi.search.proposals import GenerationSummary
 
 FOLDER: Final = "runs"
 """Folder of the campaign files, in that of the report."""

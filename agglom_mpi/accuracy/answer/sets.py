@@ -16,9 +16,8 @@ from agglom_mpi.accuracy.study import Rows, completed
 from agglom_mpi.config.answer_study import AnswerStudy
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.inference.emulated_set import EmulatedSet
-from agglom_mpi.inference.feasible_set import MIN_STRINGS
 from agglom_mpi.inference.searched_box import SearchedBox
-from agglom_mpi.inference.stored_samples import stored_samples
+from agglom_mpi.inference.stored_samples import MIN_STRINGS, stored_samples
 from agglom_mpi.search.stopping import EnsembleState, StoppingRule
 from agglom_mpi.storage.files import atomic_file
 from agglom_mpi.storage.reader import CampaignData

@@ -11,10 +11,10 @@ from agglom_mpi.declaration.reading import NamedFiles
 from agglom_mpi.declaration.spelling import MAX_MAGNITUDE
 from agglom_mpi.declaration.units import quoted
 from agglom_mpi.measurements.files.curve_file import read_size_curve
-from agglom_mpi.measurements.files.grain_file import Diameters, read_diameters
 from agglom_mpi.measurements.files.impact_file import MeasuredImpacts, read_impacts
 from agglom_mpi.measurements.files.size_columns import CurveKeys
 from agglom_mpi.measurements.files.size_curve import POWER, SizeCurve
+from agglom_mpi.measurements.files.size_table import Diameters, read_diameters
 
 CURVE_NUMBERS: Final = ("edges", "shares", "errors")
 """Entries of an identity with the numbers of a file of sizes; of impacts: their fields."""

@@ -16,7 +16,6 @@ import numpy.typing as npt
 from agglom_mpi.declaration.declared import FieldError
 from agglom_mpi.declaration.units import quoted, to_si
 from agglom_mpi.file_kinds import quoted_start
-from agglom_mpi.measurements.files.grain_file import MAX_ROWS, grains_of, read_content
 from agglom_mpi.measurements.files.size_columns import (
     CURVE_EXAMPLE,
     SIZE_HEADINGS,
@@ -35,7 +34,14 @@ from agglom_mpi.measurements.files.size_curve import (
     curve_of_diameters,
     curve_of_passing,
 )
-from agglom_mpi.measurements.files.size_table import SizeRow, SizeTable, in_metres
+from agglom_mpi.measurements.files.size_table import (
+    MAX_ROWS,
+    SizeRow,
+    SizeTable,
+    grains_of,
+    in_metres,
+    read_content,
+)
 from agglom_mpi.measurements.files.text_table import TableError, parse_heading, read_table
 
 HEADINGS_REMEDY: Final = "state what it is in the entry, like `headings: {finer: passing (%)}`"

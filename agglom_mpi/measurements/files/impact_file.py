@@ -9,20 +9,20 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agglom_mpi.declaration.declared import FieldError
 from agglom_mpi.declaration.spelling import MAX_MAGNITUDE
 from agglom_mpi.declaration.units import quoted, to_si
 from agglom_mpi.file_kinds import quoted_start
-from agglom_mpi.measurements.files.grain_file import read_content
 from agglom_mpi.measurements.files.size_columns import CurveKeys
+from agglom_mpi.measurements.files.size_table import read_content
 from agglom_mpi.measurements.files.text_table import (
     TableError,
     TextTable,
     parse_heading,
     read_table,
 )
+from agglom_mpi.statistics import Floats
 
 MAX_IMPACTS: Final = 300
 """Maximum number of impacts of a file."""
@@ -81,7 +81,7 @@ class MeasuredImpacts(NamedTuple):
         return fit and min(positive, default=0.0) > 0.0 and max(positive) < MAX_MAGNITUDE
 
     @property
-    def conditions(self) -> NDArray[np.float64]:
+    def conditions(self) -> Floats:
         """Speeds, both radii and temperatures, shape (q, 4)."""
         return np.column_stack(self[:4])
 

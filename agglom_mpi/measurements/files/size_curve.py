@@ -9,11 +9,11 @@ import math
 from typing import Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from agglom_mpi.measurements.quantities import QUANTITIES
+from agglom_mpi.statistics import Floats
 
-Numbers: TypeAlias = npt.NDArray[np.float64]
+Numbers: TypeAlias = Floats
 ShareWeight: TypeAlias = Literal["number", "area", "mass"]
 
 POWER: Final[dict[ShareWeight, int]] = {"number": 0, "area": 2, "mass": 3}

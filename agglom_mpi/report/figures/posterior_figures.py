@@ -274,8 +274,8 @@ def draw_next(ax: Any, found: "NextMeasurements") -> Any:
     """Draw the expected volume after each measurement beside that of today; return the axes."""
     shown = found.ranked[:MAX_BARS]
     place = np.arange(len(shown))
-    volumes = 100.0 * np.array([each.after.mean for each in shown])
-    errors = 100.0 * TWO_SIDED * np.array([each.after.standard_error for each in shown])
+    volumes = 100.0 * np.array([each.after.value for each in shown])
+    errors = 100.0 * TWO_SIDED * np.array([each.after.error for each in shown])
     for repeats, colour, label in (
         (False, COLOURS[0], "new quantity"),
         (True, COLOURS[4], "repetition with half of the error"),

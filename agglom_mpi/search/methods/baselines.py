@@ -4,13 +4,13 @@ import warnings
 from typing import TYPE_CHECKING, ClassVar, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agglom_mpi.declaration.needed import needed
 from agglom_mpi.random_streams import RANDOM_STRING, SOBOL_SCRAMBLE, search_stream
 from agglom_mpi.search.methods.method import PopulationMethod, SearchInputs
 from agglom_mpi.search.proposals import EvaluatedStrings, Proposals, begun_with
 from agglom_mpi.search.space import BLOCK, SearchSpace
+from agglom_mpi.statistics import Floats
 
 if TYPE_CHECKING:
     from scipy.stats import qmc
@@ -90,7 +90,7 @@ class BaselineSearch(EvaluatedStrings):
         first = len(self.given) if generation == 0 else 0
         return begun_with(self.given[:first], self._strings(generation, first), generation)
 
-    def _strings(self, generation: int, first: int) -> NDArray[np.float64]:
+    def _strings(self, generation: int, first: int) -> Floats:
         """Return the strings of a generation in the slots from `first` on, shape (n, k)."""
         raise NotImplementedError
 
@@ -98,7 +98,7 @@ class BaselineSearch(EvaluatedStrings):
 class RandomSearch(BaselineSearch):
     """Search by the method `RandomPoints`."""
 
-    def _strings(self, generation: int, first: int) -> NDArray[np.float64]:
+    def _strings(self, generation: int, first: int) -> Floats:
         slots = range(first, self.population)
         draws = [search_stream(self.seed, RANDOM_STRING, generation, slot) for slot in slots]
         return np.array([self.space.sample(rng) for rng in draws]).reshape(-1, self.space.count)
@@ -111,7 +111,7 @@ class SobolSearch(BaselineSearch):
         super().__init__(method, inputs)
         self._sequence = SobolStrings(inputs.space, inputs.seed)
 
-    def _strings(self, generation: int, first: int) -> NDArray[np.float64]:
+    def _strings(self, generation: int, first: int) -> Floats:
         before = generation * self.population + first
         return self._sequence.strings(before, self.population - first)
 
@@ -137,7 +137,7 @@ class SobolStrings:
         self._sequences = 0
         self._allowed = space.no_strings
 
-    def strings(self, first: int, count: int) -> NDArray[np.float64]:
+    def strings(self, first: int, count: int) -> Floats:
         """Return strings `first` to `first + count - 1`, shape (count, k)."""
         if self._space.allowed is None:
             return sobol_strings(self._space, self._seed, first, count)
@@ -150,7 +150,7 @@ class SobolStrings:
         return self._allowed[first : first + count]
 
 
-def sobol_strings(space: SearchSpace, seed: int, first: int, count: int) -> NDArray[np.float64]:
+def sobol_strings(space: SearchSpace, seed: int, first: int, count: int) -> Floats:
     """Return strings `first` to `first + count - 1` of a seed's Sobol sequence, (count, k).
 
     Whether they are allowed does not matter.

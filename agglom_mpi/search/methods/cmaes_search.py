@@ -3,7 +3,6 @@
 from typing import Annotated, ClassVar, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agglom_mpi.declaration.components import In, Whole
 from agglom_mpi.random_streams import EVOLUTION, search_stream
@@ -18,6 +17,7 @@ from agglom_mpi.search.proposals import (
     begun_with,
 )
 from agglom_mpi.search.space import SearchSpace
+from agglom_mpi.statistics import Floats
 
 FAILED_OBJECTIVE: Final = 1e300
 """Objective of a string that could not be evaluated, for a method that only ranks."""
@@ -110,10 +110,10 @@ class CmaesSearch(EvaluatedStrings):
         self._best = self.space.to_unit(self.parameters[self._ranked()[:1]])[0]
         self._points = self._drawn(count)
 
-    def _drawn(self, number: int) -> NDArray[np.float64]:
+    def _drawn(self, number: int) -> Floats:
         return np.array([self._allowed_point() for _ in range(number)])
 
-    def _allowed_point(self) -> NDArray[np.float64]:
+    def _allowed_point(self) -> Floats:
         """Return a point that is drawn until it is allowed, or moved towards the best one."""
         for _ in range(MAX_DRAWS):
             point = self._strategy.ask()
@@ -127,7 +127,7 @@ class CmaesSearch(EvaluatedStrings):
         )
 
 
-def _middle(space: SearchSpace, seed: int) -> NDArray[np.float64]:
+def _middle(space: SearchSpace, seed: int) -> Floats:
     """Return the middle of the unit cube, or the most central of some allowed points."""
     middle = np.full(space.dimensions, 0.5)
     if space.allows(middle[None])[0]:

@@ -23,6 +23,7 @@ from agglom_mpi.search.proposals import (
     joined_proposals,
 )
 from agglom_mpi.search.space import HALVINGS
+from agglom_mpi.statistics import Floats
 
 MAX_BLENDS: Final = 100
 """Maximum number of blends of two parents that are drawn until a child is allowed."""
@@ -267,21 +268,21 @@ class GeneticSearch(EvaluatedStrings):
 
     def _children(
         self,
-        better: NDArray[np.float64],
-        worse: NDArray[np.float64],
-        blend: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
+        better: Floats,
+        worse: Floats,
+        blend: Floats,
+    ) -> Floats:
         """Return blends of scaled parents in the box, shape (..., k)."""
         # φ·better + (1-φ)·worse, in the form that gives equal parents an equal child.
         return self.space.clip(self.space.unscaled(worse + blend * (better - worse)))
 
     def _allowed_child(
         self,
-        better: NDArray[np.float64],
-        worse: NDArray[np.float64],
-        blend: NDArray[np.float64],
+        better: Floats,
+        worse: Floats,
+        blend: Floats,
         random: np.random.Generator,
-    ) -> NDArray[np.float64] | None:
+    ) -> Floats | None:
         """Return an allowed child of scaled parents whose first blend is not allowed, or None.
 
         Other blends are drawn; if none of them is allowed, children nearer and nearer to the better

@@ -17,6 +17,7 @@ from agglom_mpi.declaration.needed import needed
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.search.proposals import Evaluations, Proposals, Ranked
 from agglom_mpi.search.space import SearchSpace
+from agglom_mpi.statistics import Floats
 
 DEFAULT_METHODS: Final = ("surrogate", "genetic")
 """Methods of a section `search` without the key `method`: the one that has most of its keys, the
@@ -85,10 +86,10 @@ class SearchInputs(NamedTuple):
 
     space: SearchSpace
     seed: int
-    given: NDArray[np.float64]
+    given: Floats
     magnitude: bool = False
     background: bool = False
-    coordinates: Callable[[NDArray[np.float64]], NDArray[np.float64]] = np.asarray
+    coordinates: Callable[[Floats], Floats] = np.asarray
     groups: int = 0
     learned: Evaluations | None = None
 

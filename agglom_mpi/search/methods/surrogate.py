@@ -37,6 +37,7 @@ from agglom_mpi.search.proposals import (
     Ranked,
     begun_with,
 )
+from agglom_mpi.statistics import Floats
 
 if TYPE_CHECKING:
     from concurrent.futures import Future
@@ -284,7 +285,7 @@ class SurrogateSearch(EvaluatedStrings):
 
     def _proposed_by(
         self, model: "GaussianProcess", known: int, count: int, random: np.random.Generator
-    ) -> NDArray[np.float64]:
+    ) -> Floats:
         """Return the point with the best expected objective, then optima of draws, (count, d).
 
         Where the set is looked for, they are points where membership is unsure.
@@ -353,9 +354,7 @@ class SurrogateSearch(EvaluatedStrings):
             own = np.concatenate((learned, own)) if len(own) else learned
         return own[:count]
 
-    def _data(
-        self, known: int
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+    def _data(self, known: int) -> tuple[Floats, Floats, NDArray[np.int64]]:
         """Return points, (n, d), deviations and samples, (n,); a failed string gets the worst."""
         objectives, deviations = self._known("objectives", known), self._known("deviations", known)
         finite = np.isfinite(objectives)
@@ -375,7 +374,7 @@ def milestone(known: int, first: int) -> int:
     return min(fitted, known)
 
 
-def best_and_spread(objectives: NDArray[np.float64], limit: int) -> NDArray[np.int64]:
+def best_and_spread(objectives: Floats, limit: int) -> NDArray[np.int64]:
     """Return indices of at most `limit` strings: half the best, half evenly from the rest."""
     order = np.argsort(np.where(np.isfinite(objectives), objectives, np.inf), kind="stable")
     if len(order) <= limit:

@@ -16,15 +16,13 @@ from numpy.typing import NDArray
 
 from agglom_mpi.outcome import SampleSummary
 from agglom_mpi.search.criteria import Criterion
-from agglom_mpi.statistics import RunningMeans
+from agglom_mpi.statistics import Floats, RunningMeans
 
 OfMeans: TypeAlias = Callable[[Mapping[str, Any]], Any]
 """Function of the means by name that returns the objective; it may raise any exception.
 
 Of arrays it may return an array.
 """
-
-Floats: TypeAlias = NDArray[np.float64]
 
 STEP_IN_ERRORS: Final = 1e-4
 """Step of a difference relative to the standard error of a mean."""

@@ -15,11 +15,10 @@ from agglom_mpi.outcome import SampleSummary, summaries
 from agglom_mpi.physics.impact_tests import ImpactTests
 from agglom_mpi.search.criteria import Criterion, NoCriterionError
 from agglom_mpi.search.objectives.objective import Objective, accumulated
+from agglom_mpi.statistics import Floats
 
 if TYPE_CHECKING:
     from agglom_mpi.measurements.misfit import Misfit
-
-Floats = NDArray[np.float64]
 
 RULES: Final = ("fixed", "standard_error")
 """Stopping rules that need no objective of a sample alone."""

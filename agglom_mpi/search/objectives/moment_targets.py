@@ -19,7 +19,7 @@ from agglom_mpi.outcome import SampleSummary
 from agglom_mpi.search.criteria import Criterion
 from agglom_mpi.search.moments import MOMENTS, NORMALISED, Central, MomentBands, gradient, moment
 from agglom_mpi.search.objectives.objective import Objective, ReachedMoment, accumulated
-from agglom_mpi.statistics import PooledMomentErrors, PooledMoments, RunningMean
+from agglom_mpi.statistics import Floats, PooledMomentErrors, PooledMoments, RunningMean
 
 FOURTH_ORDER: Final = ("kurtosis", "fourth")
 """Moments of the fourth power of the radii."""
@@ -226,7 +226,7 @@ class MomentTargets(Objective):
         """Return the objective of radii with these moments."""
         return sum(abs(term.deviation(moment(term.name, mean, central))) for term in self.terms)
 
-    def of_samples(self, rows: NDArray[np.void]) -> NDArray[np.float64]:
+    def of_samples(self, rows: NDArray[np.void]) -> Floats:
         """Return the objective of each sample alone, from its own moments."""
         columns = ("mean_radius_ratio", *(f"radius_moment_{order}" for order in (2, 3, 4)))
         samples = zip(*(rows[name].tolist() for name in columns), strict=True)
@@ -239,7 +239,7 @@ class MomentTargets(Objective):
         """
         return accumulated(self.accumulator(), outcomes).reached if outcomes else ()
 
-    def influence_values(self, outcomes: Sequence[SampleSummary]) -> NDArray[np.float64]:
+    def influence_values(self, outcomes: Sequence[SampleSummary]) -> Floats:
         """Return the objective of all samples plus the first-order influence of each."""
         accumulator = accumulated(self.accumulator(), outcomes)
         return np.array([accumulator.influence_value(outcome) for outcome in outcomes])

@@ -17,7 +17,7 @@ from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.formatting import ROUNDING, value_with_error
 from agglom_mpi.outcome import SampleSummary, summaries
 from agglom_mpi.search.criteria import Criterion, NoCriterionError
-from agglom_mpi.statistics import RunningMean
+from agglom_mpi.statistics import Floats, RunningMean
 
 
 class ReachedMoment(NamedTuple):
@@ -190,7 +190,7 @@ class Objective(Component):
         """Return an accumulator without samples."""
 
     @abstractmethod
-    def of_samples(self, rows: NDArray[np.void]) -> NDArray[np.float64]:
+    def of_samples(self, rows: NDArray[np.void]) -> Floats:
         """Return the objective of each sample alone, shape (n,).
 
         Parameters
@@ -201,7 +201,7 @@ class Objective(Component):
         """
 
     @abstractmethod
-    def influence_values(self, outcomes: Sequence[SampleSummary]) -> NDArray[np.float64]:
+    def influence_values(self, outcomes: Sequence[SampleSummary]) -> Floats:
         """Return one value of each of n > 0 samples, shape (n,), whose mean is the objective.
 
         It is signed where the objective is a magnitude, and the standard error of the mean is that
@@ -273,7 +273,7 @@ class MeanAccumulator:
         return self.mean.standard_error
 
 
-Ratio = TypeVar("Ratio", float, NDArray[np.float64])
+Ratio = TypeVar("Ratio", float, Floats)
 
 
 class RadiusObjective(Objective):
@@ -301,11 +301,11 @@ class RadiusObjective(Objective):
         """Return the objective of single samples by their mean radius ratio, elementwise."""
         return abs(self.deviation(ratio))
 
-    def of_samples(self, rows: NDArray[np.void]) -> NDArray[np.float64]:
+    def of_samples(self, rows: NDArray[np.void]) -> Floats:
         """Return the objective of each sample alone."""
         return self.of_ratio(rows["mean_radius_ratio"])
 
-    def influence_values(self, outcomes: Sequence[SampleSummary]) -> NDArray[np.float64]:
+    def influence_values(self, outcomes: Sequence[SampleSummary]) -> Floats:
         """Return the deviations of the samples."""
         return self.deviation(np.array([outcome.mean_radius_ratio for outcome in outcomes]))
 

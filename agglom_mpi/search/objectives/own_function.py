@@ -25,6 +25,7 @@ from agglom_mpi.search.objectives.objective import (
     ObjectiveAccumulator,
     accumulated,
 )
+from agglom_mpi.statistics import Floats
 
 MAX_QUANTITIES: Final = 30
 """Maximum number of quantities of a sample."""
@@ -198,12 +199,12 @@ class MeanOfFunction(Objective):
             self._means() if self.of_means else MeanAccumulator(lambda outcome: outcome.objective)
         )
 
-    def of_samples(self, rows: NDArray[np.void]) -> NDArray[np.float64]:
+    def of_samples(self, rows: NDArray[np.void]) -> Floats:
         """Return the stored value of each sample."""
-        stored: NDArray[np.float64] = rows["objective"]
+        stored: Floats = rows["objective"]
         return stored
 
-    def influence_values(self, outcomes: Sequence[SampleSummary]) -> NDArray[np.float64]:
+    def influence_values(self, outcomes: Sequence[SampleSummary]) -> Floats:
         """Return the stored values, or the objective plus the influence of each sample."""
         if not self.of_means:
             return np.array([outcome.objective for outcome in outcomes])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from agglom_mpi import load_emulator
-from agglom_mpi.inference.wobble import DEVIATIONS, Wobble, even_places
+from agglom_mpi.inference.emulated_set import DEVIATIONS, Wobble, even_places
 from agglom_mpi.report.sections.section import plain_text
 from agglom_mpi.report.set_summary import set_as_dict, set_text
 
