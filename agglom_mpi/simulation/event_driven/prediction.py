@@ -36,14 +36,23 @@ def last_cell(scene, per_axis, high):
 
 
 @inlined
-def first_in_cells(cells, a0, a1, b0, b1, c0, c1, count):
-    """Write the first particle of each of these cells behind `count` candidates; their number."""
-    candidates, head, offset, per_axis = (
+def particles_in_cells(scene, cells, a0, a1, b0, b1, c0, c1, count):
+    """Write the particles of cells (a0, b0, c0) to (a1, b1, c1) behind `count` candidates.
+
+    Returns how many there are then. Without a branch per cell: most cells are empty or hold one, in
+    no order a processor could foresee.
+    """
+    per_axis = cells.shape[PER_AXIS]
+    candidates, head, next_in_cell, offset = (
         cells.candidates,
         cells.head,
+        cells.next_in_cell,
         cells.offset,
-        cells.shape[PER_AXIS],
     )
+    a0, a1 = first_cell(scene, a0), last_cell(scene, per_axis, a1)
+    b0, b1 = first_cell(scene, b0), last_cell(scene, per_axis, b1)
+    c0, c1 = first_cell(scene, c0), last_cell(scene, per_axis, c1)
+    k = count
     for a in range(per_axis + a0, per_axis + a1 + 1):
         for b in range(per_axis + b0, per_axis + b1 + 1):
             row = offset[0, a] + offset[1, b]
@@ -51,37 +60,26 @@ def first_in_cells(cells, a0, a1, b0, b1, c0, c1, count):
                 j = head[row + offset[2, c]]
                 candidates[count] = j
                 count += 1 if j >= 0 else 0
-    return count
-
-
-@inlined
-def particles_in_cells(scene, cells, a0, a1, b0, b1, c0, c1):
-    """Write the particles of cells (a0, b0, c0) to (a1, b1, c1) into `candidates`; their number.
-
-    Without a branch per cell: most cells are empty or hold one, in no order a processor could
-    foresee.
-    """
-    per_axis = cells.shape[PER_AXIS]
-    candidates, next_in_cell = cells.candidates, cells.next_in_cell
-    a0, a1 = first_cell(scene, a0), last_cell(scene, per_axis, a1)
-    b0, b1 = first_cell(scene, b0), last_cell(scene, per_axis, b1)
-    c0, c1 = first_cell(scene, c0), last_cell(scene, per_axis, c1)
-    count = 0
-    if is_sheared(scene.escape):
-        if b1 - b0 + 1 >= per_axis:
-            a0, a1 = 0, per_axis - 1
-        shifts = cells.shape[SHIFTS] % per_axis
-        for b in range(b0, b1 + 1):
-            first, last = columns_beside(scene.escape, b, a0, a1, per_axis, shifts)
-            count = first_in_cells(cells, first, last, b, b, c0, c1, count)
-    else:
-        count = first_in_cells(cells, a0, a1, b0, b1, c0, c1, count)
-    k = 0
     while k < count:
         j = next_in_cell[candidates[k]]
         candidates[count] = j
         count += 1 if j >= 0 else 0
         k += 1
+    return count
+
+
+@inlined
+def particles_around(scene, cells, a0, a1, b0, b1, c0, c1):
+    """Write the particles of these cells into `candidates`, in shear row by row; their number."""
+    if not is_sheared(scene.escape):
+        return particles_in_cells(scene, cells, a0, a1, b0, b1, c0, c1, 0)
+    count, per_axis = 0, cells.shape[PER_AXIS]
+    if b1 - b0 + 1 >= per_axis:
+        a0, a1 = 0, per_axis - 1
+    shifts = cells.shape[SHIFTS] % per_axis
+    for b in range(b0, b1 + 1):
+        first, last = columns_beside(scene.escape, b, a0, a1, per_axis, shifts)
+        count = particles_in_cells(scene, cells, first, last, b, b, c0, c1, count)
     return count
 
 
@@ -122,13 +120,13 @@ def neighbours_of(scene, cells, trajectory, next_event, x, y, z, face):
             a0, a1 = cells_of_oversize(scene, cells, x, trajectory["radius"])
             b0, b1 = cells_of_oversize(scene, cells, y, trajectory["radius"])
             c0, c1 = cells_of_oversize(scene, cells, z, trajectory["radius"])
-            count = particles_in_cells(scene, cells, a0, a1, b0, b1, c0, c1)
+            count = particles_around(scene, cells, a0, a1, b0, b1, c0, c1)
     else:
         a, b, c = np.int64(next_event["a"]), np.int64(next_event["b"]), np.int64(next_event["c"])
         a0, a1 = cells_beside(a, face)
         b0, b1 = cells_beside(b, face - 2)
         c0, c1 = cells_beside(c, face - 4)
-        count = particles_in_cells(scene, cells, a0, a1, b0, b1, c0, c1)
+        count = particles_around(scene, cells, a0, a1, b0, b1, c0, c1)
     return count
 
 
