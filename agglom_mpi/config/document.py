@@ -40,8 +40,9 @@ from agglom_mpi.declaration.declared import (
     raise_field_errors,
 )
 from agglom_mpi.declaration.reading import PLAIN, Reading
+from agglom_mpi.measurements.files.size_columns import CurveKeys
 from agglom_mpi.outcome import SPIN_UNITS, quantity_columns
-from agglom_mpi.physics.sizes import READ_KEYS, reads_file
+from agglom_mpi.physics.sizes import CurveSizes, law_of_file
 from agglom_mpi.search.methods.method import SearchMethod
 from agglom_mpi.search.methods.surrogate import Surrogate
 from agglom_mpi.search.objectives.growth import MaximumGrowth
@@ -362,20 +363,29 @@ def parse_campaign(text: str, name: str) -> Source:
 def _with_sizes(source: Source, reading: Reading) -> Source:
     """Return a file with what is in the file of sizes that its scene may name."""
     scene: Any = source.data.get("scene")
-    sizes = scene.get("sizes") if isinstance(scene, dict) else None
-    if sizes is None or not reads_file(sizes, reading):
+    sizes: Any = scene.get("sizes") if isinstance(scene, dict) else None
+    law = law_of_file(sizes, reading)
+    if law is None:
         return source
-    path: FieldPath = ("scene", "sizes")
-    rule = "allowed beside file: law, basis"
-    unknown = [str(key) for key in sizes if key not in ("law", "file", "basis")]
-    problems = [((*path, key), f"unknown key '{key[:40]}'; {rule}") for key in unknown]
+    given = {key: field for key, field in law.model_fields.items() if key not in law.not_in_files}
+    rule = f"allowed beside file: {', '.join(key for key in given if key != 'file')}"
+    unknown = [str(key) for key in sizes if key not in given]
+    problems: list[tuple[FieldPath, str]] = [
+        ((key,), f"unknown key '{key[:40]}'; {rule}") for key in unknown
+    ]
+    stated, place = dict[str, Any](), "file"
     try:
-        found = reading.files.diameters(sizes["file"])
+        for place in (key for key in CurveKeys._fields if key in given and key in sizes):
+            stated[place] = given[place].read(sizes[place], reading)
+        place, keys = "file", CurveKeys(**stated) if issubclass(law, CurveSizes) else None
+        sizes = {**sizes, **reading.files.diameters(sizes["file"], keys)}
+    except FieldError as error:
+        problems += error.problems
     except ValueError as error:
-        problems.append(((*path, "file"), str(error)))
+        problems.append(((place,), str(error)))
     if problems:
-        raise CampaignError(*(source.problem(where, message) for where, message in problems))
-    sizes = {**sizes, **dict(zip(READ_KEYS, found, strict=True))}
+        path = ("scene", "sizes")
+        raise CampaignError(*(source.problem((*path, *key), message) for key, message in problems))
     return replace(source, data={**source.data, "scene": {**scene, "sizes": sizes}})
 
 

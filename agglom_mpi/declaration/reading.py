@@ -110,8 +110,14 @@ NO_OWN: Final = OwnComponents()
 class NamedFiles:
     """Reads the files of sizes and impacts that a campaign names; this one reads none."""
 
-    def diameters(self, name: str) -> Any:
-        """Return the diameters of a file of grains, which `scene.sizes` names; see `curve`."""
+    def diameters(self, name: str, keys: Any) -> dict[str, Any]:
+        """Return what a law of sizes reads from its file, by field; `keys` are those of a curve.
+
+        Raises
+        ------
+        ValueError
+            If it cannot be read, with the reason.
+        """
         raise ValueError(f"is {quoted(name)}, {ONLY_BESIDE}")
 
     def curve(self, place: int, name: str, keys: Any) -> Any:

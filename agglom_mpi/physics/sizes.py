@@ -12,13 +12,14 @@ from agglom_mpi.declaration.components import (
     Component,
     In,
     UnknownComponentError,
+    Whole,
     class_named,
-    names_of,
     unit_of,
 )
-from agglom_mpi.declaration.declared import LATER, FieldPath, Line
+from agglom_mpi.declaration.declared import LATER, FieldPath, Line, Reads
 from agglom_mpi.declaration.needed import needed
 from agglom_mpi.declaration.reading import PLAIN, Reading, names_own
+from agglom_mpi.declaration.units import quoted, to_si
 from agglom_mpi.formatting import pluralise, value_with_prefix
 from agglom_mpi.physics.size_distributions import (
     ListedDistribution,
@@ -60,9 +61,10 @@ class Sizes(Component):
 
     @classmethod
     def as_mapping(cls, entry: Any) -> Any:
-        """Return the entry of a file as a mapping; `{file: …}` alone is the law `file`."""
+        """Return an entry as a mapping; `{file: …}` is the law `file`, with an error `curve`."""
         if isinstance(entry, dict) and "file" in entry and cls.named_by not in entry:
-            return {cls.named_by: "file", **entry}
+            law = CurveSizes if {"error", "counted"} & set(entry) else FileSizes
+            return {cls.named_by: law.names()[0], **entry}
         return super().as_mapping(entry)
 
     @property
@@ -223,7 +225,7 @@ class FileSizes(Sizes):
     """
 
     reads_file = True
-    not_in_files = READ_KEYS
+    not_in_files: ClassVar[tuple[str, ...]] = READ_KEYS
     law: Literal["file"] = "file"
     example: ClassVar[str] = "{file: diameters.csv}"
     file: Line
@@ -262,6 +264,55 @@ class FileSizes(Sizes):
         return entries if self.basis == "number" else {**entries, "basis": self.basis}
 
 
+def _read_error(value: Any) -> float:
+    """Return the standard error of a share, above 0 and below 1."""
+    number = to_si(value, "1")
+    if not 0.0 < number < 1.0:
+        raise ValueError(f"is {quoted(value)}; must be above 0 and below 100 %")
+    return number
+
+
+class CurveSizes(FileSizes):
+    """Diameters by a cumulative curve or a histogram in a file, as `data` reads it.
+
+    Grains of the same amount each stand for it; the logarithm of the diameter is uniform within a
+    class. It must have a size with nothing below it, and one with nothing above it: most grains by
+    number are the finest. The error does not change samples: `agglom check` says what it means for
+    the mean diameters.
+
+    Attributes
+    ----------
+    error
+        Standard error of each share, or of each value of a cumulative curve, if the file has no
+        column of errors.
+    column
+        Heading of the column to read, where a file has several amounts or sizes.
+    unit
+        Unit of the sizes, where their heading has none.
+    headings
+        Known headings in place of those of the file: `{finer wt: passing (%)}`.
+    counted
+        Number of grains that were counted for the shares, in place of `error`.
+    """
+
+    not_in_files = (*READ_KEYS, "basis", "mean_errors")
+    law: Literal["curve"] = "curve"  # type: ignore[assignment]
+    example: ClassVar[str] = "{law: curve, file: sieve.csv, error: 2 percent}"
+    error: Annotated[float | None, Reads(_read_error)] = None
+    column: Line = ""
+    unit: Line = ""
+    headings: dict[Line, Line] | None = None
+    counted: Annotated[int, Whole(at_least=10)] | None = None
+    mean_errors: tuple[float, ...] = ()
+
+    @property
+    def summary(self) -> str:
+        """One line on the law."""
+        amount = "mass" if self.basis == "volume" else "number"
+        rows = pluralise(len(self.diameters), "diameter")
+        return f"the curve by {amount} of {self.file}, as {rows} of the same {amount}"
+
+
 def are_lengths(data: Any, reading: Reading = PLAIN) -> bool:
     """Return whether an entry `sizes`, not validated yet, says how large grains are.
 
@@ -277,11 +328,12 @@ def are_lengths(data: Any, reading: Reading = PLAIN) -> bool:
     return any(key in data for key in LENGTH_KEYS) or data.get("absolute") is True
 
 
-def reads_file(data: Any, reading: Reading = PLAIN) -> bool:
-    """Return whether an entry `sizes`, not validated yet, names a file with diameters."""
+def law_of_file(data: Any, reading: Reading = PLAIN) -> type[Sizes] | None:
+    """Return the law of an entry `sizes`, not validated yet, if it reads a file with diameters."""
     if not isinstance(data, dict) or not isinstance(data.get("file"), str):
-        return False
-    name = data.get("law", *names_of(FileSizes))
+        return None
+    name = Sizes.as_mapping(data)["law"]
     with suppress(UnknownComponentError):  # its own field says so
-        return class_named(Sizes, name, reading).reads_file
-    return False
+        law = class_named(Sizes, name, reading)
+        return law if law.reads_file else None
+    return None

@@ -14,6 +14,7 @@ from agglom_mpi.physics.dry_contact import sticking_speed
 from agglom_mpi.physics.elastic_contact import separation_work
 from agglom_mpi.physics.fragmentation import breakage
 from agglom_mpi.physics.pair import ContactPair
+from agglom_mpi.report.style import COLOURS, DOTS_PER_INCH, PAGE, finish, styled
 from agglom_mpi.simulation.impact import solve_impact
 
 matplotlib.use("Agg")
@@ -26,7 +27,7 @@ GRAINS = 2 ** np.arange(0, 21)
 SPEEDS = np.geomspace(1e-3, 1e2, 31)
 """Approach speeds in m/s."""
 STICKS, BOUNCES, BREAKS = range(3)
-COLOURS = ("#0072b2", "#999999", "#d55e00")
+KIND_COLOURS = (COLOURS[0], "#999999", COLOURS[1])
 NAMES = ("sticks", "bounces", "breaks")
 
 
@@ -63,13 +64,14 @@ def lines(section, values, laws, grains):
     return stick, 2.0 * np.sqrt(work / mass), 2.0 * np.sqrt((grains - 1.0) * work / mass)
 
 
+@styled()
 def main():
     """Draw the map."""
     campaign = load_campaign(HERE / "dust.yaml")
     section, values = campaign.at(campaign.parameters({"surface_energy": SURFACE_ENERGY}))
     laws, grain = section.impact_laws(values), 0.5 * section.grain_diameter
     radii = grain * np.cbrt(GRAINS)
-    figure, axes = plt.subplots(figsize=(7.4, 3.8), layout="constrained")
+    figure, axes = plt.subplots(figsize=(PAGE, 3.6), layout="constrained")
     found = [
         (2e6 * radius, speed, fate(laws, pair_of(radius, values["density"], speed), grains))
         for radius, grains in zip(radii, GRAINS, strict=True)
@@ -77,7 +79,7 @@ def main():
     ]
     for kind in (STICKS, BOUNCES, BREAKS):
         points = np.array([each[:2] for each in found if each[2] == kind])
-        axes.plot(*points.T, "o", ms=3, color=COLOURS[kind], label=NAMES[kind])
+        axes.plot(*points.T, "o", ms=2.5, color=KIND_COLOURS[kind], label=NAMES[kind])
     fine = np.geomspace(1.0, GRAINS[-1], 200)
     stick, onset, end = lines(section, values, laws, fine)
     across = 2e6 * grain * np.cbrt(fine)
@@ -87,9 +89,11 @@ def main():
     axes.plot(across[many], end[many], ":", color="black", label="energy of all contacts")
     axes.set(xscale="log", yscale="log", xlabel="diameter (µm)", ylabel="approach speed (m/s)")
     axes.set_ylim(SPEEDS[0], SPEEDS[-1])
-    axes.set_title(f"Pairs of silica aggregates, {SURFACE_ENERGY:g} J/m²", fontsize="medium")
-    figure.legend(loc="outside right upper", fontsize="small", frameon=False)
-    figure.savefig(HERE / "regimes.png", dpi=120)
+    axes.set_title(f"Pairs of silica aggregates, {SURFACE_ENERGY:g} J/m²")
+    figure.legend(loc="outside right upper")
+    figure.draw_without_rendering()
+    finish(axes)
+    figure.savefig(HERE / "regimes.png", dpi=DOTS_PER_INCH)
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from agglom_mpi.declaration.choices import choice_of
 from agglom_mpi.declaration.components import UnknownComponentError
 from agglom_mpi.declaration.declared import FieldError
 from agglom_mpi.declaration.reading import PLAIN
-from agglom_mpi.physics.sizes import reads_file
+from agglom_mpi.physics.sizes import law_of_file
 from agglom_mpi.search.methods.genetic import Genetic
 from agglom_mpi.search.methods.method import SearchMethod
 from agglom_mpi.search.objectives.growth import GrowthTarget
@@ -45,7 +45,7 @@ def test_a_wrong_name_is_quoted_as_it_stands_in_the_file(value, said):
 
 @pytest.mark.parametrize("name", [["a"], {"a": 1}, None, 3])
 def test_a_name_that_is_no_text_reads_no_file(name):
-    assert not reads_file({"law": name, "file": "sizes.csv"})
+    assert not law_of_file({"law": name, "file": "sizes.csv"})
 
 
 def test_a_search_of_a_later_version_ranks_by_objectives():

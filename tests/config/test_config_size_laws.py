@@ -217,6 +217,64 @@ def test_the_content_of_a_file_of_sizes_is_in_the_identity_and_comes_back(folder
     assert load_campaign(folder / "c.yaml").sha256() == first.sha256()
 
 
+CURVE = "sieve (um);passing (%)\n20;0\n32;12\n45;38\n63;71\n90;94\n125;100\n"
+
+
+def with_keys(folder, keys):
+    text = (folder / "c.yaml").read_text().replace("file: sizes.csv", f"file: sizes.csv, {keys}")
+    text = re.sub(r"(?<=  )size_ratio.*", "volume_fraction: [0.02, 0.2]", text)
+    (folder / "c.yaml").write_text(text)
+    return folder
+
+
+def test_a_sieve_curve_gives_the_sizes_at_the_start_and_comes_back(folder):
+    found = loaded(with_keys(folder, "error: 2 percent"), CURVE)
+    sizes, mean = found.scene.sizes, found.scene.diameter
+    for size, share in ((32e-6, 0.12), (45e-6, 0.38), (63e-6, 0.71), (90e-6, 0.94)):
+        assert sizes.size_law.quantile(share, by_volume=True) * mean == pytest.approx(size, 2e-3)
+    assert 0.02 < sizes.mean_errors[0] < 0.04
+    assert 0.01 < sizes.mean_errors[1] < 0.02
+    stored = json.loads(json.dumps(found.identity()))
+    back = campaign_of_record(found.text, "c.h5", stored)
+    assert back.identity() == stored
+    assert back.scene.diameter == mean
+
+
+def test_the_error_of_a_sieve_curve_is_none_of_the_samples(folder):
+    first = loaded(with_keys(folder, "error: 2 percent"), CURVE)
+    text = first.text.replace("error: 2 percent", "error: 1 percent")
+    (folder / "c.yaml").write_text(text)
+    second = load_campaign(folder / "c.yaml")
+    assert second.identity() == first.identity()
+    assert second.scene.sizes.mean_errors == pytest.approx(
+        [0.5 * error for error in first.scene.sizes.mean_errors]
+    )
+    assert "errors of the curve: mean diameter" in second.describe()
+
+
+@pytest.mark.parametrize(
+    ("keys", "content", "field"),
+    [
+        ("error: 200 percent", CURVE, "sizes.error"),
+        ("error: 2 percent, counted: 100", CURVE, "sizes.counted"),
+        ("error: 2 percent, basis: volume", CURVE, "sizes.basis"),
+        ("error: 2 percent, headings: {x: size (um)}", CURVE, "sizes.headings"),
+        ("error: 2 percent", CURVE.replace("20;0\n", ""), "sizes.file"),
+        ("error: 2 percent", CURVE.replace("125;100\n", ""), "sizes.file"),
+        ("error: 2 percent", CURVE.replace("20;0", "1;0"), "sizes.file"),
+        ("error: 2 percent", CURVE.replace("passing", "area passing"), "sizes.file"),
+        ("error: 2 percent", CURVE.replace("63;71", "63;17"), "sizes.file"),
+        ("law: curve", CURVE, "sizes.error"),
+        ("law: file", CURVE, "sizes.file"),
+    ],
+)
+def test_a_mistake_in_a_sieve_curve_is_named(folder, keys, content, field):
+    with pytest.raises(CampaignError) as caught:
+        loaded(with_keys(folder, keys), content)
+    [problem] = caught.value.problems
+    assert (problem.line, problem.field) == (5, f"scene.{field}")
+
+
 def test_growth_is_possible_up_to_one_grain_of_all():
     wide = "  sizes: {law: lognormal, spread: 2}"
     low = ("  size_ratio", "  volume_fraction: 0.1")

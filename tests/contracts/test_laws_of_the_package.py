@@ -13,7 +13,7 @@ from agglom_mpi.contracts.tested_laws import guarded, law_findings, properties_o
 from agglom_mpi.physics.hardness import ArrheniusHardness
 from agglom_mpi.physics.heating import PairSplit
 from agglom_mpi.physics.rough import RoughFriction
-from agglom_mpi.physics.sizes import FileSizes, LognormalSizes, Sizes, UniformSizes
+from agglom_mpi.physics.sizes import CurveSizes, FileSizes, LognormalSizes, Sizes, UniformSizes
 
 LAWS = [law for kind in KEYS.values() for law in kind.components().values() if not law.is_absent]
 SIZES = [
@@ -24,6 +24,7 @@ SIZES = [
     UniformSizes(smallest=1e-5, largest=3e-5),
     FileSizes._made({"file": "sieve.csv", "diameters": (1.0, 2.0, 3.0)}),
     FileSizes._made({"file": "sieve.csv", "diameters": (1.0, 2.0, 3.0), "basis": "volume"}),
+    CurveSizes._made({"file": "sieve.csv", "diameters": (1.0, 2.0, 3.0), "basis": "volume"}),
 ]
 
 

@@ -478,3 +478,46 @@ def test_english_words_and_signs_of_iso_9276_are_known(read, amount, weight):
     known = read(f"size (um),{amount}\n10,20\n20,70\n40,100\n")
     assert known.shares == pytest.approx([0.2, 0.5, 0.3])
     assert known.weight == weight
+
+
+SIEVES = "sieve (um);{} (%)\n63;0\n125;35\n250;85\n500;100\n"
+
+
+@pytest.mark.parametrize(("weight", "power"), [("number", 0), ("mass", 3)])
+def test_diameters_that_stand_for_a_curve_have_its_shares_and_means(read, weight, power):
+    curve = read(SIEVES.format(f"{weight} passing"))
+    grains = curve.grains()
+    counts, _ = np.histogram(grains, curve.edges)
+    assert counts / len(grains) == pytest.approx(curve.shares, abs=1.0 / len(grains))
+    # Means of fine steps in the logarithm, in each class.
+    ends = [np.geomspace(*pair, 20_001) for pair in zip(curve.edges, curve.edges[1:], strict=False)]
+    middles = np.array([np.sqrt(each[1:] * each[:-1]) for each in ends])
+
+    def mean(of, weights, k):
+        return np.sum(weights * of ** (k + 1 - power)) / np.sum(weights * of ** (k - power))
+
+    shares = np.array(curve.shares)[:, None] / middles.shape[1]
+    for k in (0, 3):
+        assert mean(grains, 1.0, k) == pytest.approx(mean(middles, shares, k), rel=2e-4)
+
+
+@pytest.mark.parametrize("weight", ["number", "area", "mass"])
+@pytest.mark.parametrize("amount", ["passing", "share"])
+def test_the_error_of_a_mean_is_that_of_curves_with_drawn_errors(read, weight, amount):
+    text = SIEVES.format(f"{weight} {amount}")
+    if amount == "share":
+        text = text.replace("63;0", "63;35").replace("125;35", "125;50").replace("250;85", "250;15")
+        text = text.replace("500;100", "500;0").replace("sieve", "lower")
+    curve = read(text, CurveKeys(error=1e-3))
+    drawn = np.random.default_rng(7).multivariate_normal(
+        curve.shares, curve.covariance, 2000, method="eigh"
+    )
+    power = {"number": 0, "area": 2, "mass": 3}[weight]
+    ends = [np.geomspace(*pair, 201) for pair in zip(curve.edges, curve.edges[1:], strict=False)]
+    middles = np.array([np.sqrt(each[1:] * each[:-1]) for each in ends]) / 1e-4
+    for k in (0, 3):
+        above, below = (np.mean(middles ** (k + i - power), axis=1) for i in (1, 0))
+        means = drawn @ above / (drawn @ below)
+        relative = means.std() / means.mean()
+        # The deviation of 2000 draws has the standard error 1/√4000.
+        assert curve.mean_error(k) == pytest.approx(relative, rel=4.5 / np.sqrt(4000) + 0.005)

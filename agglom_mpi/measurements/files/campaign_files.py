@@ -10,11 +10,11 @@ from typing import Any, Final
 from agglom_mpi.declaration.reading import NamedFiles
 from agglom_mpi.declaration.spelling import MAX_MAGNITUDE
 from agglom_mpi.declaration.units import quoted
-from agglom_mpi.measurements.files.curve_file import read_size_curve
+from agglom_mpi.measurements.files.curve_file import read_curve_grains, read_size_curve
 from agglom_mpi.measurements.files.impact_file import MeasuredImpacts, read_impacts
 from agglom_mpi.measurements.files.size_columns import CurveKeys
 from agglom_mpi.measurements.files.size_curve import POWER, SizeCurve
-from agglom_mpi.measurements.files.size_table import Diameters, read_diameters
+from agglom_mpi.measurements.files.size_table import read_diameters
 
 CURVE_NUMBERS: Final = ("edges", "shares", "errors")
 """Entries of an identity with the numbers of a file of sizes; of impacts: their fields."""
@@ -26,9 +26,12 @@ class FilesBeside(NamedFiles):
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
-    def diameters(self, name: str) -> Diameters:
-        """Return the diameters of a file of grains."""
-        return read_diameters(self.folder, name)
+    def diameters(self, name: str, keys: CurveKeys | None) -> dict[str, Any]:
+        """Return what is read of a file of grains or, with keys, of a curve."""
+        if keys is not None:
+            return read_curve_grains(self.folder, name, keys)
+        values, absolute = read_diameters(self.folder, name)
+        return {"diameters": values, "absolute": absolute}
 
     def curve(self, place: int, name: str, keys: CurveKeys) -> SizeCurve:
         """Return the curve of a file."""
@@ -48,11 +51,13 @@ class RecordedFiles(NamedFiles):
     def __init__(self, identity: Mapping[str, Any]) -> None:
         self.identity = identity
 
-    def diameters(self, name: str) -> Diameters:
-        """Return the diameters of the law of sizes."""
+    def diameters(self, name: str, keys: CurveKeys | None) -> dict[str, Any]:
+        """Return what was read of the file of the law of sizes."""
         values = self._numbers("scene.sizes.diameters")
         _require(bool(values) and all(0.0 < each < MAX_MAGNITUDE for each in values), name)
-        return values, self.identity.get("scene.sizes.unit") == "m"
+        found = {"diameters": values, "absolute": self.identity.get("scene.sizes.unit") == "m"}
+        basis = self.identity.get("scene.sizes.basis")
+        return found if basis is None else {**found, "basis": basis}
 
     def curve(self, place: int, name: str, keys: CurveKeys) -> SizeCurve:
         """Return the curve of an entry of `data`."""

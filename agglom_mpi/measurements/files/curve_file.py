@@ -8,7 +8,7 @@ line, column and value, and what to write instead.
 import math
 from itertools import pairwise
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +16,7 @@ import numpy.typing as npt
 from agglom_mpi.declaration.declared import FieldError
 from agglom_mpi.declaration.units import quoted, to_si
 from agglom_mpi.file_kinds import quoted_start
+from agglom_mpi.formatting import format_percent
 from agglom_mpi.measurements.files.size_columns import (
     CURVE_EXAMPLE,
     SIZE_HEADINGS,
@@ -35,6 +36,7 @@ from agglom_mpi.measurements.files.size_curve import (
     curve_of_passing,
 )
 from agglom_mpi.measurements.files.size_table import (
+    MAX_RATIO,
     MAX_ROWS,
     SizeRow,
     SizeTable,
@@ -84,6 +86,36 @@ def read_size_curve(folder: Path, name: str, keys: CurveKeys) -> SizeCurve:
     except ValueError as error:
         raise ValueError(f"is {quoted(name)}: {error}") from None
     return found
+
+
+def read_curve_grains(folder: Path, name: str, keys: CurveKeys) -> dict[str, Any]:
+    """Return the numbers that a law of sizes reads from the curve of a file, by field.
+
+    Raises
+    ------
+    FieldError, ValueError
+        As `read_size_curve`; or if the curve does not give the smallest and the largest diameter.
+    """
+    curve = read_size_curve(folder, name, keys)
+    for edge, share, word in ((0, curve.shares[0], "below"), (-1, curve.shares[-1], "above")):
+        if curve.edges[edge] in (0.0, math.inf):
+            raise ValueError(
+                f"is {quoted(name)}: {format_percent(share)} is {word} all sizes; must have a "
+                f"size with nothing {word} it, as grains at the start have a size"
+            )
+    if curve.edges[-1] > MAX_RATIO * curve.edges[0]:
+        raise ValueError(
+            f"is {quoted(name)}: reaches from {curve.edges[0]:g} to {curve.edges[-1]:g} m; the "
+            f"largest must be at most {MAX_RATIO:g} times the smallest"
+        )
+    if curve.weight == "area":
+        raise ValueError(f"is {quoted(name)}: has shares of the area; must be of number or mass")
+    return {
+        "diameters": tuple(curve.grains().tolist()),
+        "absolute": True,
+        "basis": "volume" if curve.weight == "mass" else "number",
+        "mean_errors": (curve.mean_error(0), curve.mean_error(3)),
+    }
 
 
 # Cumulative curves

@@ -22,6 +22,8 @@ MIN_COUNT: Final = 5.0
 """Minimum number of counted grains of a class, from which its share is nearly normal."""
 MIN_LISTED_SHARE: Final = 0.05
 """Minimum share of the classes that are made from single diameters."""
+GRAINS: Final = 1000
+"""Number of diameters that stand for a curve."""
 
 
 class SizeCurve(NamedTuple):
@@ -59,6 +61,32 @@ class SizeCurve(NamedTuple):
         else:
             change = np.eye(count) - np.array(self.shares)[:, None]
         return np.asarray((change * np.square(self.errors)) @ change.T)
+
+    def grains(self) -> Numbers:
+        """Return diameters in m of the same amount each, shape (`GRAINS`,), of closed classes.
+
+        Within a class the amount is uniform in the logarithm of the diameter.
+        """
+        below = np.cumsum([0.0, *self.shares])
+        amounts = (np.arange(GRAINS) + 0.5) / GRAINS * below[-1]
+        return np.asarray(np.exp(np.interp(amounts, below, np.log(self.edges))))
+
+    def mean_error(self, power: int) -> float:
+        """Return the relative standard error of the mean diameter D[power + 1, power].
+
+        The power is 0 by number and 3 by volume (ISO 9276-2). Classes are closed and filled as by
+        `grains`; the error is to first order.
+        """
+        edges, shares = np.array(self.edges), np.array(self.shares)
+
+        def moments(k: int) -> Numbers:
+            """Return ⟨dᵏ⟩ of each class by amount, with d over the largest, shape (q,)."""
+            ends = (edges / edges[-1]) ** k
+            return np.diff(ends) / (k * np.diff(np.log(edges))) if k else np.ones(len(shares))
+
+        above, below = (moments(power + k - POWER[self.weight]) for k in (1, 0))
+        slope = above / (above @ shares) - below / (below @ shares)
+        return math.sqrt(slope @ self.covariance @ slope)
 
     def diameters(self) -> dict[tuple[str, str], tuple[float, float]]:
         """Return the range of each diameter that follows from the closed classes, by its name.

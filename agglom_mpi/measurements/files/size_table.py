@@ -192,8 +192,8 @@ GRAIN_EXAMPLE: Final = "diameter (um)"
 """Heading that messages give as an example."""
 
 GRAINS_REMEDY: Final = (
-    "a file of sizes must have one grain per row. For a curve by mass give a law, such as "
-    "{law: lognormal, median: d50, spread: (d84/d16)^0.5, basis: volume}"
+    "a file of sizes must have one grain per row. A curve or a histogram needs "
+    "its error, like {file: sieve.csv, error: 2 percent}"
 )
 """Advice on a file that is neither a curve nor a histogram."""
 
