@@ -38,7 +38,15 @@ from agglom_mpi.cli.common import ALLOW_CODE, JSON, PATH, SETTINGS, examples, ex
     metavar="S",
     help="Time in s at which a window ends and the next begins; may be repeated.",
 )
+@click.option(
+    "--error",
+    default=0.2,
+    show_default=True,
+    type=click.FloatRange(0.0, 1.0, min_open=True),
+    help="Merge pairs of bins until the relative standard error of their efficiency is smaller.",
+)
 @click.option("--csv", type=PATH, metavar="FILE", help="Write all pairs as CSV, with units.")
+@click.option("--netcdf", type=PATH, metavar="FILE", help="Write all arrays as NetCDF.")
 @ALLOW_CODE
 @JSON
 @exit_with
