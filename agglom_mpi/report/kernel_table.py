@@ -57,7 +57,7 @@ BALANCE_COLUMNS: Final = (
 )
 
 MAX_GROWTH: Final = 2.0
-"""Growth of the mean mass in a window beyond which the equations have large errors."""
+"""Maximum growth of the mean mass in a window; see the figures in `analysis/README.md`."""
 
 
 class KernelRequest(NamedTuple):
@@ -114,8 +114,8 @@ def _fast_growth(found: CollisionKernels) -> list[str]:
     return [
         f"the mean mass grows {growth:.2g} times from {found.times[w]:.3g} to "
         f"{found.times[w + 1]:.3g} s, and kernels are means over this window; beyond "
-        f"{MAX_GROWTH:g} times the equations are wrong: divide it by --time into at least "
-        f"{math.ceil(math.log(growth, MAX_GROWTH))} windows"
+        f"{MAX_GROWTH:g} times in a window, rates and equations have errors of several percent; "
+        f"divide it by --time into at least {math.ceil(math.log(growth, MAX_GROWTH))} windows"
     ]
 
 
