@@ -107,10 +107,9 @@ def string_kernels(request: KernelRequest, show: Callable[[str], None]) -> Colli
 
 def _fast_growth(found: CollisionKernels) -> list[str]:
     """Return a line if the mean mass grows too much in a window for the equations."""
-    w = int(np.argmax(found.growth))
-    growth = float(found.growth[w])
-    if found.breaks or growth <= MAX_GROWTH:
+    if found.breaks or (growth := float(found.growth.max())) <= MAX_GROWTH:
         return []
+    w = int(np.argmax(found.growth))
     return [
         f"the mean mass grows {growth:.2g} times from {found.times[w]:.3g} to "
         f"{found.times[w + 1]:.3g} s, and kernels are means over this window; beyond "
