@@ -142,6 +142,7 @@ class RunnableCampaign(Campaign):
         samples: int = 200,
         bins: int = 12,
         times: Sequence[float] = (),
+        first_sample: int = 0,
     ) -> "CollisionKernels":
         """Count collisions in samples of a string: the kernels of population balances.
 
@@ -150,11 +151,13 @@ class RunnableCampaign(Campaign):
         parameters
             As for `simulate`.
         samples
-            Number of samples, at least 3; samples 0, 1, … of the string are simulated again.
+            Number of samples, at least 3.
         bins
             Bins a decade of mass.
         times
             Between 0 and the end time in s, ascending: windows in which counts are kept apart.
+        first_sample
+            Number of the first sample, which is simulated again.
 
         Returns
         -------
@@ -171,7 +174,7 @@ class RunnableCampaign(Campaign):
         """
         from agglom_mpi.analysis.counted_samples import collision_kernels
 
-        return collision_kernels(self, parameters, samples, bins, times)
+        return collision_kernels(self, parameters, samples, bins, times, first_sample)
 
     def simulate_many(
         self,

@@ -43,6 +43,36 @@ def test_optuna_comes_near_to_grains_that_double():
     assert abs(fresh.mean_radius_ratio.mean() / 2.0 - 1.0) < min(0.1, np.median(first))
 
 
+DUST = """\
+scene:
+  {particles: 500, grain_radius: 1 um, heating: none, end_time: 400 us,
+   velocities: {law: spread, mean: [0, 0, 0], transverse: 1},
+   restitution: {law: adhesive, dry: {law: constant, value: 0.9}, youngs_modulus: 70 GPa}}
+variables: {relative_speed: 1, volume_fraction: 0.01, density: 2500, surface_energy: 0.2}
+"""
+
+
+@pytest.mark.slow(guard="analysis/test_collision_kernels.py")
+def test_an_exported_table_grows_grains_in_particula_as_in_the_samples(tmp_path):
+    """Within 2 %, and 4.5 standard errors."""
+    pytest.importorskip("particula")
+    from agglom_mpi.report.kernel_table import write_netcdf
+
+    (tmp_path / "dust.yaml").write_text(DUST)
+    campaign = agglom_mpi.load_campaign(tmp_path / "dust.yaml")
+    times = [3e-5, 1e-4, 2e-4]
+    found = campaign.collision_kernels(campaign.parameters(), samples=60, times=times)
+    write_netcdf(found, tmp_path / "kernels.nc")
+    example = runpy.run_path(str(EXAMPLES / "population_balance.py"))
+    table = example["read"](tmp_path / "kernels.nc")
+    value, error = found.means.value[:, 0], found.means.error[:, 0]
+    assert value[-1] < 210.0
+    grown = example["grow"](table)
+    # Of particles that stick at random, the number has a variance of some third of its mean.
+    there = value / np.sqrt(3.0 * value / 500.0 * example["PARTICLES"])
+    assert np.all(np.abs(grown - value) < 0.02 * value + 4.5 * np.hypot(error, there))
+
+
 def test_recycled_fines_return_as_much_as_they_take():
     """Growth that does not depend on the loading has a closed form: r = f/(1 - f)."""
     example = runpy.run_path(str(EXAMPLES / "flowsheet.py"))

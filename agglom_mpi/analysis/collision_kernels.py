@@ -1,10 +1,12 @@
 """Kernels of population balances, with standard errors, from counts of collisions.
 
 Each coefficient is a ratio of sums over samples, so its error is that of a jackknife: blocks of
-samples are left out one by one. A pair of bins with too few collisions has no coefficient.
+samples are left out one by one. Pairs of bins whose error is too large are merged
+(`merged_pairs.py`); where it stays too large there is no coefficient.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Final, NamedTuple
@@ -12,6 +14,15 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from agglom_mpi.analysis.merged_pairs import (
+    LEAST_HITS,
+    MAX_ERROR,
+    Groups,
+    jackknife_error,
+    merged_groups,
+    over,
+    pooled,
+)
 from agglom_mpi.analysis.population_balance import Grid, Impacts, maxwellian_law, solve
 from agglom_mpi.physics.kinetic_theory import mixture_contact_values
 from agglom_mpi.simulation.collision_counts import (
@@ -34,12 +45,6 @@ Floats = npt.NDArray[np.float64]
 BLOCKS: Final = 20
 """Blocks of samples that the jackknife leaves out one by one."""
 
-LEAST_HITS: Final = 30
-"""Collisions without which a pair of bins has no coefficient: its error would be 1/5 or more."""
-
-LEAST_BLOCKS: Final = 3
-"""Blocks that have collisions without which a pair of bins has no coefficient, as no error."""
-
 COEFFICIENTS: Final = (
     *("rate", "efficiency", "sticking", "breakage"),
     *("speed", "squared_speed", "loss"),
@@ -50,7 +55,8 @@ COEFFICIENTS: Final = (
 class Coefficient(NamedTuple):
     """A coefficient of each pair of bins with its standard error, shapes (windows, bins, bins).
 
-    Both are nan where there are too few collisions, and below the diagonal.
+    Both are nan where the error is too large, and below the diagonal. Merged pairs have the same
+    value; only their rates differ, as those of Maxwellian gases do.
     """
 
     value: Floats
@@ -110,6 +116,8 @@ class CollisionKernels:
         Of a mean grain, kg.
     failed
         Number of samples that failed, which are left out.
+    max_error
+        Maximum relative standard error of an efficiency; pairs are merged until they have it.
     """
 
     sums: BlockSums
@@ -119,6 +127,7 @@ class CollisionKernels:
     density: float
     grain_mass: float
     failed: int = 0
+    max_error: float = MAX_ERROR
 
     @cached_property
     def _whole(self) -> BlockSums:
@@ -133,7 +142,7 @@ class CollisionKernels:
     @cached_property
     def rate(self) -> Coefficient:
         """Rate coefficient K in m³/s: K n_i n_j V collisions of unlike bins happen in a second."""
-        return self._of_blocks(self._rates)
+        return self._jackknife(lambda sums: self._efficiencies(sums) * self._maxwellian(sums))
 
     @cached_property
     def efficiency(self) -> Coefficient:
@@ -142,7 +151,7 @@ class CollisionKernels:
         π(r_i + r_j)²√(8/π (T_i/m_i + T_j/m_j)) χ_ij with the partial temperatures of the window,
         T = m⟨v²⟩/3, and the contact values of Boublik, Mansoori, Carnahan, Starling and Leland.
         """
-        return self._of_blocks(lambda sums: self._rates(sums) / self._maxwellian(sums))
+        return self._jackknife(self._efficiencies)
 
     @cached_property
     def sticking(self) -> Coefficient:
@@ -189,13 +198,34 @@ class CollisionKernels:
             totals = sums.exposure[..., [NUMBER, ENERGY]].sum(axis=1)
             return np.asarray(totals / (duration * sums.samples))
 
-        return Coefficient(*self._jackknife(found))
+        return self._jackknife(found)
+
+    @cached_property
+    def pieces(self) -> Coefficient:
+        """Shares by number of the pieces of a bin's particles that are in each bin.
+
+        Shape (windows, bins, bins); nan where there are fewer than `LEAST_HITS` pieces.
+        """
+        few = self._whole.pieces.sum(axis=-1, keepdims=True) < LEAST_HITS
+
+        def found(sums: BlockSums) -> Floats:
+            whole = np.where(few, 0.0, sums.pieces.sum(axis=-1, keepdims=True))
+            return over(sums.pieces, whole)
+
+        return self._jackknife(found)
+
+    @property
+    def growth(self) -> Floats:
+        """Factor by which the mean mass grows in each window where none breaks, (windows,)."""
+        sticks = self._whole.impacts[..., STICKS].sum(axis=(1, 2))
+        left = self._whole.start[:, NUMBER].sum() - np.cumsum([0.0, *sticks])
+        return np.asarray(left[:-1] / left[1:])
 
     def balance(self) -> Floats:
         """Return the `means` that the Smoluchowski equations of numbers and energies give instead.
 
-        They begin as the samples and take each window's efficiency, sticking and losses; where a
-        pair has too few collisions, the mean of all pairs.
+        They begin as the samples and take each window's efficiency, sticking and losses; of a pair
+        without coefficients, the mean of all pairs.
 
         Returns
         -------
@@ -221,7 +251,7 @@ class CollisionKernels:
         return found
 
     def _impacts(self, grid: Grid, w: int, maxwellian: Floats) -> Impacts:
-        """Return the properties of the impacts of a window, of each pair or else of all.
+        """Return the properties of the impacts of a window, of each group or else of all.
 
         `maxwellian` are the rate coefficients of Maxwellian gases in m³/s, (bins, bins).
         """
@@ -233,14 +263,14 @@ class CollisionKernels:
         reduced = self.masses[first] * self.masses[second] / self.masses[grid.pairs].sum(axis=0)
         bounces, normal = hits - sticks, squared - of_pairs[SQUARED_SPEED_OF_STICKS]
         expected = (maxwellian * sums.pairs[w] / self.volume)[first, second]
-        stuck = of_pairs[LOST_BY_STICKS]
+        stuck, groups = of_pairs[LOST_BY_STICKS], self.groups[w, first, second]
         # The share of energy that is lost in an impact with the normal speed w is 1 − e².
-        losses = _of_each(2.0 * (lost - stuck), reduced * normal, hits)
+        losses = _of_each(2.0 * (lost - stuck), reduced * normal, groups)
         return Impacts(
-            _of_each(hits, expected, hits),
-            _of_each(sticks, hits, hits),
-            _of_each(normal, bounces * scale, hits),
-            _of_each(2.0 * stuck, reduced * sticks * scale, hits),
+            _of_each(hits, expected, groups),
+            _of_each(sticks, hits, groups),
+            _of_each(normal, bounces * scale, groups),
+            _of_each(2.0 * stuck, reduced * sticks * scale, groups),
             np.sqrt((1.0 - losses).clip(0.0)),
         )
 
@@ -252,9 +282,10 @@ class CollisionKernels:
     def records(self) -> list[dict[str, Any]]:
         """Return a record for each window and pair of bins that has coefficients.
 
-        A coefficient is a pair of value and standard error.
+        A coefficient is a pair of value and standard error; `merged_collisions` are those of all
+        pairs that are merged with this one.
         """
-        found = []
+        found, merged = [], pooled(self.hits, self.groups)
         for w, i, j in np.argwhere(np.isfinite(self.rate.value)).tolist():
             place = w, i, j
             record: dict[str, Any] = {"from": self.times[w], "to": self.times[w + 1]}
@@ -263,41 +294,61 @@ class CollisionKernels:
                 record[f"{name}_particles"] = self.numbers[w, k]
                 record[f"{name}_temperature"] = self.temperatures[w, k]
             record["collisions"] = int(self.hits[place])
+            record["merged_collisions"] = int(merged[place])
             for name in COEFFICIENTS:
                 value, error = getattr(self, name)
                 record[name] = float(value[place]), float(error[place])
             found.append(record)
         return found
 
+    def piece_records(self) -> list[dict[str, Any]]:
+        """Return a record for each window, bin of broken particles and bin of their pieces."""
+        (value, error), found = self.pieces, []
+        for w, k, p in np.argwhere(value > 0.0).tolist():
+            record: dict[str, Any] = {"from": self.times[w], "to": self.times[w + 1]}
+            record |= {"broken_mass": self.masses[k], "piece_mass": self.masses[p]}
+            record["pieces"] = int(self._whole.pieces[w, k, p])
+            record["share"] = float(value[w, k, p]), float(error[w, k, p])
+            found.append(record)
+        return found
+
+    @cached_property
+    def groups(self) -> Groups:
+        """Numbers of the groups of merged pairs of bins, shape (windows, bins, bins); −1: none."""
+        hits = self._without_blocks(lambda sums: sums.impacts[..., HITS])
+        per_decade = int(np.count_nonzero(self.masses < 9.99 * self.masses[0]))
+        return merged_groups(hits, self._without_blocks(self._expected), per_decade, self.max_error)
+
     def _share(self, place: int) -> Coefficient:
-        return self._of_blocks(
-            lambda sums: _over(sums.impacts[..., place], sums.impacts[..., HITS])
+        return self._jackknife(
+            lambda sums: over(
+                pooled(sums.impacts[..., place], self.groups),
+                pooled(sums.impacts[..., HITS], self.groups),
+            )
         )
 
-    def _of_blocks(self, function: Any) -> Coefficient:
-        """Return the coefficients of pairs that have enough collisions."""
-        value, error = self._jackknife(function)
-        hits = self.sums.impacts[..., HITS]
-        few = (hits.sum(axis=0) < LEAST_HITS) | (np.count_nonzero(hits, axis=0) < LEAST_BLOCKS)
-        return Coefficient(np.where(few, np.nan, value), np.where(few, np.nan, error))
-
-    def _jackknife(self, function: Any) -> tuple[Floats, Floats]:
+    def _jackknife(self, function: Callable[[BlockSums], Floats]) -> Coefficient:
         """Return what a function of sums gives of all samples, and its standard error."""
-        used, whole = np.flatnonzero(self.sums.samples), self._whole
-        value = function(whole)
-        without = np.array(
+        return Coefficient(function(self._whole), jackknife_error(self._without_blocks(function)))
+
+    def _without_blocks(self, function: Callable[[BlockSums], Floats]) -> Floats:
+        """Return what a function of sums gives of all blocks but one each, shape (blocks, …)."""
+        return np.array(
             [
-                function(BlockSums(*(a - b[k] for a, b in zip(whole, self.sums, strict=True))))
-                for k in used
+                function(
+                    BlockSums(*(a - b[k] for a, b in zip(self._whole, self.sums, strict=True)))
+                )
+                for k in np.flatnonzero(self.sums.samples)
             ]
         )
-        count = len(used)
-        spread = without - without.mean(axis=0)
-        error = np.sqrt((count - 1) / count * np.sum(spread**2, axis=0))
-        return value, error
 
-    def _rates(self, sums: BlockSums) -> Floats:
-        return self.volume * _over(sums.impacts[..., HITS], sums.pairs)
+    def _efficiencies(self, sums: BlockSums) -> Floats:
+        hits = pooled(sums.impacts[..., HITS], self.groups)
+        return over(hits, pooled(self._expected(sums), self.groups))
+
+    def _expected(self, sums: BlockSums) -> Floats:
+        """Numbers of collisions of Maxwellian gases, shape (windows, bins, bins)."""
+        return self._maxwellian(sums) * sums.pairs / self.volume
 
     def _maxwellian(self, sums: BlockSums) -> Floats:
         """Rate coefficients of Maxwellian gases in m³/s, shape (windows, bins, bins)."""
@@ -320,18 +371,11 @@ class CollisionKernels:
 
 
 def _temperatures(exposure: Floats) -> Floats:
-    return _over(2.0 / 3.0 * exposure[..., ENERGY], exposure[..., NUMBER])
+    return over(2.0 / 3.0 * exposure[..., ENERGY], exposure[..., NUMBER])
 
 
-def _of_each(sums: Floats, weights: Floats, hits: Floats) -> Floats:
-    """Return the ratio of each pair that has enough collisions; of others that of all sums."""
+def _of_each(sums: Floats, weights: Floats, groups: Groups) -> Floats:
+    """Return the ratio of each pair's group; without a group, that of all sums."""
     whole = sums.sum() / weights.sum() if weights.sum() > 0.0 else 0.0
-    enough = (hits >= LEAST_HITS) & (weights > 0.0)
-    return np.asarray(np.divide(sums, weights, out=np.full(sums.shape, whole), where=enough))
-
-
-def _over(sums: Floats, weights: Floats) -> Floats:
-    """Return ratios, nan where there is nothing to divide by."""
-    found = np.full(sums.shape, np.nan)
-    np.divide(sums, weights, out=found, where=weights > 0.0)
-    return found
+    found = over(pooled(sums, groups), pooled(weights, groups))
+    return np.where(np.isfinite(found), found, whole)

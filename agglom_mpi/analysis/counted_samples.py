@@ -11,11 +11,11 @@ import numpy.typing as npt
 
 from agglom_mpi.analysis.collision_kernels import (
     BLOCKS,
-    LEAST_BLOCKS,
     CollisionKernels,
     add_sample,
     new_sums,
 )
+from agglom_mpi.analysis.merged_pairs import LEAST_BLOCKS
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.given_strings import read_string
 from agglom_mpi.config.yaml_source import ArgumentError
@@ -44,12 +44,14 @@ def collision_kernels(
     samples: int = 200,
     bins: int = 12,
     times: Sequence[float] = (),
+    first_sample: int = 0,
 ) -> CollisionKernels:
     """Count the collisions of samples of a string; see `RunnableCampaign.collision_kernels`."""
     campaign.require_one_scene("collision_kernels")
     vector = read_string(campaign, parameters)
     count = campaign.count("samples", samples, least=LEAST_BLOCKS)
     per_decade = campaign.count("bins", bins, least=1)
+    first = campaign.count("first_sample", first_sample)
     campaign.check_scales(vector)
     scene = campaign.at(vector).build(campaign.engine("event"))
     if is_sheared(scene.escape):
@@ -64,7 +66,7 @@ def collision_kernels(
 
     def simulate_block(block: int) -> list[str]:
         failures = []
-        for sample in range(block, count, blocks):
+        for sample in range(first + block, first + count, blocks):
             found = _new_counts(scene, per_decade, ends)
             random = random_numbers(campaign, vector, sample)
             reason = count_collisions(scene, random, found, abort)

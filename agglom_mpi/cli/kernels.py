@@ -10,7 +10,7 @@ from agglom_mpi.cli.common import ALLOW_CODE, JSON, PATH, SETTINGS, examples, ex
 @click.command(
     epilog=examples(
         "agglom kernels jobs/accretion_2003.yaml --samples 400 --csv kernels.csv",
-        "agglom kernels accretion_2003.h5 --string 107 --time 0.05 --time 0.1",
+        "agglom kernels accretion_2003.h5 --string 107 --time 0.05 --netcdf kernels.nc",
     )
 )
 @click.argument("source", type=PATH)
@@ -38,7 +38,15 @@ from agglom_mpi.cli.common import ALLOW_CODE, JSON, PATH, SETTINGS, examples, ex
     metavar="S",
     help="Time in s at which a window ends and the next begins; may be repeated.",
 )
+@click.option(
+    "--error",
+    default=0.2,
+    show_default=True,
+    type=click.FloatRange(0.0, 1.0, min_open=True),
+    help="Merge pairs of bins until the relative standard error of their efficiency is smaller.",
+)
 @click.option("--csv", type=PATH, metavar="FILE", help="Write all pairs as CSV, with units.")
+@click.option("--netcdf", type=PATH, metavar="FILE", help="Write all arrays as NetCDF.")
 @ALLOW_CODE
 @JSON
 @exit_with
@@ -48,7 +56,8 @@ def kernels(as_json: bool, **options: Any) -> int:
     Shown for each pair of bins of mass: the rate coefficient; the collision efficiency, which is
     that over the rate of Maxwellian grains of the same partial temperatures; the shares that stick
     and break; mean normal speed and loss of energy. Each has its standard error, by a jackknife
-    over samples. Population balances take these as kernels.
+    over samples; pairs with few collisions are merged with neighbours. Pieces of broken particles
+    are shown by mass. Population balances take these as kernels.
     """
     from agglom_mpi.display.run_display import print_wide
     from agglom_mpi.report.kernel_table import (

@@ -1,24 +1,30 @@
-"""Kernels of a string as a table for the terminal, as JSON and as CSV."""
+"""Kernels of a string as a table for the terminal, as JSON, CSV and NetCDF."""
 
 import csv
 import json
+import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+import numpy as np
+import numpy.typing as npt
 from rich.console import Group, RenderableType
+from scipy.io import netcdf_file
 
-from agglom_mpi.analysis.collision_kernels import COEFFICIENTS, LEAST_HITS, CollisionKernels
+from agglom_mpi.analysis.collision_kernels import COEFFICIENTS, Coefficient, CollisionKernels
 from agglom_mpi.analysis.counted_samples import collision_kernels
 from agglom_mpi.display.table import Column, Table
 from agglom_mpi.report.simulate import SimulationRequest, selected_string
+from agglom_mpi.simulation.collision_counts import ENERGY, NUMBER
 from agglom_mpi.storage.files import atomic_file, require_absent
 
 UNITS: Final = {
     **{"from": "s", "to": "s", "rate": "m^3/s", "loss": "J"},
     **{"energy": "J", "energy_by_equations": "J"},
     **{"speed": "m/s", "squared_speed": "m^2/s^2"},
-    **{f"{one}_mass": "kg" for one in ("first", "second")},
+    **{f"{one}_mass": "kg" for one in ("first", "second", "broken", "piece")},
     **{f"{one}_temperature": "J" for one in ("first", "second")},
 }
 """Units of what has one."""
@@ -30,9 +36,17 @@ COLUMNS: Final = (
     Column("pair", "masses (grains)"),
     Column("window", unit="s"),
     Column("collisions", format=",d"),
+    Column("merged_collisions", "merged", format=",d"),
     *(Column(name, unit=UNITS.get(name, "")) for name in COEFFICIENTS if name != "squared_speed"),
 )
 
+PIECE_COLUMNS: Final = (
+    Column("broken", "broken (grains)"),
+    Column("piece", "piece (grains)"),
+    Column("window", unit="s"),
+    Column("pieces", format=",d"),
+    Column("share"),
+)
 
 BALANCE_COLUMNS: Final = (
     Column("window", unit="s"),
@@ -41,6 +55,9 @@ BALANCE_COLUMNS: Final = (
     Column("energy", "kinetic energy", unit="J"),
     Column("energy_by_equations", "by equations", unit="J", format=".4g"),
 )
+
+MAX_GROWTH: Final = 2.0
+"""Maximum growth of the mean mass in a window; see the figures in `analysis/README.md`."""
 
 
 class KernelRequest(NamedTuple):
@@ -52,28 +69,53 @@ class KernelRequest(NamedTuple):
     samples: int
     bins: int
     times: tuple[float, ...]
+    error: float
     csv: Path | None
+    netcdf: Path | None
     allow_code: bool
 
 
 def string_kernels(request: KernelRequest, show: Callable[[str], None]) -> CollisionKernels:
-    """Count the collisions of a string, and write its table if asked for.
+    """Count the collisions of a string, and write its tables if asked for.
+
+    `show` is called with warnings.
 
     Raises
     ------
     CampaignError
         If the campaign, an option or a variable is wrong.
     FileExistsError
-        If there is a file of the table's name already.
+        If there is a file of a table's name already.
     """
-    if request.csv is not None:
-        require_absent(request.csv)
+    writers = ((request.csv, write_kernels), (request.netcdf, write_netcdf))
+    for path, _ in writers:
+        if path is not None:
+            require_absent(path)
     options = request.source, request.settings, request.samples, None, request.string, None
-    chosen = selected_string(SimulationRequest(*options, request.allow_code), show)
-    found = collision_kernels(*chosen[:2], request.samples, request.bins, request.times)
-    if request.csv is not None:
-        write_kernels(found, request.csv)
+    campaign, vector, first, *_ = selected_string(
+        SimulationRequest(*options, request.allow_code), show
+    )
+    counted = request.samples, request.bins, request.times, first
+    found = replace(collision_kernels(campaign, vector, *counted), max_error=request.error)
+    for path, write in writers:
+        if path is not None:
+            write(found, path)
+    for line in _fast_growth(found):
+        show(f"warning: {line}")
     return found
+
+
+def _fast_growth(found: CollisionKernels) -> list[str]:
+    """Return a line if the mean mass grows too much in a window for the equations."""
+    if found.breaks or (growth := float(found.growth.max())) <= MAX_GROWTH:
+        return []
+    w = int(np.argmax(found.growth))
+    return [
+        f"the mean mass grows {growth:.2g} times from {found.times[w]:.3g} to "
+        f"{found.times[w + 1]:.3g} s, and kernels are means over this window; beyond "
+        f"{MAX_GROWTH:g} times in a window, rates and equations have errors of several percent; "
+        f"divide it by --time into at least {math.ceil(math.log(growth, MAX_GROWTH))} windows"
+    ]
 
 
 def kernel_text(found: CollisionKernels) -> RenderableType:
@@ -92,15 +134,27 @@ def kernel_text(found: CollisionKernels) -> RenderableType:
         f"{int(found.sums.samples.sum())} samples, {found.failed} failed",
         "efficiency: the rate over that of Maxwellian grains with the same partial temperatures; "
         "speed: normal to the contact",
-        f"pairs of bins with fewer than {LEAST_HITS} collisions are left out",
+        "merged: collisions of all pairs of bins that share a coefficient, so that the error of "
+        f"the efficiency is at most {100.0 * found.max_error:g} %; other pairs are left out",
     ]
     if len(most) < len(records):
         notes.append(f"{len(records) - len(most)} more pairs: --csv and --json have all")
-    return Group(Table(COLUMNS, rows), *notes, *_balance_text(found))
+    return Group(Table(COLUMNS, rows), *notes, *_piece_text(found), *_balance_text(found))
 
 
 def _window(record: dict[str, Any]) -> str:
     return f"{record['from']:.3g}–{record['to']:.3g}"
+
+
+def _piece_text(found: CollisionKernels) -> list[RenderableType]:
+    rows = [
+        record
+        | {name: f"{record[f'{name}_mass'] / found.grain_mass:.3g}" for name in ("broken", "piece")}
+        | {"window": _window(record)}
+        for record in found.piece_records()
+    ]
+    title = "Pieces of broken particles, by number"
+    return ["", Table(PIECE_COLUMNS, rows, title)] if rows else []
 
 
 def _balance_text(found: CollisionKernels) -> list[RenderableType]:
@@ -133,9 +187,10 @@ def balance_records(found: CollisionKernels) -> list[dict[str, Any]]:
 def kernel_json(found: CollisionKernels) -> str:
     """Return all pairs as JSON, in SI units."""
     records = [_separate(record) for record in found.records()]
+    pieces = [_separate(record) for record in found.piece_records()]
     balance = [] if found.breaks else balance_records(found)
     shown: dict[str, Any] = {"samples": int(found.sums.samples.sum()), "failed": found.failed}
-    shown |= {"units": UNITS, "kernels": records}
+    shown |= {"units": UNITS, "kernels": records, "pieces": pieces}
     shown["balance"] = [_separate(record) for record in balance]
     return json.dumps(shown, indent=2, allow_nan=False)
 
@@ -150,6 +205,59 @@ def write_kernels(found: CollisionKernels, path: Path) -> None:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(headings)
         writer.writerows([[record[name] for name in names] for record in records])
+
+
+PAIRS: Final = ("window", "bin", "other_bin")
+"""Dimensions of arrays of pairs."""
+
+
+def write_netcdf(found: CollisionKernels, path: Path) -> None:
+    """Write all arrays as NetCDF-3, with units; pairs in both orders, nan without a coefficient."""
+    bins, windows = len(found.masses), len(found.times) - 1
+    lengths = {"bin": bins, "other_bin": bins, "piece_bin": bins}
+    lengths |= {"window": windows, "edge": windows + 1}
+    with atomic_file(path) as temporary, netcdf_file(temporary, "w") as file:
+        for name, length in lengths.items():
+            file.createDimension(name, length)
+        for name, (dimensions, unit, values) in _arrays(found).items():
+            variable = file.createVariable(name, "d", dimensions)
+            variable[...] = _in_both_orders(values) if dimensions == PAIRS else values
+            variable.units = unit or "1"
+
+
+def _arrays(found: CollisionKernels) -> dict[str, tuple[tuple[str, ...], str, Any]]:
+    """Return dimensions, unit and values of each array of a NetCDF file."""
+    samples = found.sums.samples.sum()
+    start, numbers = found.sums.start.sum(axis=0) / samples, ("window", "bin")
+    arrays: dict[str, tuple[tuple[str, ...], str, Any]] = {
+        "time": (("edge",), "s", found.times),
+        "mass": (("bin",), "kg", found.masses),
+        "start_particles": (("bin",), "", start[:, NUMBER]),
+        "start_energy": (("bin",), "J", start[:, ENERGY]),
+        "particles": (numbers, "", found.numbers),
+        "temperature": (numbers, "J", found.temperatures),
+        "collisions": (PAIRS, "", found.hits),
+        "volume": ((), "m^3", found.volume),
+        "density": ((), "kg/m^3", found.density),
+        "samples": ((), "", samples),
+    }
+    measured: dict[str, tuple[tuple[str, ...], Coefficient]] = {
+        name: (PAIRS, getattr(found, name)) for name in COEFFICIENTS
+    }
+    measured["pieces"] = ("window", "bin", "piece_bin"), found.pieces
+    for k, name in enumerate(("particles", "energy")):
+        measured[f"mean_{name}"] = ("window",), Coefficient(*(each[:, k] for each in found.means))
+    for name, (dimensions, values) in measured.items():
+        unit = UNITS.get(name.removeprefix("mean_"), "")
+        arrays |= {name: (dimensions, unit, values.value)}
+        arrays |= {f"{name}_error": (dimensions, unit, values.error)}
+    return arrays
+
+
+def _in_both_orders(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Return values of pairs of bins, whose upper triangle is given, as a symmetric matrix."""
+    lower = np.tri(values.shape[-1], k=-1, dtype=bool)
+    return np.where(lower, np.swapaxes(values, -1, -2), values)
 
 
 def _separate(record: dict[str, Any]) -> dict[str, Any]:

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from plain_python import PLAIN
+from scipy.io import netcdf_file
 
 from agglom_mpi import load_campaign
 from agglom_mpi.analysis.collision_kernels import (
@@ -128,10 +129,94 @@ def test_errors_are_those_of_a_mean_where_all_blocks_have_as_many_pairs():
     assert few.records() == []
 
 
+def drawn_sums(means, seed=2, blocks=20):
+    """Sums with Poisson numbers of collisions in one window; all bins are alike."""
+    bins = len(means)
+    impacts = np.zeros((blocks, 1, bins, bins, 8))
+    random = np.random.default_rng(seed)
+    impacts[:, 0, :, :, HITS] = random.poisson(np.triu(means) / blocks, (blocks, bins, bins))
+    impacts[..., STICKS] = random.binomial(impacts[..., HITS].astype(int), 0.5)
+    pairs = np.broadcast_to(np.triu(np.maximum(means, 1e-9)), (blocks, 1, bins, bins)).copy()
+    exposure, start = np.ones((blocks, 1, bins, 3)), np.full((blocks, bins, 3), 1e4)
+    pieces = np.zeros((blocks, 1, bins, bins))
+    return BlockSums(impacts, exposure, pairs, pieces, start, np.ones(blocks, np.int64))
+
+
+def kernels_of(sums, max_error=0.2, per_decade=4):
+    masses = 10.0 ** (np.arange(sums.start.shape[1]) / per_decade)
+    times = np.array([0.0, 1.0])
+    return CollisionKernels(sums, masses, times, 3.0, 2500.0, 1.0, max_error=max_error)
+
+
+def test_pairs_with_few_collisions_are_merged_until_the_error_is_small_or_left_out():
+    means = np.full((12, 12), 4000.0)
+    means[4:8, 4:8] = 20.0  # a square of four by four has enough, one of two by two has not
+    means[8:, 8:] = 0.5
+    found = kernels_of(drawn_sums(means))
+    groups, hits = found.groups[0], found.hits[0]
+    alone = np.triu(np.ones((12, 12), bool))
+    alone[4:, 4:] = False
+    assert len(set(groups[alone])) == alone.sum()
+    merged = np.triu(np.ones((12, 12), bool))
+    merged[:4], merged[:, 8:] = False, False
+    assert np.all(groups[merged] >= 0)
+    assert 1 <= len(set(groups[merged])) < merged.sum()
+    assert np.all(groups[8:, 8:] == -1)
+    assert np.all(np.isnan(found.rate.value[0, 8:, 8:]))
+    value, error = (each[0] for each in found.efficiency)
+    assert np.nanmax(error / value) <= 0.2
+    one = groups == groups[4, 7]
+    sticks = found.sums.impacts[:, 0, ..., STICKS].sum(axis=0)
+    assert found.sticking.value[0, 4, 7] == pytest.approx(sticks[one].sum() / hits[one].sum())
+    records = {(r["first_mass"], r["second_mass"]): r for r in found.records()}
+    assert len(records) == np.count_nonzero(groups >= 0)
+    record = records[found.masses[4], found.masses[7]]
+    assert record["collisions"] == hits[4, 7]
+    assert record["merged_collisions"] == hits[one].sum()
+    stricter = kernels_of(found.sums, 0.05)
+    assert np.nanmax(stricter.efficiency.error / stricter.efficiency.value) <= 0.05
+
+
+def test_pieces_have_shares_that_add_up_to_one_where_there_are_enough():
+    sums = drawn_sums(np.full((3, 3), 4000.0))
+    sums.pieces[:, 0, 2, :2] = np.random.default_rng(4).poisson((30.0, 10.0), (20, 2))
+    sums.pieces[0, 0, 1, 0] = 2.0
+    found = kernels_of(sums)
+    records = found.piece_records()
+    assert [r["piece_mass"] for r in records] == found.masses[:2].tolist()
+    assert {r["broken_mass"] for r in records} == {found.masses[2]}
+    assert sum(r["share"][0] for r in records) == pytest.approx(1.0)
+    assert records[0]["pieces"] == sums.pieces[:, 0, 2, 0].sum()
+    share, error = records[0]["share"]
+    assert share == pytest.approx(0.75, abs=4.5 * error)
+    assert 0.0 < error < 0.1
+
+
+def test_growth_in_a_window_is_what_sticking_makes_of_the_number():
+    sums = drawn_sums(np.full((3, 3), 4000.0))
+    start = sums.start[..., NUMBER].sum()
+    left = start - sums.impacts[..., STICKS].sum()
+    assert kernels_of(sums).growth == pytest.approx([start / left])
+
+
+@PLAIN
+def test_samples_are_numbered_as_the_recorded_ones_of_a_string(tmp_path, monkeypatch):
+    campaign = small(tmp_path)
+    string = campaign.parameters()
+    chosen = campaign, string, 7, None, 0
+    monkeypatch.setattr("agglom_mpi.report.kernel_table.selected_string", lambda *_: chosen)
+    options = {"string": None, "times": (), "csv": None, "netcdf": None, "allow_code": False}
+    request = KernelRequest(tmp_path / "gas.yaml", {}, samples=3, bins=4, error=0.2, **options)
+    found = string_kernels(request, print)
+    expected = [campaign.simulate(string, sample).collisions for sample in (7, 8, 9)]
+    assert found.sums.impacts[..., HITS].sum(axis=(1, 2, 3)).tolist() == expected
+
+
 @PLAIN
 def test_tables_as_json_and_csv_hold_all_pairs_and_replace_no_file(tmp_path):
     small(tmp_path)
     options = {"string": None, "times": (), "csv": tmp_path / "k.csv", "allow_code": False}
+    options |= {"error": 0.2, "netcdf": tmp_path / "k.nc"}
     request = KernelRequest(tmp_path / "gas.yaml", {}, samples=3, bins=4, **options)
     found = string_kernels(request, print)
     [record] = json.loads(kernel_json(found))["kernels"]
@@ -139,8 +224,19 @@ def test_tables_as_json_and_csv_hold_all_pairs_and_replace_no_file(tmp_path):
     assert float(row["rate (m^3/s)"]) == record["rate"] == found.rate.value[0, 0, 0]
     assert float(row["efficiency_error"]) == record["efficiency_error"]
     assert record["first_mass"] == pytest.approx(4.0 / 3.0 * math.pi * 1e-9 * 2500.0)
+    with netcdf_file(tmp_path / "k.nc", mmap=False) as file:
+        stored = {name: np.array(each[...]) for name, each in file.variables.items()}
+        assert file.variables["rate"].units == b"m^3/s"
+    assert stored["rate"][0, 0, 0] == record["rate"]
+    assert stored["rate_error"][0, 0, 0] == record["rate_error"]
+    assert stored["start_particles"].sum() == pytest.approx(20.0)
+    assert stored["mean_particles"] == found.means.value[:, 0]
+    for name in ("rate", "collisions", "sticking"):
+        assert np.array_equal(stored[name][0], stored[name][0].T, equal_nan=True)
     with pytest.raises(FileExistsError):
         string_kernels(request, print)
+    with pytest.raises(FileExistsError):
+        string_kernels(request._replace(csv=None), print)
 
 
 @pytest.mark.slow

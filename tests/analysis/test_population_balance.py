@@ -92,6 +92,56 @@ def test_equal_grains_that_only_bounce_cool_by_haffs_law():
     assert numbers[0] == pytest.approx(np.full(POINTS, number))
 
 
+def partial_temperatures_stay_equal(kernel, ratio):
+    """Law in which sticking pairs meet with ⟨g²⟩ = `ratio` (a + b); efficiencies make the kernel.
+
+    All temperatures are T at first. Two grains that stick leave one of energy 3T/2, and take
+    T/2 (3m + ratio m')/(m + m') each, so the temperature T of a mass m changes by
+
+        dT/dt = -T (ratio/3 - 1) Σ K n' m'/(m + m'),
+
+    the same for all masses if K is c(m + m')√T, or if the ratio is 3. Number and energy follow.
+    """
+    density, temperature, volume = 2500.0, 1e-9, 1e6
+    grid = Grid(10.0 ** (np.arange(4 * PER_DECADE + 1) / PER_DECADE))
+    first, second = grid.pairs
+    mass, other = grid.masses[first], grid.masses[second]
+    radii = np.cbrt(3.0 * grid.masses / (4.0 * math.pi * density))
+    speed = np.sqrt(8.0 / math.pi * temperature * (1.0 / mass + 1.0 / other))
+    maxwellian = math.pi * (radii[first] + radii[second]) ** 2 * speed
+    factors = impacts(grid, sticking=1.0, relative=ratio)
+    factors = factors._replace(efficiency=kernel(mass, other) / maxwellian)
+    law = maxwellian_law(grid, factors, density, volume)
+    numbers = np.zeros(len(grid.masses))
+    numbers[0] = 1e3
+    return grid, law, numbers, 1.5 * temperature * numbers, 1e3 / volume
+
+
+def test_a_constant_kernel_at_a_constant_temperature_has_the_numbers_of_smoluchowski():
+    start = partial_temperatures_stay_equal(lambda x, y: np.ones_like(x), 3.0)
+    grid, law, numbers, energies, density = start
+    found, energy = solve(grid, law, numbers, energies, 20.0 / density)
+    times = np.linspace(0.0, 20.0, POINTS)
+    assert found.sum(axis=0) == pytest.approx(numbers[0] / (1.0 + 0.5 * times), rel=1e-5)
+    there = found > 1e-6
+    expected = np.broadcast_to(energies[0] / numbers[0], there.shape)
+    assert energy[there] / found[there] == pytest.approx(expected[there], rel=1e-4)
+
+
+@pytest.mark.parametrize("ratio", [4.0, 5.0])
+def test_a_kernel_that_cools_with_its_grains_has_powers_of_time_as_exact_solution(ratio):
+    """With K = (m + m')√(T/T0) and k = (ratio/3 - 1)/2: √(T0/T) = 1 + kt, N ~ (1 + kt)^(-1/k)."""
+    start = partial_temperatures_stay_equal(lambda x, y: x + y, ratio)
+    grid, law, numbers, energies, density = start
+    found, energy = solve(grid, law, numbers, energies, 2.0 / density)
+    k = 0.5 * (ratio / 3.0 - 1.0)
+    cooled = 1.0 + k * np.linspace(0.0, 2.0, POINTS)
+    assert found.sum(axis=0) / numbers[0] == pytest.approx(cooled ** (-1.0 / k), rel=1e-4)
+    expected = cooled ** (-1.0 / k - 2.0)
+    assert energy.sum(axis=0) / energies[0] == pytest.approx(expected, rel=1e-4)
+    assert grid.masses @ found == pytest.approx(np.full(POINTS, numbers[0]))
+
+
 def test_elastic_grains_of_two_sizes_share_their_energy_and_keep_it():
     grid = Grid(np.array([1e-6, 1e-5]))
     law = maxwellian_law(grid, impacts(grid), 2500.0, 1e-4)
