@@ -10,7 +10,14 @@ from rich.console import Group, RenderableType
 
 from agglom_mpi.analysis.collision_kernels import COEFFICIENTS, LEAST_HITS, CollisionKernels
 from agglom_mpi.analysis.counted_samples import collision_kernels
+from agglom_mpi.analysis.imposed_speeds import (
+    ImposedGrowth,
+    imposed_growth,
+    power_law,
+    require_unbreakable,
+)
 from agglom_mpi.display.table import Column, Table
+from agglom_mpi.report.growth_table import growth_json, growth_text
 from agglom_mpi.report.simulate import SimulationRequest, selected_string
 from agglom_mpi.storage.files import atomic_file, require_absent
 
@@ -31,6 +38,7 @@ COLUMNS: Final = (
     Column("window", unit="s"),
     Column("collisions", format=",d"),
     *(Column(name, unit=UNITS.get(name, "")) for name in COEFFICIENTS if name != "squared_speed"),
+    Column("sticking_by_law", format=".3g"),
 )
 
 
@@ -54,6 +62,9 @@ class KernelRequest(NamedTuple):
     times: tuple[float, ...]
     csv: Path | None
     allow_code: bool
+    speed: tuple[float, float] | None = None
+    """Imposed relative speed of two mean grains in m/s, and its exponent in the radius."""
+    until: float | None = None
 
 
 def string_kernels(request: KernelRequest, show: Callable[[str], None]) -> CollisionKernels:
@@ -70,13 +81,22 @@ def string_kernels(request: KernelRequest, show: Callable[[str], None]) -> Colli
         require_absent(request.csv)
     options = request.source, request.settings, request.samples, None, request.string, None
     chosen = selected_string(SimulationRequest(*options, request.allow_code), show)
+    if request.speed is not None:
+        require_unbreakable(chosen[0].impact_tests_at(chosen[1]))
     found = collision_kernels(*chosen[:2], request.samples, request.bins, request.times)
     if request.csv is not None:
         write_kernels(found, request.csv)
     return found
 
 
-def kernel_text(found: CollisionKernels) -> RenderableType:
+def string_growth(request: KernelRequest, found: CollisionKernels) -> ImposedGrowth | None:
+    """Return the growth at the imposed speeds, if there are any."""
+    if request.speed is None or request.until is None:
+        return None
+    return imposed_growth(found, power_law(found, *request.speed), request.until)
+
+
+def kernel_text(found: CollisionKernels, growth: ImposedGrowth | None = None) -> RenderableType:
     """Return the pairs with the most collisions as a table."""
     records, grain = found.records(), found.grain_mass
     most = sorted(range(len(records)), key=lambda k: -records[k]["collisions"])[:SHOWN]
@@ -91,12 +111,13 @@ def kernel_text(found: CollisionKernels) -> RenderableType:
     notes = [
         f"{int(found.sums.samples.sum())} samples, {found.failed} failed",
         "efficiency: the rate over that of Maxwellian grains with the same partial temperatures; "
-        "speed: normal to the contact",
+        "speed: normal to the contact; sticking by law: of Maxwellian grains",
         f"pairs of bins with fewer than {LEAST_HITS} collisions are left out",
     ]
     if len(most) < len(records):
         notes.append(f"{len(records) - len(most)} more pairs: --csv and --json have all")
-    return Group(Table(COLUMNS, rows), *notes, *_balance_text(found))
+    grown = [] if growth is None else [growth_text(growth, found.grain_mass)]
+    return Group(Table(COLUMNS, rows), *notes, *_balance_text(found), *grown)
 
 
 def _window(record: dict[str, Any]) -> str:
@@ -130,13 +151,15 @@ def balance_records(found: CollisionKernels) -> list[dict[str, Any]]:
     ]
 
 
-def kernel_json(found: CollisionKernels) -> str:
-    """Return all pairs as JSON, in SI units."""
+def kernel_json(found: CollisionKernels, growth: ImposedGrowth | None = None) -> str:
+    """Return all pairs and the growth at imposed speeds as JSON, in SI units."""
     records = [_separate(record) for record in found.records()]
     balance = [] if found.breaks else balance_records(found)
     shown: dict[str, Any] = {"samples": int(found.sums.samples.sum()), "failed": found.failed}
     shown |= {"units": UNITS, "kernels": records}
     shown["balance"] = [_separate(record) for record in balance]
+    if growth is not None:
+        shown["imposed"] = growth_json(growth)
     return json.dumps(shown, indent=2, allow_nan=False)
 
 
