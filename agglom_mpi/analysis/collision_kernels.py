@@ -24,6 +24,7 @@ from agglom_mpi.analysis.merged_pairs import (
     pooled,
 )
 from agglom_mpi.analysis.population_balance import Grid, Impacts, maxwellian_law, solve
+from agglom_mpi.physics.impact_tests import ImpactTests
 from agglom_mpi.physics.kinetic_theory import mixture_contact_values
 from agglom_mpi.simulation.collision_counts import (
     BREAKS,
@@ -39,6 +40,7 @@ from agglom_mpi.simulation.collision_counts import (
     STICKS,
     CollisionCounts,
 )
+from agglom_mpi.simulation.impact import solve_impacts
 
 Floats = npt.NDArray[np.float64]
 
@@ -116,6 +118,8 @@ class CollisionKernels:
         Of a mean grain, kg.
     failed
         Number of samples that failed, which are left out.
+    tests
+        The laws of the string.
     max_error
         Maximum relative standard error of an efficiency; pairs are merged until they have it.
     """
@@ -127,6 +131,7 @@ class CollisionKernels:
     density: float
     grain_mass: float
     failed: int = 0
+    tests: ImpactTests | None = None
     max_error: float = MAX_ERROR
 
     @cached_property
@@ -157,6 +162,20 @@ class CollisionKernels:
     def sticking(self) -> Coefficient:
         """Share of the collisions after which there is one particle."""
         return self._share(STICKS)
+
+    @cached_property
+    def sticking_by_law(self) -> Floats:
+        """Share that sticks by the law if grains are Maxwellian, (windows, bins, bins).
+
+        Of the partial temperatures and mean masses of the window; nan where there is no `rate`.
+        """
+        found = np.full(self.hits.shape, np.nan)
+        radii, per_mass = self._states(self._whole)
+        w, i, j = place = np.nonzero(np.isfinite(self.rate.value))
+        if self.tests is not None:
+            pairs = radii[w, i], radii[w, j], per_mass[w, i] + per_mass[w, j]
+            found[place] = self.tests.maxwellian_sticking(*pairs, solve_impacts)
+        return found
 
     @cached_property
     def breakage(self) -> Coefficient:
@@ -298,6 +317,8 @@ class CollisionKernels:
             for name in COEFFICIENTS:
                 value, error = getattr(self, name)
                 record[name] = float(value[place]), float(error[place])
+            if self.tests is not None:
+                record["sticking_by_law"] = float(self.sticking_by_law[place])
             found.append(record)
         return found
 
@@ -350,8 +371,8 @@ class CollisionKernels:
         """Numbers of collisions of Maxwellian gases, shape (windows, bins, bins)."""
         return self._maxwellian(sums) * sums.pairs / self.volume
 
-    def _maxwellian(self, sums: BlockSums) -> Floats:
-        """Rate coefficients of Maxwellian gases in m³/s, shape (windows, bins, bins)."""
+    def _states(self, sums: BlockSums) -> tuple[Floats, Floats]:
+        """Radii of the mean masses in m, and T/m in m²/s², each shape (windows, bins)."""
         with np.errstate(invalid="ignore", divide="ignore"):
             masses = np.where(
                 sums.exposure[..., NUMBER] > 0.0,
@@ -359,7 +380,11 @@ class CollisionKernels:
                 self.masses,
             )
         radii = np.cbrt(3.0 * masses / (4.0 * math.pi * self.density))
-        per_mass = np.nan_to_num(_temperatures(sums.exposure)) / masses
+        return radii, np.nan_to_num(_temperatures(sums.exposure)) / masses
+
+    def _maxwellian(self, sums: BlockSums) -> Floats:
+        """Rate coefficients of Maxwellian gases in m³/s, shape (windows, bins, bins)."""
+        radii, per_mass = self._states(sums)
         duration = np.diff(self.times)[:, None] * sums.samples * self.volume
         densities = sums.exposure[..., NUMBER] / duration
         found = np.empty((*radii.shape, radii.shape[1]))

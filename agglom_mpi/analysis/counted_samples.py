@@ -92,7 +92,8 @@ def collision_kernels(
     density = scene.mass / (4.0 / 3.0 * math.pi * scene.radius**3)
     volume = (2.0 * scene.half_width) ** 3
     box = volume, density, scene.mass
-    return CollisionKernels(sums, masses, np.array([0.0, *ends]), *box, len(failures))
+    found = sums, masses, np.array([0.0, *ends]), *box, len(failures)
+    return CollisionKernels(*found, campaign.impact_tests_at(vector))
 
 
 def _windows(campaign: Campaign, scene: Scene, times: Sequence[float]) -> npt.NDArray[np.float64]:

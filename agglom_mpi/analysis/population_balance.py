@@ -73,6 +73,12 @@ class Grid:
         # Where a pair goes, and the parts of its number and its energy that do.
         self._sides = (above - 1, 1.0 - share, 1.0 - share), (above, number, share)
 
+    def cross_sections(self, radii: Floats) -> Floats:
+        """Return π(r_i + r_j)² of the pairs in m², half of it in a bin; radii in m, (bins,)."""
+        first, second = self.pairs
+        whole = math.pi * (radii[first] + radii[second]) ** 2
+        return np.asarray(whole * np.where(first == second, 0.5, 1.0))
+
     def change(self, rates: PairRates) -> tuple[Floats, Floats]:
         """Return the changes of numbers, (bins,), in 1/s and of energies, (bins,), in W."""
         first, second = self.pairs
@@ -177,8 +183,7 @@ def maxwellian_law(grid: Grid, impacts: Impacts, density: float, volume: float) 
     first, second = grid.pairs
     mass, other = grid.masses[first], grid.masses[second]
     reduced, joint = mass * other / (mass + other), mass + other
-    section = impacts.efficiency * math.pi * (radii[first] + radii[second]) ** 2 / volume
-    section *= np.where(first == second, 0.5, 1.0)
+    section = impacts.efficiency * grid.cross_sections(radii) / volume
     bounce = (1.0 + impacts.restitution) * reduced
 
     def law(numbers: Floats, energies: Floats) -> PairRates:

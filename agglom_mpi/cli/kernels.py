@@ -1,5 +1,6 @@
 """`agglom kernels`: rates of collision, sticking and breakage by mass, for population balances."""
 
+import math
 from typing import Any
 
 import click
@@ -11,6 +12,7 @@ from agglom_mpi.cli.common import ALLOW_CODE, JSON, PATH, SETTINGS, examples, ex
     epilog=examples(
         "agglom kernels jobs/accretion_2003.yaml --samples 400 --csv kernels.csv",
         "agglom kernels accretion_2003.h5 --string 107 --time 0.05 --netcdf kernels.nc",
+        "agglom kernels jobs/questions/barrier.yaml --speed 0.02 0.5 --until 0.1",
     )
 )
 @click.argument("source", type=PATH)
@@ -45,6 +47,18 @@ from agglom_mpi.cli.common import ALLOW_CODE, JSON, PATH, SETTINGS, examples, ex
     type=click.FloatRange(0.0, 1.0, min_open=True),
     help="Merge pairs of bins until the relative standard error of their efficiency is smaller.",
 )
+@click.option(
+    "--speed",
+    type=(click.FloatRange(1e-12, 1e6), click.FloatRange(-4.0, 4.0)),
+    metavar="V P",
+    help="Relative speeds to impose, root mean square V ((r1 + r2)/2b0)^P in m/s.",
+)
+@click.option(
+    "--until",
+    type=click.FloatRange(0.0, min_open=True),
+    metavar="S",
+    help="Time in s for which particles grow at imposed speeds.",
+)
 @click.option("--csv", type=PATH, metavar="FILE", help="Write all pairs as CSV, with units.")
 @click.option("--netcdf", type=PATH, metavar="FILE", help="Write all arrays as NetCDF.")
 @ALLOW_CODE
@@ -58,19 +72,29 @@ def kernels(as_json: bool, **options: Any) -> int:
     and break; mean normal speed and loss of energy. Each has its standard error, by a jackknife
     over samples; pairs with few collisions are merged with neighbours. Pieces of broken particles
     are shown by mass. Population balances take these as kernels.
+
+    --speed and --until solve the Smoluchowski equations where something else than the grains' own
+    motion decides their relative speeds, also beyond the masses of the samples.
     """
+    imposed = [*(options["speed"] or ()), options["until"]]
+    if (options["speed"] is None) != (options["until"] is None):
+        raise click.UsageError("--speed and --until go together; give both")
+    if options["speed"] is not None and not all(map(math.isfinite, imposed)):
+        raise click.UsageError("--speed and --until must be finite")
     from agglom_mpi.display.run_display import print_wide
     from agglom_mpi.report.kernel_table import (
         KernelRequest,
         kernel_json,
         kernel_text,
+        string_growth,
         string_kernels,
     )
 
     request = KernelRequest(**options)
     found = string_kernels(request, show=lambda line: say(line, error=True))
+    growth = string_growth(request, found)
     if as_json:
-        say(kernel_json(found))
+        say(kernel_json(found, growth))
     else:
-        print_wide(kernel_text(found))
+        print_wide(kernel_text(found, growth))
     return 0

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,11 @@ from agglom_mpi.physics.pair import ContactPair
 from agglom_mpi.physics.restitution import ImpactLaws, solve_restitution
 
 Floats = NDArray[np.float64]
+
+SCALED_SPEEDS: Final = np.geomspace(1e-4, 6.0, 64)
+"""Speeds, over that of a component of the motion, between which pairs begin or cease to bond."""
+HALVINGS: Final = 40
+"""Number of halvings of the interval in which they do."""
 
 
 def impact_coefficients(
@@ -76,6 +81,44 @@ class ImpactTests(NamedTuple):
         found = np.empty(len(impacts))
         solve(self.laws, self.density, self.temperature, impacts, found)
         return found
+
+    def maxwellian_sticking(
+        self,
+        first: Floats,
+        second: Floats,
+        variance: Floats,
+        solve: Callable[..., None] = impact_coefficients,
+    ) -> Floats:
+        """Return the share of impacts that bond if relative velocities are Maxwellian, (pairs,).
+
+        Normal speeds w of impacts then have the density (w/s²) exp(−w²/2s²) on each interval of
+        speeds at which the law bonds the pair; its ends are found by bisection.
+
+        Parameters
+        ----------
+        first, second
+            Radii in m, shape (pairs,).
+        variance
+            Of a component of the relative velocity, s² = T_i/m_i + T_j/m_j in m²/s², (pairs,).
+        solve
+            As of `coefficients`.
+        """
+        speed, unknown = np.sqrt(variance), math.nan
+
+        def bonds(pair: NDArray[np.intp], scaled: Floats) -> NDArray[np.bool_]:
+            states = scaled * speed[pair], first[pair], second[pair], np.full(len(pair), unknown)
+            return np.asarray(self.coefficients(np.column_stack(states), solve) == 0.0)
+
+        pair, place = np.indices((len(speed), len(SCALED_SPEEDS))).reshape(2, -1)
+        bonded = bonds(pair, SCALED_SPEEDS[place]).reshape(len(speed), -1)
+        pair, place = np.nonzero(bonded[:, 1:] != bonded[:, :-1])
+        low, high, below = SCALED_SPEEDS[place], SCALED_SPEEDS[place + 1], bonded[pair, place]
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            same = bonds(pair, middle) == below
+            low, high = np.where(same, middle, low), np.where(same, high, middle)
+        faster = np.where(below, -1.0, 1.0) * np.exp(-0.5 * low * high)
+        return np.asarray(bonded[:, 0] + np.bincount(pair, faster, len(speed)))
 
 
 def impact_tests(scene: Any, value: Mapping[str, float]) -> ImpactTests:

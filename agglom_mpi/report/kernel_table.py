@@ -15,7 +15,14 @@ from scipy.io import netcdf_file
 
 from agglom_mpi.analysis.collision_kernels import COEFFICIENTS, Coefficient, CollisionKernels
 from agglom_mpi.analysis.counted_samples import collision_kernels
+from agglom_mpi.analysis.imposed_speeds import (
+    ImposedGrowth,
+    imposed_growth,
+    power_law,
+    require_unbreakable,
+)
 from agglom_mpi.display.table import Column, Table
+from agglom_mpi.report.growth_table import growth_json, growth_text
 from agglom_mpi.report.simulate import SimulationRequest, selected_string
 from agglom_mpi.simulation.collision_counts import ENERGY, NUMBER
 from agglom_mpi.storage.files import atomic_file, require_absent
@@ -38,6 +45,7 @@ COLUMNS: Final = (
     Column("collisions", format=",d"),
     Column("merged_collisions", "merged", format=",d"),
     *(Column(name, unit=UNITS.get(name, "")) for name in COEFFICIENTS if name != "squared_speed"),
+    Column("sticking_by_law", format=".3g"),
 )
 
 PIECE_COLUMNS: Final = (
@@ -73,6 +81,9 @@ class KernelRequest(NamedTuple):
     csv: Path | None
     netcdf: Path | None
     allow_code: bool
+    speed: tuple[float, float] | None = None
+    """Imposed relative speed of two mean grains in m/s, and its exponent in the radius."""
+    until: float | None = None
 
 
 def string_kernels(request: KernelRequest, show: Callable[[str], None]) -> CollisionKernels:
@@ -95,6 +106,8 @@ def string_kernels(request: KernelRequest, show: Callable[[str], None]) -> Colli
     campaign, vector, first, *_ = selected_string(
         SimulationRequest(*options, request.allow_code), show
     )
+    if request.speed is not None:
+        require_unbreakable(campaign.impact_tests_at(vector))
     counted = request.samples, request.bins, request.times, first
     found = replace(collision_kernels(campaign, vector, *counted), max_error=request.error)
     for path, write in writers:
@@ -118,7 +131,14 @@ def _fast_growth(found: CollisionKernels) -> list[str]:
     ]
 
 
-def kernel_text(found: CollisionKernels) -> RenderableType:
+def string_growth(request: KernelRequest, found: CollisionKernels) -> ImposedGrowth | None:
+    """Return the growth at the imposed speeds, if there are any."""
+    if request.speed is None or request.until is None:
+        return None
+    return imposed_growth(found, power_law(found, *request.speed), request.until)
+
+
+def kernel_text(found: CollisionKernels, growth: ImposedGrowth | None = None) -> RenderableType:
     """Return the pairs with the most collisions as a table."""
     records, grain = found.records(), found.grain_mass
     most = sorted(range(len(records)), key=lambda k: -records[k]["collisions"])[:SHOWN]
@@ -133,13 +153,14 @@ def kernel_text(found: CollisionKernels) -> RenderableType:
     notes = [
         f"{int(found.sums.samples.sum())} samples, {found.failed} failed",
         "efficiency: the rate over that of Maxwellian grains with the same partial temperatures; "
-        "speed: normal to the contact",
+        "speed: normal to the contact; sticking by law: of Maxwellian grains",
         "merged: collisions of all pairs of bins that share a coefficient, so that the error of "
         f"the efficiency is at most {100.0 * found.max_error:g} %; other pairs are left out",
     ]
     if len(most) < len(records):
         notes.append(f"{len(records) - len(most)} more pairs: --csv and --json have all")
-    return Group(Table(COLUMNS, rows), *notes, *_piece_text(found), *_balance_text(found))
+    grown = [] if growth is None else [growth_text(growth, found.grain_mass)]
+    return Group(Table(COLUMNS, rows), *notes, *_piece_text(found), *_balance_text(found), *grown)
 
 
 def _window(record: dict[str, Any]) -> str:
@@ -184,14 +205,16 @@ def balance_records(found: CollisionKernels) -> list[dict[str, Any]]:
     ]
 
 
-def kernel_json(found: CollisionKernels) -> str:
-    """Return all pairs as JSON, in SI units."""
+def kernel_json(found: CollisionKernels, growth: ImposedGrowth | None = None) -> str:
+    """Return all pairs and the growth at imposed speeds as JSON, in SI units."""
     records = [_separate(record) for record in found.records()]
     pieces = [_separate(record) for record in found.piece_records()]
     balance = [] if found.breaks else balance_records(found)
     shown: dict[str, Any] = {"samples": int(found.sums.samples.sum()), "failed": found.failed}
     shown |= {"units": UNITS, "kernels": records, "pieces": pieces}
     shown["balance"] = [_separate(record) for record in balance]
+    if growth is not None:
+        shown["imposed"] = growth_json(growth)
     return json.dumps(shown, indent=2, allow_nan=False)
 
 

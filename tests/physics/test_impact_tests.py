@@ -130,6 +130,38 @@ def test_a_pair_that_sticks_has_a_coefficient_of_0(name):
     assert np.all(np.diff(found) >= 0.0)
 
 
+def sticking_speed(name, radii):
+    """Speed of the closed forms below which a pair sticks."""
+    radius, mass = reduced(radii)
+    if name == "wet":
+        return math.log(20.0) * 6.0 * math.pi * 0.01 * radius**2 / mass
+    work = 7.092195971863959 * (2.0**5 * radius**4 / HERTZ**2) ** (1.0 / 3.0)
+    return math.sqrt(2.0 * work / mass) / 0.9
+
+
+@pytest.mark.parametrize("radii", PAIRS[:2], ids=["equal", "unequal"])
+@pytest.mark.parametrize("name", ["adhesive", "wet"])
+def test_maxwellian_grains_stick_by_the_closed_integral(name, radii):
+    """∫(w/s²) exp(−w²/2s²) dw up to the sticking speed w_c: 1 − exp(−w_c²/2s²)."""
+    law, variables, _ = CLOSED[name]
+    limit = sticking_speed(name, radii)
+    s = limit * np.array([0.05, 0.3, 1.0, 3.0, 30.0, 300.0])
+    first, second = (np.full(len(s), radius) for radius in radii)
+    found = laws_of(law, variables).maxwellian_sticking(first, second, s**2)
+    assert found == pytest.approx(-np.expm1(-((limit / s) ** 2) / 2.0), rel=1e-8)
+
+
+def test_maxwellian_grains_that_bond_by_pressure_do_so_from_a_speed_on():
+    tests = laws_of("pressure", HOT, "pair_split")
+    speeds = np.geomspace(10.0, 1e4, 2000)
+    bonds = tests.coefficients(impacts(PAIRS[0], speeds)) == 0.0
+    limit, radius = speeds[bonds].min(), np.array([1e-3])
+    assert not bonds[0]
+    assert bonds[-1]
+    found = tests.maxwellian_sticking(radius, radius, np.array([limit**2]))
+    assert found == pytest.approx([math.exp(-0.5)], rel=0.01)
+
+
 def test_a_measured_restitution_is_returned_for_its_own_impact():
     law = "{law: viscoelastic_measured, restitution: 0.83, speed: 0.4 m/s, radius: 1.5 mm}"
     row = impacts((1.5e-3, 1.5e-3), [0.4])
