@@ -320,6 +320,10 @@ class CollisionKernels:
     def _rates(self, sums: BlockSums) -> Floats:
         return self.volume * _over(sums.impacts[..., HITS], sums.pairs)
 
+    def radii(self, masses: Floats) -> Floats:
+        """Return radii in m of masses in kg."""
+        return np.asarray(np.cbrt(3.0 * masses / (4.0 * math.pi * self.density)))
+
     def _states(self, sums: BlockSums) -> tuple[Floats, Floats]:
         """Radii of the mean masses in m, and T/m in m²/s², each shape (windows, bins)."""
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -328,8 +332,7 @@ class CollisionKernels:
                 sums.exposure[..., MASS] / sums.exposure[..., NUMBER],
                 self.masses,
             )
-        radii = np.cbrt(3.0 * masses / (4.0 * math.pi * self.density))
-        return radii, np.nan_to_num(_temperatures(sums.exposure)) / masses
+        return self.radii(masses), np.nan_to_num(_temperatures(sums.exposure)) / masses
 
     def _maxwellian(self, sums: BlockSums) -> Floats:
         """Rate coefficients of Maxwellian gases in m³/s, shape (windows, bins, bins)."""

@@ -62,9 +62,8 @@ class KernelRequest(NamedTuple):
     times: tuple[float, ...]
     csv: Path | None
     allow_code: bool
-    speed: tuple[float, float] | None = None
-    """Imposed relative speed of two mean grains in m/s, and its exponent in the radius."""
-    until: float | None = None
+    impose: tuple[float, float, float] | None = None
+    """Imposed relative speed of two mean grains in m/s, its exponent in the radius, time in s."""
 
 
 def string_kernels(request: KernelRequest, show: Callable[[str], None]) -> CollisionKernels:
@@ -81,7 +80,7 @@ def string_kernels(request: KernelRequest, show: Callable[[str], None]) -> Colli
         require_absent(request.csv)
     options = request.source, request.settings, request.samples, None, request.string, None
     chosen = selected_string(SimulationRequest(*options, request.allow_code), show)
-    if request.speed is not None:
+    if request.impose is not None:
         require_unbreakable(chosen[0].impact_tests_at(chosen[1]))
     found = collision_kernels(*chosen[:2], request.samples, request.bins, request.times)
     if request.csv is not None:
@@ -91,9 +90,10 @@ def string_kernels(request: KernelRequest, show: Callable[[str], None]) -> Colli
 
 def string_growth(request: KernelRequest, found: CollisionKernels) -> ImposedGrowth | None:
     """Return the growth at the imposed speeds, if there are any."""
-    if request.speed is None or request.until is None:
+    if request.impose is None:
         return None
-    return imposed_growth(found, power_law(found, *request.speed), request.until)
+    *law, until = request.impose
+    return imposed_growth(found, power_law(found.grain_mass, *law), until)
 
 
 def kernel_text(found: CollisionKernels, growth: ImposedGrowth | None = None) -> RenderableType:
