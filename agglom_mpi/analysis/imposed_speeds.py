@@ -97,6 +97,8 @@ def imposed_growth(kernels: CollisionKernels, speed: Speed, until: float) -> Imp
     """
     assert kernels.tests is not None
     require_unbreakable(kernels.tests)
+    if not np.isfinite(kernels.rate.value).any():
+        raise UserError("no two masses have enough collisions; must be more samples")
     longest = kernels.masses[0] * (kernels.masses[1] / kernels.masses[0]) ** np.arange(MOST_BINS)
     speeds, equal = _rates(kernels, np.array([longest, longest]), speed)
     bins, size = len(kernels.masses), _size(kernels, longest, speeds * equal, until)
@@ -129,8 +131,6 @@ def _efficiencies(
     """
     value, error = kernels.efficiency
     known = np.isfinite(value)
-    if not known.any():
-        raise UserError("no two masses have enough collisions; must be more samples")
     hits = np.where(known, kernels.hits, 0.0)
     expected = np.divide(hits, value, out=np.zeros_like(hits), where=known)
     errors = np.sqrt(np.sum(np.where(known, expected * error, 0.0) ** 2, axis=0))

@@ -6,6 +6,7 @@ from rich.console import Group, RenderableType
 
 from agglom_mpi.analysis.imposed_speeds import ImposedGrowth
 from agglom_mpi.display.table import Column, Table
+from agglom_mpi.formatting import number_or_none
 
 GROWTH_COLUMNS: Final = (
     Column("time", unit="s", format=".3g"),
@@ -21,13 +22,11 @@ def growth_text(growth: ImposedGrowth, grain_mass: float) -> RenderableType:
     for record in growth_json(growth)["growth"]:
         low, mean, high = (record[f"mean_mass{end}"] / grain_mass for end in ("_from", "", "_to"))
         rows.append(record | {"mean_mass": mean, "band": f"{low:.3g}–{high:.3g}"})
-    grains, (mean, scatter) = growth.barrier / grain_mass, growth.efficiency
-    barrier = "no mass is a barrier, at which fewer impacts of equal particles begin to stick"
-    if grains > 0.0:
-        barrier = (
-            f"fewer than half of the impacts of equal particles stick from {grains:.3g} grains, "
-            f"{grains ** (1.0 / 3.0):.3g} times their radius"
-        )
+    (mean, scatter), size = growth.efficiency, (growth.barrier / grain_mass) ** (1.0 / 3.0)
+    barrier = (
+        "barrier, from which fewer than half of the impacts of equal particles stick, in radii of "
+        f"a grain: {number_or_none(size, '.3g')}"
+    )
     title = "Growth at the imposed relative speeds, by the Smoluchowski equations"
     note = (
         "mean mass: weighted by mass; extrapolated: share of the mass in particles larger than "
