@@ -371,6 +371,10 @@ class CollisionKernels:
         """Numbers of collisions of Maxwellian gases, shape (windows, bins, bins)."""
         return self._maxwellian(sums) * sums.pairs / self.volume
 
+    def radii(self, masses: Floats) -> Floats:
+        """Return radii in m of masses in kg."""
+        return np.asarray(np.cbrt(3.0 * masses / (4.0 * math.pi * self.density)))
+
     def _states(self, sums: BlockSums) -> tuple[Floats, Floats]:
         """Radii of the mean masses in m, and T/m in m²/s², each shape (windows, bins)."""
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -379,8 +383,7 @@ class CollisionKernels:
                 sums.exposure[..., MASS] / sums.exposure[..., NUMBER],
                 self.masses,
             )
-        radii = np.cbrt(3.0 * masses / (4.0 * math.pi * self.density))
-        return radii, np.nan_to_num(_temperatures(sums.exposure)) / masses
+        return self.radii(masses), np.nan_to_num(_temperatures(sums.exposure)) / masses
 
     def _maxwellian(self, sums: BlockSums) -> Floats:
         """Rate coefficients of Maxwellian gases in m³/s, shape (windows, bins, bins)."""

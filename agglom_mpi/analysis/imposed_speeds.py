@@ -18,8 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from agglom_mpi.analysis.collision_kernels import CollisionKernels
-from agglom_mpi.analysis.population_balance import Grid, Law, PairRates, solve
-from agglom_mpi.errors import FAILURE, UserError
+from agglom_mpi.analysis.population_balance import Grid, PairRates, solve
+from agglom_mpi.errors import UserError
 from agglom_mpi.physics.impact_tests import ImpactTests
 from agglom_mpi.physics.kinetic_theory import mixture_contact_values
 from agglom_mpi.simulation.collision_counts import MASS, NUMBER
@@ -30,40 +30,27 @@ Floats = npt.NDArray[np.float64]
 Speed = Callable[[Floats, Floats], Floats]
 """Root mean square relative speed in m/s of pairs of masses in kg, each shape (pairs,)."""
 
-TIMES: Final = 16
-"""Times at which growth is returned."""
-
-FIRST: Final = 1e-3
-"""First of them, over the last one."""
-
+TIMES: Final = np.geomspace(1e-3, 1.0, 16)
+"""Times at which growth is returned, over the last one."""
 MARGIN: Final = 100.0
 """Mass at the end of the grid over that which equal particles reach."""
-
 MOST_BINS: Final = 240
 """Largest number of bins of the grid, on which the equations take some minutes."""
 
 
-class GrowthError(UserError, RuntimeError):
-    """Growth that cannot be computed."""
-
-    exit_code = FAILURE
-
-
 class ImposedGrowth(NamedTuple):
-    """Growth at imposed relative speeds, with its band: lower bound, value, upper bound.
+    """Growth at imposed relative speeds; bands are of two errors, the slowest growth first.
 
     Attributes
     ----------
     times
         Shape (times,), s.
     particles
-        Particles left, relative to the start, shape (3, times); the upper bound grows least.
+        Particles left, relative to the start: lower bound of growth, value, bound; (3, times).
     mean_mass
-        Σm²/Σm, the mean mass weighted by mass, shape (3, times), kg.
+        Σm²/Σm in kg, the mean mass weighted by mass, shape (3, times).
     extrapolated
         Share of the mass in particles larger than any pair with a measured efficiency, (times,).
-    masses, sticking
-        Masses of the grid in kg, and the probability that two equal particles stick, (bins,).
     barrier
         Mass in kg from which fewer than half of the impacts of equal particles stick; nan where
         there is none.
@@ -75,52 +62,43 @@ class ImposedGrowth(NamedTuple):
     particles: Floats
     mean_mass: Floats
     extrapolated: Floats
-    masses: Floats
-    sticking: Floats
     barrier: float
     efficiency: tuple[float, float]
 
 
-def power_law(kernels: CollisionKernels, speed: float, exponent: float) -> Speed:
-    """Return Δv = v ((r_i + r_j)/2b₀)^p with v = `speed` in m/s, p = `exponent`, b₀ of a grain.
+def power_law(grain_mass: float, speed: float, exponent: float) -> Speed:
+    """Return Δv = v ((r_i + r_j)/2b₀)^p, v = `speed` in m/s, p = `exponent`, b₀ of a grain in kg.
 
     By p = 1/2 for grains whose stopping time grows with their radius, in turbulence; 1 in shear.
     """
 
     def imposed(first: Floats, second: Floats) -> Floats:
-        radii = np.cbrt(first / kernels.grain_mass) + np.cbrt(second / kernels.grain_mass)
+        radii = np.cbrt(first / grain_mass) + np.cbrt(second / grain_mass)
         return np.asarray(speed * (0.5 * radii) ** exponent)
 
     return imposed
 
 
 def require_unbreakable(tests: ImpactTests) -> None:
-    """Raise a GrowthError if particles break, which is not in the equations."""
+    """Raise a UserError if particles break, which is not in the equations."""
     if tests.laws.fragmentation is not None:
         message = "is a law by which particles break; must be none where speeds are imposed"
-        raise GrowthError(f"scene.fragmentation: {message}")
+        raise UserError(f"scene.fragmentation: {message}")
 
 
 def imposed_growth(kernels: CollisionKernels, speed: Speed, until: float) -> ImposedGrowth:
-    """Return how the grains of a string grow where relative speeds are imposed.
-
-    Parameters
-    ----------
-    kernels
-        From `campaign.collision_kernels`.
-    speed
-        Root mean square relative speed of two masses.
-    until
-        Time in s.
+    """Return how the grains of a string grow for a time in s at imposed relative speeds.
 
     Raises
     ------
-    GrowthError
-        If the string has a law of breakage, which is not in the equations, no pair collided often
-        enough, or particles grow beyond the largest grid.
+    UserError
+        If the string has a law of breakage, no pair collided often enough, or particles grow beyond
+        the largest grid.
     """
     assert kernels.tests is not None
     require_unbreakable(kernels.tests)
+    if not np.isfinite(kernels.rate.value).any():
+        raise UserError("no two masses have enough collisions; must be more samples")
     longest = kernels.masses[0] * (kernels.masses[1] / kernels.masses[0]) ** np.arange(MOST_BINS)
     speeds, equal = _rates(kernels, np.array([longest, longest]), speed)
     bins, size = len(kernels.masses), _size(kernels, longest, speeds * equal, until)
@@ -130,17 +108,14 @@ def imposed_growth(kernels: CollisionKernels, speed: Speed, until: float) -> Imp
     speeds, sticking = _rates(kernels, masses[grid.pairs], speed)
     start = np.zeros(len(masses))
     start[:bins] = kernels.sums.start[..., NUMBER].sum(axis=0) / kernels.sums.samples.sum()
-    times = np.geomspace(FIRST * until, until, TIMES)
     rates = [speeds * sticking * (of_pairs + k * error).clip(0.0) for k in (-2.0, 0.0, 2.0)]
-    numbers = np.array([_numbers(grid, _law(kernels, grid, k), start, times) for k in rates])
-    mass = numbers @ masses
+    numbers = np.array([_numbers(kernels, grid, each, start, until * TIMES) for each in rates])
+    mass, beyond = numbers @ masses, slice(largest + 1, None)
     return ImposedGrowth(
-        times,
+        until * TIMES,
         numbers.sum(axis=2) / start.sum(),
         numbers @ masses**2 / mass,
-        numbers[1, :, largest + 1 :] @ masses[largest + 1 :] / mass[1],
-        longest,
-        equal,
+        numbers[1, :, beyond] @ masses[beyond] / mass[1],
         _barrier(longest, equal),
         efficiency,
     )
@@ -149,39 +124,34 @@ def imposed_growth(kernels: CollisionKernels, speed: Speed, until: float) -> Imp
 def _efficiencies(
     kernels: CollisionKernels, grid: Grid
 ) -> tuple[Floats, Floats, tuple[float, float], int]:
-    """Return efficiencies over all windows.
+    """Return efficiencies over all windows and their errors, each (pairs,).
 
-    Returns
-    -------
-    tuple
-        Of each pair with its error, (pairs,); the mean and the scatter of those measured, which
-        the others get; the largest bin of a pair with a measured one.
+    Last come the mean and the scatter of those measured, which the others get, and the largest bin
+    of them.
     """
     value, error = kernels.efficiency
     known = np.isfinite(value)
-    if not known.any():
-        raise GrowthError("no two masses have enough collisions; simulate more samples")
     hits = np.where(known, kernels.hits, 0.0)
     expected = np.divide(hits, value, out=np.zeros_like(hits), where=known)
     errors = np.sqrt(np.sum(np.where(known, expected * error, 0.0) ** 2, axis=0))
     hits, expected = hits.sum(axis=0), expected.sum(axis=0)
-    mean = hits.sum() / expected.sum()
+    mean = float(hits.sum() / expected.sum())
     place = first, second = np.nonzero(expected)
-    found, error = hits[place] / expected[place], errors[place] / expected[place]
-    scatter = math.sqrt(np.average((found - mean) ** 2, weights=expected[place]))
+    found, weights = hits[place] / expected[place], expected[place]
+    scatter = math.sqrt(np.average((found - mean) ** 2, weights=weights))
     # Pairs of the grid in a row follow each other, those of the first bin first.
     at = first * len(grid.masses) - first * (first - 1) // 2 + second - first
     values = np.full((2, grid.pairs.shape[1]), [[mean], [scatter]])
-    values[:, at] = found, error
-    return values[0], values[1], (float(mean), scatter), int(second.max())
+    values[:, at] = found, errors[place] / weights
+    return values[0], values[1], (mean, scatter), int(second.max())
 
 
 def _rates(kernels: CollisionKernels, pairs: Floats, speed: Speed) -> tuple[Floats, Floats]:
-    """Return mean relative speeds in m/s of pairs of masses, (2, pairs), and sticking shares."""
-    radii = np.cbrt(3.0 * pairs / (4.0 * math.pi * kernels.density))
-    variance = np.broadcast_to(speed(*pairs), len(pairs[0])) ** 2 / 3.0
+    """Return mean relative speeds in m/s of pairs of masses, (2, pairs), and shares that stick."""
+    first, second = kernels.radii(pairs)
+    variance = np.broadcast_to(speed(*pairs), len(first)) ** 2 / 3.0
     assert kernels.tests is not None
-    sticking = kernels.tests.maxwellian_sticking(radii[0], radii[1], variance, solve_impacts)
+    sticking = kernels.tests.maxwellian_sticking(first, second, variance, solve_impacts)
     return np.sqrt(8.0 / math.pi * variance), sticking
 
 
@@ -190,43 +160,35 @@ def _size(kernels: CollisionKernels, masses: Floats, rates: Floats, until: float
 
     `rates` are mean relative speeds in m/s of equal masses, times the share that sticks.
     """
-    step = masses[1] / masses[0]
-    radii = np.cbrt(3.0 * masses / (4.0 * math.pi * kernels.density))
     held = kernels.sums.start[..., MASS].sum() / kernels.sums.samples.sum() / kernels.volume
-    with np.errstate(divide="ignore"):  # the mass m of n grows as m' = ½Knm P
-        ages = np.cumsum(np.diff(masses) / (2.0 * math.pi * radii**2 * held * rates)[:-1])
+    with np.errstate(divide="ignore"):  # equal particles: m' = ½Kρ, K of those that stick
+        slopes = 2.0 * math.pi * kernels.radii(masses) ** 2 * held * rates
+        ages = np.cumsum(np.diff(masses) / slopes[:-1])
     grain = int(np.searchsorted(masses, kernels.grain_mass))
     reached = int(np.searchsorted(ages, until + ages[grain])) + 1
-    margin = math.ceil(math.log(MARGIN) / math.log(step))
+    margin = math.ceil(math.log(MARGIN) / math.log(masses[1] / masses[0]))
     if reached + margin > MOST_BINS:
-        grains = masses[-margin] / kernels.grain_mass
-        raise GrowthError(
-            f"particles grow beyond {grains:.1e} grains until {until:g} s; choose less time, or "
-            "fewer bins a decade"
-        )
+        grains = f"{masses[-margin] / kernels.grain_mass:.1e} grains"
+        raise UserError(f"until {until:g} s particles grow beyond {grains}; must be less time")
     return reached + margin
 
 
-def _law(kernels: CollisionKernels, grid: Grid, rates: Floats) -> Law:
-    """Return the law of pairs that stick at mean relative speeds in m/s, (pairs,)."""
-    radii = np.cbrt(3.0 * grid.masses / (4.0 * math.pi * kernels.density))
-    first, second = grid.pairs
+def _numbers(
+    kernels: CollisionKernels, grid: Grid, rates: Floats, start: Floats, times: Floats
+) -> Floats:
+    """Return numbers at times in s, shape (times, bins), by mean relative speeds that stick."""
+    radii, nothing = kernels.radii(grid.masses), np.zeros((2, len(rates)))
     rates = rates * grid.cross_sections(radii) / kernels.volume
-    nothing = np.zeros((2, len(rates)))
+    first, second = grid.pairs
 
     def law(numbers: Floats, _: Floats) -> PairRates:
         chi = mixture_contact_values(numbers / kernels.volume, 2.0 * radii)[first, second]
         sticking = rates * chi * numbers[first] * numbers[second]
         return PairRates(sticking, nothing, nothing[0], nothing)
 
-    return law
-
-
-def _numbers(grid: Grid, law: Law, start: Floats, times: Floats) -> Floats:
-    """Return the numbers of particles at the times in s, shape (times, bins)."""
-    found, nothing = [start], np.zeros_like(start)
+    found = [start]
     for duration in np.diff(times, prepend=0.0).tolist():
-        found.append(solve(grid, law, found[-1], nothing, duration)[0][:, -1])
+        found.append(solve(grid, law, found[-1], np.zeros_like(start), duration)[0][:, -1])
     return np.array(found[1:])
 
 

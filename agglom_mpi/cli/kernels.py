@@ -12,7 +12,7 @@ from agglom_mpi.cli.common import ALLOW_CODE, JSON, PATH, SETTINGS, examples, ex
     epilog=examples(
         "agglom kernels jobs/accretion_2003.yaml --samples 400 --csv kernels.csv",
         "agglom kernels accretion_2003.h5 --string 107 --time 0.05 --netcdf kernels.nc",
-        "agglom kernels jobs/questions/barrier.yaml --speed 0.02 0.5 --until 0.1",
+        "agglom kernels jobs/questions/barrier.yaml --impose 0.02 0.5 1",
     )
 )
 @click.argument("source", type=PATH)
@@ -48,16 +48,10 @@ from agglom_mpi.cli.common import ALLOW_CODE, JSON, PATH, SETTINGS, examples, ex
     help="Merge pairs of bins until the relative standard error of their efficiency is smaller.",
 )
 @click.option(
-    "--speed",
-    type=(click.FloatRange(1e-12, 1e6), click.FloatRange(-4.0, 4.0)),
-    metavar="V P",
-    help="Relative speeds to impose, root mean square V ((r1 + r2)/2b0)^P in m/s.",
-)
-@click.option(
-    "--until",
-    type=click.FloatRange(0.0, min_open=True),
-    metavar="S",
-    help="Time in s for which particles grow at imposed speeds.",
+    "--impose",
+    type=(click.FloatRange(1e-12, 1e6), click.FloatRange(-4.0, 4.0), click.FloatRange(1e-30, 1e30)),
+    metavar="V P S",
+    help="Grow for S s at relative speeds, root mean square V ((r1 + r2)/2b0)^P in m/s.",
 )
 @click.option("--csv", type=PATH, metavar="FILE", help="Write all pairs as CSV, with units.")
 @click.option("--netcdf", type=PATH, metavar="FILE", help="Write all arrays as NetCDF.")
@@ -73,14 +67,11 @@ def kernels(as_json: bool, **options: Any) -> int:
     over samples; pairs with few collisions are merged with neighbours. Pieces of broken particles
     are shown by mass. Population balances take these as kernels.
 
-    --speed and --until solve the Smoluchowski equations where something else than the grains' own
-    motion decides their relative speeds, also beyond the masses of the samples.
+    --impose solves the Smoluchowski equations where something else than the grains' own motion
+    decides their relative speeds, also beyond the masses of the samples.
     """
-    imposed = [*(options["speed"] or ()), options["until"]]
-    if (options["speed"] is None) != (options["until"] is None):
-        raise click.UsageError("--speed and --until go together; give both")
-    if options["speed"] is not None and not all(map(math.isfinite, imposed)):
-        raise click.UsageError("--speed and --until must be finite")
+    if any(map(math.isnan, options["impose"] or ())):
+        raise click.UsageError("--impose: must be three numbers, not nan")
     from agglom_mpi.display.run_display import print_wide
     from agglom_mpi.report.kernel_table import (
         KernelRequest,

@@ -81,9 +81,8 @@ class KernelRequest(NamedTuple):
     csv: Path | None
     netcdf: Path | None
     allow_code: bool
-    speed: tuple[float, float] | None = None
-    """Imposed relative speed of two mean grains in m/s, and its exponent in the radius."""
-    until: float | None = None
+    impose: tuple[float, float, float] | None = None
+    """Imposed relative speed of two mean grains in m/s, its exponent in the radius, time in s."""
 
 
 def string_kernels(request: KernelRequest, show: Callable[[str], None]) -> CollisionKernels:
@@ -106,7 +105,7 @@ def string_kernels(request: KernelRequest, show: Callable[[str], None]) -> Colli
     campaign, vector, first, *_ = selected_string(
         SimulationRequest(*options, request.allow_code), show
     )
-    if request.speed is not None:
+    if request.impose is not None:
         require_unbreakable(campaign.impact_tests_at(vector))
     counted = request.samples, request.bins, request.times, first
     found = replace(collision_kernels(campaign, vector, *counted), max_error=request.error)
@@ -133,9 +132,10 @@ def _fast_growth(found: CollisionKernels) -> list[str]:
 
 def string_growth(request: KernelRequest, found: CollisionKernels) -> ImposedGrowth | None:
     """Return the growth at the imposed speeds, if there are any."""
-    if request.speed is None or request.until is None:
+    if request.impose is None:
         return None
-    return imposed_growth(found, power_law(found, *request.speed), request.until)
+    *law, until = request.impose
+    return imposed_growth(found, power_law(found.grain_mass, *law), until)
 
 
 def kernel_text(found: CollisionKernels, growth: ImposedGrowth | None = None) -> RenderableType:

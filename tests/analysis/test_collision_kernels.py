@@ -260,35 +260,88 @@ def test_elastic_grains_of_two_sizes_in_equilibrium_collide_as_in_enskogs_theory
     assert large == pytest.approx(small_one, rel=0.1)
 
 
+MAXWELLIAN = """\
+from agglom_mpi.components import Velocities
+
+
+class Maxwellian(Velocities):
+    \"""Components are normal, with the standard deviation v0.\"""
+
+    summary = "Maxwellian"
+
+    def draw_velocities(self, random, velocity):
+        \"""Draw x, y and z of each grain.\"""
+        for i in range(velocity.shape[1]):
+            for axis in range(3):
+                velocity[axis, i] = self.relative_speed * random.standard_normal()
+
+    def variance(self, speed):
+        \"""Three components.\"""
+        return 3.0 * speed**2
+
+    def fastest_approach(self, speed):
+        \"""Practically the highest.\"""
+        return 14.0 * speed
+"""
+UNITS = {"adhesive": 1e-6, "wet": 1e-3}
+GRAINS = {
+    name: [4.0 / 3.0 * math.pi * 2500.0 * (k * unit) ** 3 for k in (1, 2)]
+    for name, unit in UNITS.items()
+}
+SPEED = {"adhesive": 0.25, "wet": 0.15}
+STICKY = {
+    "adhesive": (
+        "um",
+        "{law: adhesive, dry: {law: constant, value: 0.9}, youngs_modulus: 70 GPa}",
+        0.2,
+        "10 us",
+    ),
+    "wet": (
+        "mm",
+        "{law: wet, dry: {law: constant, value: 0.9}, film_thickness: 20 um, roughness: 1 um, "
+        "viscosity: 100 mPa*s}",
+        None,
+        "15 ms",
+    ),
+}
+
+
+def sticking_speed(name, *pair):
+    """Speed in m/s up to which grains with radii of 1 (0) and 2 (1) units stick."""
+    unit = UNITS[name]
+    radii, masses = [(1.0 + k) * unit for k in pair], [GRAINS[name][k] for k in pair]
+    radius, mass = 1.0 / sum(1.0 / r for r in radii), 1.0 / sum(1.0 / m for m in masses)
+    if name == "wet":
+        return math.log(40.0) * 6.0 * math.pi * 0.1 * radius**2 / mass
+    modulus = 70e9 / (2.0 * (1.0 - 0.3**2))
+    work = 7.092195971863959 * (0.4**5 * radius**4 / modulus**2) ** (1.0 / 3.0)
+    return math.sqrt(2.0 * work / mass) / 0.9
+
+
 @pytest.mark.slow
-def test_grains_stick_as_often_as_impacts_are_slower_than_the_sticking_speed(tmp_path):
-    """At first velocities are as drawn: P = ⟨g min(1, v²/g²)⟩/⟨g⟩ over pairs of them."""
-    scene = "grain_radius: 1 um, restitution: {law: adhesive, dry: {law: constant, value: 0.9}, "
-    campaign = gas(tmp_path, scene + "youngs_modulus: 70 GPa}", 0.01, "1 us", 0.2)
-    found = collision_kernels(campaign, campaign.parameters(), samples=1000)
-    value, error = (each[0, 0, 0] for each in found.sticking)
-    random = np.random.default_rng(1)
-    g = np.linalg.norm(np.diff(random.uniform(-1.0, 1.0, (2, 400_000, 3)), axis=0)[0], axis=1)
-    sticking = campaign.at(campaign.parameters()).build(campaign.engine(None))
-    limit = sticking_speed(sticking)
-    expected = np.mean(g * np.minimum(1.0, (limit / g) ** 2)) / g.mean()
-    assert value == pytest.approx(expected, abs=4.5 * error)
-
-
-def sticking_speed(scene):
-    """Speed below which two grains bond, found by bisection of the law."""
-    from agglom_mpi.physics.pair import ContactPair
-    from agglom_mpi.simulation.impact import solve_impact
-
-    low, high = 0.0, 1.0
-    for _ in range(40):
-        speed, mass = 0.5 * (low + high), scene.mass
-        pair = ContactPair(
-            *(speed, 0.0, mass, mass, 0.5 * mass, scene.radius, scene.radius, scene.radius),
-            *(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf),
-        )
-        low, high = (speed, high) if solve_impact(scene.laws, pair).bonds else (low, speed)
-    return low
+@pytest.mark.parametrize("name", STICKY)
+def test_maxwellian_grains_stick_as_often_as_the_integral_of_the_law_says(tmp_path, name):
+    """1 − exp(−w²/2s²) with the law's sticking speed w; of equal and unequal grains."""
+    unit, law, energy, end = STICKY[name]
+    (tmp_path / "maxwell.py").write_text(MAXWELLIAN)
+    (tmp_path / "two.csv").write_text(f"diameter ({unit})\n2\n4\n")
+    sizes = f"sizes: {{law: file, file: two.csv}}, restitution: {law}"
+    gas(tmp_path, sizes, 0.01, end, energy)
+    path = tmp_path / "gas.yaml"
+    spread, own = "law: spread, mean: [0, 0, 0], transverse: 1", "law: 'maxwell.py:Maxwellian'"
+    text = path.read_text().replace(spread, own)
+    path.write_text(text.replace("relative_speed: 1,", f"relative_speed: {SPEED[name]},"))
+    campaign = load_campaign(path, allow_code=True)
+    found = collision_kernels(campaign, campaign.parameters(), samples=300)
+    bins = np.flatnonzero(found.numbers[0] > 10.0)
+    for i, j in ((0, 0), (0, 1), (1, 1)):
+        place = 0, bins[i], bins[j]
+        value, error = (each[place] for each in found.sticking)
+        variance = sum(found.temperatures[0, bins[k]] / GRAINS[name][k] for k in (i, j))
+        expected = -math.expm1(-(sticking_speed(name, i, j) ** 2) / (2.0 * variance))
+        assert 0.05 < expected < 0.95
+        assert found.sticking_by_law[place] == pytest.approx(expected, rel=1e-9)
+        assert value == pytest.approx(expected, abs=4.5 * error + 0.005)
 
 
 @pytest.mark.parametrize("times", [[0.03], [0.0], [0.01, 0.005]])

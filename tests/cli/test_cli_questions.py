@@ -1,5 +1,7 @@
 """The questions in jobs/questions are answered by their commands, as their text says."""
 
+import json
+import math
 import re
 import shutil
 from pathlib import Path
@@ -12,6 +14,8 @@ from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.verbs.simulate import simulate
 
 QUESTIONS = Path(__file__).parents[2] / "jobs" / "questions"
+GRAIN = 2000.0 * math.pi / 6.0 * 1e-18
+"""Mass in kg of a grain of `barrier.yaml`."""
 
 
 def answered(name, folder, *labels, options=()):
@@ -58,6 +62,28 @@ def test_dust_grows_by_half_where_it_meets_often_and_sticks(tmp_path):
     # Slower grains meet too seldom, and those of less surface energy bounce before they have grown.
     assert min(speeds) > 0.15
     assert min(energies) > 0.03
+
+
+@pytest.mark.slow
+def test_the_bouncing_barrier_of_dust_moves_with_the_surface_energy_as_jkr_theory_has_it(agglom):
+    """Sticking speeds go as (γ/r)^(5/6), imposed ones as r^½: r ∝ γ^(5/8)."""
+    imposed = ("--impose", 0.02, 0.5, 0.1, "--samples", 3, "--json")
+    sizes = []
+    for energy in (0.05, 0.3):
+        words = ("kernels", QUESTIONS / "barrier.yaml", "--set", f"surface_energy={energy}")
+        done = agglom(*words, *imposed)
+        assert done.exit_code == 0, done.output
+        shown = json.loads(done.stdout)["imposed"]
+        sizes.append((shown["barrier"] / GRAIN) ** (1.0 / 3.0))
+        first, *_, last = shown["growth"]
+        assert first["mean_mass"] < 2.0 * GRAIN
+        assert last["mean_mass_from"] < last["mean_mass"] < last["mean_mass_to"]
+        assert last["mean_mass"] > shown["barrier"]
+        assert (first["extrapolated"], last["extrapolated"]) == pytest.approx((0.0, 1.0), abs=0.01)
+        assert shown["efficiency"] == pytest.approx(1.0, abs=0.2)
+    assert sizes[1] == pytest.approx(32.7, rel=0.02)
+    # The loss to viscosity helps small grains to stick, so that the power is slightly smaller.
+    assert math.log(sizes[1] / sizes[0]) / math.log(6.0) == pytest.approx(0.625, rel=0.03)
 
 
 @pytest.mark.slow

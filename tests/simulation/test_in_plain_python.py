@@ -18,7 +18,7 @@ from plain_python import assert_hold_in_plain_python
                 "simulation/test_simulation_[elnr]*.py",
                 "simulation/test_simulation_s[iy]*.py",  # sizes, symmetry
                 *("accuracy/test_accuracy_[cf]*.py", "config/test_*.py"),
-                "runtime/test_quantity_runs.py",
+                *("runtime/test_quantity_runs.py", "analysis/test_imposed_speeds.py"),
             ],
             60,
         ),
