@@ -66,16 +66,15 @@ def parse_engine(text: str, own: Engine) -> Engine:
         for short in (name, f"{name}:STEPS")
         if short == name or engine.with_steps(1) is not None
     ]
-    allowed = f"allowed: {', '.join(names)}"
     engine = engines.get(law)
-    if engine is None or (colon and engine.with_steps(1) is None):
-        raise ValueError(f"is {quoted(text)}; {allowed}")
-    if not colon:
+    is_count = steps.isdecimal() and steps.isascii() and len(steps) < 19 and int(steps) >= 1
+    if engine is not None and not colon:
         return engine
-    if not (steps.isdecimal() and steps.isascii() and len(steps) < 19 and int(steps) >= 1):
-        message = f"is {quoted(text)}; STEPS must be a whole number from 1"
-        raise ValueError(f"{message}; {allowed}")
-    return engine.with_steps(int(steps)) or engine
+    found = engine.with_steps(int(steps)) if engine is not None and is_count else None
+    if found is None:
+        allowed = f"{', '.join(names)}; STEPS must be a whole number from 1"
+        raise ValueError(f"is {quoted(text)}; allowed: {allowed}")
+    return found
 
 
 def _read_end_time(value: Any) -> Any:
