@@ -308,15 +308,11 @@ def _known_paths(
                 message = f"is also given by the scene, line {at}; a number stands in one place"
                 problems.append(source.problem(place, message))
         except ValueError as error:
-            if _is_path(key):
+            # Others are meant for a variable of the papers.
+            if "." in key or key in SceneSection.model_fields:
                 problems.append(source.problem(place, str(error)))
                 refused.add(key)
     return found, problems, refused
-
-
-def _is_path(key: str) -> bool:
-    """Return whether a key is meant for a number of the scene, not for a variable of the papers."""
-    return "." in key or key in SceneSection.model_fields
 
 
 def _middle(entry: Variable) -> float:
