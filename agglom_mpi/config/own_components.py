@@ -145,7 +145,7 @@ def own_of(campaign: "Campaign | SceneDocument") -> Iterator[Component]:
     sections += [getattr(campaign.scene, key) for key in type(campaign.scene).model_fields]
     for section in sections:
         if isinstance(section, Component):
-            yield from (each for each in components_within(section) if each.own is not None)
+            yield from (own for _, own in components_within(section) if own.own is not None)
 
 
 def permitted_modules(campaign: "Campaign") -> frozenset[tuple[str, str]]:

@@ -273,7 +273,7 @@ class SceneSection(Declared):
         """
         value = parameters if isinstance(parameters, Mapping) else TEN.values_by_name(parameters)
         laws = (getattr(self, key) for key in MAY_BE_OWN)
-        within = (inner for law in laws if law is not None for inner in components_within(law))
+        within = (inner for law in laws if law is not None for _, inner in components_within(law))
         own = [law.name for law in within if law.own is not None]
         with users_code(", ".join(own)) if own else nullcontext():
             return self._scene(value, engine or self.engine)

@@ -151,7 +151,7 @@ def test_impossible_parameters_are_refused(values: dict[str, float | str], expec
 
 
 def test_a_parameter_vector_must_have_ten_numbers() -> None:
-    with pytest.raises(CampaignError, match=r"parameters: have the shape \(3,\)"):
+    with pytest.raises(CampaignError, match=r"parameters: are .* of the shape \(3,\)"):
         simulate(campaign(), [1.0, 2.0, 3.0])
 
 
