@@ -271,32 +271,30 @@ class SceneSection(Declared):
         ValueError
             If the scene cannot be simulated, with the reason.
         """
+        from agglom_mpi.physics.scales import end_time, grain_mass, grain_radius, half_width
+        from agglom_mpi.simulation.scene import Scene
+
         value = parameters if isinstance(parameters, Mapping) else TEN.values_by_name(parameters)
         laws = (getattr(self, key) for key in MAY_BE_OWN)
         within = (inner for law in laws if law is not None for _, inner in components_within(law))
         own = [law.name for law in within if law.own is not None]
-        with users_code(", ".join(own)) if own else nullcontext():
-            return self._scene(value, engine or self.engine)
-
-    def _scene(self, value: Values, engine: Engine) -> "Scene":
-        from agglom_mpi.physics.scales import end_time, grain_mass, grain_radius, half_width
-        from agglom_mpi.simulation.scene import Scene
-
+        engine = engine or self.engine
         unused = self.heating.is_absent and math.isnan(value["temperature"])
-        return Scene(
-            escape=self.escape.build(value),
-            velocities=self.velocities.build(value),
-            laws=self.impact_laws(value),
-            cooling=self.cooling.integrated(value, engine.has_time_steps),
-            engine=engine.build(value),
-            particles=self.particles,
-            half_width=half_width(self, value),
-            radius=grain_radius(self, value),
-            mass=grain_mass(self, value),
-            temperature=0.0 if unused else value["temperature"],
-            end_time=end_time(self, value),
-            sizes=self.size_law,
-        )
+        with users_code(", ".join(own)) if own else nullcontext():
+            return Scene(
+                escape=self.escape.build(value),
+                velocities=self.velocities.build(value),
+                laws=self.impact_laws(value),
+                cooling=self.cooling.integrated(value, engine.has_time_steps),
+                engine=engine.build(value),
+                particles=self.particles,
+                half_width=half_width(self, value),
+                radius=grain_radius(self, value),
+                mass=grain_mass(self, value),
+                temperature=0.0 if unused else value["temperature"],
+                end_time=end_time(self, value),
+                sizes=self.size_law,
+            )
 
     @property
     def has_spins(self) -> bool:

@@ -10,7 +10,7 @@ from typing import Any, Final, TypeVar, get_args, get_origin
 
 from agglom_mpi.declaration.declared import MISSING, DeclaredField
 from agglom_mpi.declaration.reading import SOURCE_SHA256
-from agglom_mpi.declaration.units import check_si, quoted
+from agglom_mpi.declaration.units import is_si, quoted
 from agglom_mpi.formatting import pluralise
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -74,7 +74,9 @@ def check_number(
     kind
         Type of each of its numbers, float or int.
     """
-    check_si(number.unit)
+    if not is_si(number.unit):
+        must = "must be a unit of the SI without factor, such as 'm/s' or 'J/m^2'"
+        raise ValueError(f"field {name} is in '{number.unit}'; {must}")
     parts = list(_parts(field.annotation))
     if kind not in parts or not {kind, NoneType}.issuperset(parts):
         allowed = f"{kind.__name__}, or a tuple of a fixed number of these"
