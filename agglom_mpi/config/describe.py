@@ -9,7 +9,7 @@ from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.config.searchable import allowed_share
 from agglom_mpi.declaration.laws import Law
 from agglom_mpi.formatting import in_unit, pluralise, shortened, value_with_prefix
-from agglom_mpi.measurements.datum import exact_values
+from agglom_mpi.measurements.datum import Datum, exact_values
 from agglom_mpi.measurements.layout import CensusLayout
 from agglom_mpi.variables import volume_fraction
 
@@ -81,6 +81,8 @@ Paragraph = tuple[str, list[str]]
 
 FINAL_BYTES: Final = 32
 """Bytes stored of a grain at the end of a sample."""
+MAX_DRAWN, DRAWN_WIDTH = 24, 50
+"""Maximum number of impacts that are drawn, and the width of a coefficient of 1 in characters."""
 FRAME_BYTES: Final = 88
 """Bytes stored of a grain in a frame."""
 
@@ -131,12 +133,14 @@ def _relations(campaign: "Campaign") -> list[Paragraph]:
 
 
 def _data(campaign: "Campaign") -> list[Paragraph]:
-    """Return a line for each measured datum."""
+    """Return a line for each measured datum, and a drawing of impacts."""
     if campaign.experiments:
         return _experiments(campaign)
     if not isinstance(campaign.census, CensusLayout):
         return []
-    lines = [entry.summary for entry in campaign.data_entries]
+    lines = []
+    for entry, datum in zip(campaign.data_entries, campaign.data, strict=True):
+        lines += [entry.summary, *_drawn_impacts(campaign, datum)]
     if exact_values(campaign.data).all():
         lines.append("the laws predict all data without samples: one sample of a string suffices")
     times, size = len(campaign.census.times), value_with_prefix(campaign.census.bytes, "B")
@@ -163,6 +167,27 @@ def _experiments(campaign: "Campaign") -> list[Paragraph]:
             lines.append("no data: a candidate for the next experiment")
         found.append((f"Experiment {each.name}", lines))
     return found
+
+
+def _drawn_impacts(campaign: "Campaign", datum: Datum) -> list[str]:
+    """Draw measured coefficients and the law in the middle of the box, by ascending speed."""
+    if datum.impacts is None:
+        return []
+    try:
+        tests = campaign.impact_tests_at(campaign.parameters())
+    except ValueError as problem:
+        return [f"  no law in the middle of the box: {problem}"]
+    numbers = datum.impacts[:, 0], datum.values, datum.standard_errors
+    found = sorted(np.column_stack((*numbers, tests.coefficients(datum.impacts))).tolist())
+    step = -(-len(found) // MAX_DRAWN)
+    lines = [f"{'speed, m/s':>10}  0{'1':>{DRAWN_WIDTH}}   o measured, + law at the middle, * both"]
+    for speed, value, error, law in found[::step]:
+        ends = value - error, value + error, value, law
+        low, high, own, other = (round(DRAWN_WIDTH * min(max(end, 0.0), 1.0)) for end in ends)
+        row = ["-" if low <= place <= high else " " for place in range(DRAWN_WIDTH + 1)]
+        row[own], row[other] = "o", "*" if own == other else "+"
+        lines.append(f"{speed:>10.3g} |{''.join(row)}|  {value:.3f} {law:.3f}")
+    return lines
 
 
 def _not_stored(campaign: "Campaign") -> list[str]:
