@@ -3,6 +3,8 @@
 from collections.abc import Collection
 from typing import TYPE_CHECKING, Final
 
+import numpy as np
+
 from agglom_mpi.config.consequences import consequences
 from agglom_mpi.config.identity import digest, identity
 from agglom_mpi.config.scene import SceneSection
