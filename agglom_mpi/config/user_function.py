@@ -177,8 +177,9 @@ def evaluate_quantities(
         value = load_function(function)(sample)
         found = dict(value) if isinstance(value, Mapping) else {}
         if found.keys() != set(wanted):
-            must = f"must be a mapping of {', '.join(wanted)}, as objective.quantities names them"
-            raise ValueError(f"{call} returned {reprlib.repr(value)}; {must}, to numbers")
+            said = f"{call} returned {reprlib.repr(value)}, of type {type(value).__name__}"
+            must = f"must be a mapping of {', '.join(wanted)}, which objective.quantities names"
+            raise ValueError(f"{said}; {must}, to numbers")
         return {name: _as_number(call, found[name], f" as {name}") for name in wanted}
 
 
