@@ -294,7 +294,7 @@ class RunnableCampaign(Campaign):
             name,
             max_walltime=max_walltime,
             quiet=not progress,
-            allow_code=self._has_code,
+            allow_code=self.user_function is not None or any(own_of(self)),
         )
         if ranks is None:
             path = run_here(self, options)
@@ -345,11 +345,6 @@ class RunnableCampaign(Campaign):
         start = warm_start(self)
         learned = None if start.learned is None else evaluated(self, start.learned.rows)
         return Searcher(self, start.strings, learned)
-
-    @property
-    def _has_code(self) -> bool:
-        """Whether code of the user's was allowed to run when the campaign was loaded."""
-        return self.user_function is not None or any(own_of(self))
 
 
 def load_campaign(path: str | os.PathLike[str], allow_code: bool = False) -> RunnableCampaign:

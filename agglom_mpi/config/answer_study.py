@@ -3,7 +3,6 @@
 import json
 import re
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, NamedTuple
 
@@ -73,11 +72,6 @@ class Setting(NamedTuple):
     factor: str
     name: str
     campaign: Campaign
-
-    def with_seed(self, seed: int) -> Campaign:
-        """Return the campaign with a seed, which its text has, too."""
-        data = json.loads(self.campaign.text) | {"seed": seed}
-        return replace(self.campaign, seed=seed, text=json.dumps(data, indent=1))
 
     @property
     def stem(self) -> str:

@@ -28,16 +28,13 @@ def read_range(value: Any, variable: Variable, recorded: bool = False) -> Variab
     In a `recorded` campaign one end alone may have a unit: the other one was read in SI units.
     """
     allowed = "one value, or a range [lower, upper] or [lower, upper, log]"
-    if isinstance(value, dict):
-        raise ValueError(f"is a mapping; must be {allowed}")
-    if not isinstance(value, list):
+    if not isinstance(value, list | dict):
         number = read_value(variable, value)
         return variable._replace(lower=number, upper=number)
-    logarithmic = len(value) == 3 and value[2] == LOGARITHMIC
-    if len(value) != 2 + logarithmic:
-        if len(value) in (3, 4) and all(isinstance(end, int | float) for end in value):
-            allowed += "; numbers have a decimal point, and no comma"
-        raise ValueError(f"is {quoted(value)}; must be {allowed}")
+    logarithmic = len(value) == 3 and isinstance(value, list) and value[2] == LOGARITHMIC
+    if isinstance(value, dict) or len(value) != 2 + logarithmic:
+        point = "; numbers have a decimal point, and no comma" * (len(value) > 2)
+        raise ValueError(f"is {quoted(value)}; must be {allowed}{point}")
     lower, upper = (read_value(variable, end) for end in value[:2])
     if not recorded:
         _check_units(value[:2], variable.unit)

@@ -40,9 +40,9 @@ def _surface_energy(scene: "SceneSection", value: Value) -> float:
     return surface / energy
 
 
-def _speed(name: str) -> Quantity:
+def _speed(label: str, note: str, name: str) -> Quantity:
     return Quantity(
-        *(name, "m/s", ""),
+        *(label, "m/s", note),
         lambda scene, v: getattr(scene.restitution.critical_speeds(scene, v), name),
     )
 
@@ -57,56 +57,42 @@ def _reported(key: str, number: Reported) -> Callable[["SceneSection", Any], flo
     return compute
 
 
-def _quantities(scene: "SceneSection") -> Iterator[tuple[str, Quantity]]:
-    yield "grain diameter", BY_NAME["grain_diameter"]
-    yield (
-        "edge of the box",
-        Quantity("edge", "m", "", lambda scene, value: 2.0 * scales.half_width(scene, value)),
-    )
-    yield "volume fraction", BY_NAME["volume_fraction"]
-    yield "mean free path", BY_NAME["mean_free_path"]
-    yield "end time", BY_NAME["end_time"]
-    yield "collisions per grain", BY_NAME["expected_collisions"]
-    yield "grain mass", BY_NAME["grain_mass"]
+def _quantities(scene: "SceneSection") -> Iterator[Quantity]:
+    mixed = scene.sizes is not None
+    theory = "Enskog's theory of mixtures" if mixed else "Enskog's theory"
+    yield Quantity("grain diameter", "m", "mean" * mixed, BY_NAME["grain_diameter"].compute)
+    yield Quantity("edge of the box", "m", "", lambda scene, v: 2.0 * scales.half_width(scene, v))
+    yield Quantity("volume fraction", "1", "", BY_NAME["volume_fraction"].compute)
+    yield Quantity("mean free path", "m", "mean over all sizes" * mixed, scales.free_path)
+    yield Quantity("end time", "s", "", scales.end_time)
+    collisions = f"{theory}, elastic impacts"
+    yield Quantity("collisions per grain", "1", collisions, scales.expected_collisions)
+    yield Quantity("grain mass", "kg", "at the mean radius" * mixed, scales.grain_mass)
     if scene.velocities.mean_flow > 0.0:
-        flow = Quantity("mean_flow", "m/s", "", lambda scene, value: scene.velocities.mean_flow)
-        yield "mean flow", flow
+        note = "common velocity of all grains, velocities.mean; causes no impacts"
+        yield Quantity("mean flow", "m/s", note, lambda scene, value: scene.velocities.mean_flow)
     if scene.restitution.uses_contact_pressure:
-        yield "fastest approach", Quantity("fastest", "m/s", "", scales.fastest_approach)
-        yield "grains bond from", _speed("bonds_from")
-        yield "impact pressure/hardness", Quantity("pressure", "1", "", _impact_pressure)
+        head_on = "two grains at the start, head-on"
+        yield Quantity("fastest approach", "m/s", head_on, scales.fastest_approach)
+        note = "two grains, head-on, at the starting temperature"
+        yield _speed("grains bond from", note, "bonds_from")
+        note = f"impact at relative_speed; grains bond from {scene.contact_area.final:g}"
+        yield Quantity("impact pressure/hardness", "1", note, _impact_pressure)
     if scene.restitution.has_critical_speed and not scene.restitution.needs_contact_pressure:
-        yield MEAN_APPROACH, Quantity("approach", "m/s", "", scales.mean_approach)
-        yield STICKS_TO, _speed("sticks_to")
+        note = "colliding grains, if all impacts were elastic"
+        yield Quantity(MEAN_APPROACH, "m/s", note, scales.mean_approach)
+        yield _speed(STICKS_TO, "two mean grains, head-on", "sticks_to")
     for key, law, is_used in scene.laws():
         for each in law.reported() if is_used else ():
-            yield each.label, Quantity(each.label, each.unit, "", _reported(key, each))
+            yield Quantity(each.label, each.unit, each.note, _reported(key, each))
     if not scene.fragmentation.is_absent:
-        yield "surface/impact energy", Quantity("surface", "1", "", _surface_energy)
+        note = "surface energy of a grain over kinetic energy of an impact"
+        yield Quantity("surface/impact energy", "1", note, _surface_energy)
 
 
 MEAN_APPROACH: Final = "mean approach speed"
 STICKS_TO: Final = "grains stick up to"
 """Labels of the speeds that decide the fate of a mean pair."""
-
-NOTES: Final = {
-    "mean flow": "common velocity of all grains, velocities.mean; causes no impacts",
-    "fastest approach": "two grains at the start, head-on",
-    MEAN_APPROACH: "colliding grains, if all impacts were elastic",
-    STICKS_TO: "two mean grains, head-on",
-    "grains bond from": "two grains, head-on, at the starting temperature",
-    "collisions per grain": "Enskog's theory, elastic impacts",
-    "impact pressure/hardness": "impact at relative_speed; grains bond from {final:g}",
-    "surface/impact energy": "surface energy of a grain over kinetic energy of an impact",
-}
-"""Explanations of consequences, by label."""
-NOTES_OF_SIZES: Final = {
-    "grain diameter": "mean",
-    "grain mass": "at the mean radius",
-    "mean free path": "mean over all sizes",
-    "collisions per grain": "Enskog's theory of mixtures, elastic impacts",
-}
-"""The same where grains have different sizes."""
 
 
 def consequences(campaign: "Campaign") -> list[str]:
@@ -115,22 +101,16 @@ def consequences(campaign: "Campaign") -> list[str]:
     Only strings that satisfy the constraints count. A value that is no number in float64 is left
     out, as for a scene that is refused.
     """
-    scene, strings = campaign.scene, _strings(campaign)
+    strings = _strings(campaign)
     rows = campaign.scenes.rows(campaign.variables.columns_by_name(strings))
-    values = {
-        label: (quantity.unit, one_by_one(rows, quantity)) for label, quantity in _quantities(scene)
-    }
-    derived = campaign.derived_values(strings)
-    notes = NOTES if scene.sizes is None else NOTES | NOTES_OF_SIZES
-    notes = notes | {n.label: n.note for _, law, _ in scene.laws() for n in law.reported()}
-    lines = []
-    for label, (unit, found) in values.items():
-        note = notes.get(label, "").format(final=scene.contact_area.final)
-        lines.append(_line(label, unit, found, note))
-        if label == STICKS_TO:
-            lines.append(_fate(values[MEAN_APPROACH][1], found))
-    for each in campaign.relations.derived:
-        lines.append(_line(each.name, each.unit, derived[each.name], f"= {each.text}"))
+    derived, values, lines = campaign.derived_values(strings), dict[str, Floats](), []
+    for each in _quantities(campaign.scene):
+        values[each.name] = one_by_one(rows, each)
+        lines.append(_line(each.name, each.unit, values[each.name], each.meaning))
+        if each.name == STICKS_TO:
+            lines.append(_fate(values[MEAN_APPROACH], values[STICKS_TO]))
+    for own in campaign.relations.derived:
+        lines.append(_line(own.name, own.unit, derived[own.name], f"= {own.text}"))
     return [line for line in lines if line]
 
 

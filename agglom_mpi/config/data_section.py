@@ -138,26 +138,16 @@ class DatumEntry(Declared):
 
     def problems(self) -> Iterator[tuple[FieldPath, str]]:
         """Yield keys that the quantity lacks, or does not have."""
-        is_file = self.kind.has_file
-        if not self.kind.has_weight and self.weight is not None:
-            weighted = ", ".join(name for name, each in QUANTITIES.items() if each.has_weight)
-            message = f"is {self.weight!r}; must be left out of {self.quantity}, and belongs to"
-            yield ("weight",), f"{message} {weighted}"
-        only = ", ".join(name for name, each in QUANTITIES.items() if each.has_file)
-        excluded: tuple[str, ...] = ("value",) if is_file else _OF_FILES
-        excluded += ("time", *_OF_SIZES) if self.kind.is_exact else ()
-        for key in excluded:
-            if key in self.model_fields_set:
-                other = f"only {only} have it" if not is_file else "its numbers are in its file"
-                other = "impacts have none" if key == "time" else other
-                yield (key,), f"must be left out of {self.quantity}; {other}"
-        if is_file and self.file is None:
-            what = "impacts" if self.kind.is_exact else "a curve, a histogram or a list"
-            yield ("file",), f"is missing; {what}, like '{self.quantity}.csv'"
-        for key in () if is_file else ("value", "error"):
+        kind, unit = self.kind, self.kind.unit
+        left_out = {"value"} if kind.has_file else {*_OF_FILES}
+        left_out |= {"time", *_OF_SIZES} if kind.is_exact else set()
+        left_out |= set() if kind.has_weight else {"weight"}
+        for key in sorted(left_out & self.model_fields_set):
+            yield (key,), f"must be left out of {self.quantity}"
+        number = "a number" if unit == "1" else f"a number in {unit}, or a text with a unit"
+        for key in ("file",) if kind.has_file else ("value", "error"):
             if getattr(self, key) is None:
-                unit = self.kind.unit
-                like = "a number" if unit == "1" else f"a number in {unit}, or a text with a unit"
+                like = f"like '{self.quantity}.csv'" if kind.has_file else number
                 yield (key,), f"is missing; {like}"
 
     @property

@@ -112,7 +112,9 @@ def joint_table(read: Mapping[str, ReadExperiment]) -> VariableTable:
                 if before[5:8] != variable[5:8]:  # a size ratio of other laws of sizes
                     differing.add(variable.name)
             elif variable.is_searched:
-                own.append(_named(variable, name))
+                named, meaning = f"{prefix_of(name)}{variable.name}", variable.meaning
+                meaning = f"{meaning}, in the experiment {name}"
+                own.append(variable._replace(name=named, symbol=named, meaning=meaning))
     for name in differing:
         del shared[name]
     of_sizes = next((t for t in tables.values() if "size_ratio" in t.used), None)
@@ -126,12 +128,6 @@ def joint_table(read: Mapping[str, ReadExperiment]) -> VariableTable:
         and of_sizes.by_volume_fraction,
         third_moment=1.0 if of_sizes is None else of_sizes.third_moment,
     )
-
-
-def _named(variable: Variable, experiment: str) -> Variable:
-    name = f"{prefix_of(experiment)}{variable.name}"
-    meaning = f"{variable.meaning}, in the experiment {experiment}"
-    return variable._replace(name=name, symbol=name, meaning=meaning)
 
 
 def experiment_of(

@@ -192,13 +192,12 @@ def _joint_problems(
         if isinstance(value, list) and all(key in each.given for each in read.values()):
             yield ("variables", key), "is a range that every experiment replaces; leave it out"
     first, ranges = next(iter(read.values())), dict[str, Variable]()
-    known = set(map(repr, _own_components(first.document)))
+    known = {repr(each.own) for each in own_of(first.document)}
     for name, each in read.items():
         path: FieldPath = (EXPERIMENTS, name)
-        for component in _own_components(each.document):
-            if repr(component) not in known:
-                message = "names code of one's own; all experiments must share such a component"
-                yield (*path, "scene"), message
+        if not {repr(own.own) for own in own_of(each.document)} <= known:
+            message = "names code of one's own; all experiments must share such a component"
+            yield (*path, "scene"), message
         for variable in each.table.variables:
             if not variable.is_searched:
                 continue
@@ -229,10 +228,6 @@ def _own_range_problems(
     if len(name.encode()) > MAX_VARIABLE_NAME:
         message = f"is the variable {name}, {len(name)} characters long; must be at most"
         yield where, f"{message} {MAX_VARIABLE_NAME}"
-
-
-def _own_components(document: SceneDocument) -> list[Any]:
-    return [each.own for each in own_of(document)]  # type: ignore[arg-type]
 
 
 def _stores_no_particles(output: Output, reading: Reading) -> Problems:

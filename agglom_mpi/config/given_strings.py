@@ -135,16 +135,14 @@ def _whole_strings(campaign: "Campaign", parameters: Any) -> Floats:
     """Return strings of all k numbers; those that the scene uses must be finite."""
     table = campaign.variables
     try:
-        strings = np.atleast_2d(np.asarray(parameters, np.float64))
+        values = np.asarray(parameters, np.float64)
     except (TypeError, ValueError):
-        message = (
-            f"are {type(parameters).__name__}; must be values by name, or {table.count} numbers"
-        )
-        raise ArgumentError.of(campaign.name, "parameters", message) from None
+        values = np.empty(0)
+    strings = np.atleast_2d(values)
     if strings.ndim != 2 or strings.shape[1] != table.count:
-        shapes = f"{table.count} numbers, or (n, {table.count})"
-        message = f"have the shape {np.shape(parameters)}; must be {shapes}"
-        raise ArgumentError.of(campaign.name, "parameters", message)
+        found = f"{type(parameters).__name__} of the shape {values.shape}"
+        must = f"must be values by name, {table.count} numbers, or (n, {table.count})"
+        raise ArgumentError.of(campaign.name, "parameters", f"are {found}; {must}")
     for name in campaign.variables.used:
         values, limits = strings[:, table.index(name)], table[name].limits
         if limits is None:
@@ -191,12 +189,8 @@ def _extremes(values: Floats) -> list[float]:
 
 def read_string(campaign: "Campaign", parameters: Parameters, share: float = 0.5) -> Floats:
     """Return one parameter string, (k,), in SI units; arguments and errors as of `read_strings`."""
-    strings, by_name = read_strings(campaign, parameters, share), hasattr(parameters, "items")
-    if by_name and len(strings) != 1:
+    strings = read_strings(campaign, parameters, share)
+    if len(strings) != 1:
         message = f"are {len(strings)} strings; must be one, like a row by .iloc[0]"
-        raise ArgumentError.of(campaign.name, "parameters", message)
-    if not by_name and np.asarray(parameters).ndim != 1:
-        count = campaign.variables.count
-        message = f"have the shape {np.asarray(parameters).shape}; must be {count} numbers"
         raise ArgumentError.of(campaign.name, "parameters", message)
     return strings[0]

@@ -9,7 +9,6 @@ from agglom_mpi.declaration.given_values import SIZES
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
-    from agglom_mpi.variables import VariableTable
 
 SEPARATORS: Final = (",", ":")
 STUDY_SEPARATORS: Final = (", ", ": ")
@@ -48,18 +47,11 @@ def _of_scene(campaign: "Campaign", with_data: bool = True) -> dict[str, object]
     }
     if campaign.data_entries and with_data:
         sections["data"] = [entry.entries() for entry in campaign.data_entries]
-    given = {f"scene.{name}" for name in _given_as_variables(variables)}
-    return {name: value for name, value in _flat(sections) if name not in given}
-
-
-def _given_as_variables(variables: "VariableTable") -> Iterator[str]:
-    """Yield the entries of a scene that stand under `variables`, and so in its entries."""
-    if not variables.of_scene:
-        return
-    for name in variables.of_scene:
-        yield name
-        if name in SIZES:  # the identity has the diameter or the half-width instead
-            yield from SIZES
+    given = set(variables.of_scene)  # they stand among the variables
+    # The identity has the diameter or the half-width in place of any of these.
+    given |= {*SIZES} if given.intersection(SIZES) else set()
+    left_out = {f"scene.{name}" for name in given}
+    return {name: value for name, value in _flat(sections) if name not in left_out}
 
 
 def objective(campaign: "Campaign") -> dict[str, object]:

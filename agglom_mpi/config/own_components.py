@@ -26,6 +26,7 @@ from agglom_mpi.errors import CodeNotAllowedError
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
+    from agglom_mpi.config.document import SceneDocument
 
 ONLY_ALLOWED: Final = (
     "Python code, which runs only with your permission: --allow-code, or "
@@ -138,13 +139,13 @@ def record_faults(texts: Mapping[str, Any], identity: Mapping[str, Any]) -> Iter
                 yield f"attributes: {OWN_MODULES} has no source with the digest {key}"
 
 
-def own_of(campaign: "Campaign") -> Iterator[Component]:
-    """Yield the components of one's own that a campaign names."""
+def own_of(campaign: "Campaign | SceneDocument") -> Iterator[Component]:
+    """Yield the components of one's own that a campaign names, or its file."""
     sections = [campaign.objective, *(campaign.plan or ())]
     sections += [getattr(campaign.scene, key) for key in type(campaign.scene).model_fields]
     for section in sections:
         if isinstance(section, Component):
-            yield from (each for each in components_within(section) if each.own is not None)
+            yield from (own for _, own in components_within(section) if own.own is not None)
 
 
 def permitted_modules(campaign: "Campaign") -> frozenset[tuple[str, str]]:

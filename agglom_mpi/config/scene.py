@@ -66,16 +66,15 @@ def parse_engine(text: str, own: Engine) -> Engine:
         for short in (name, f"{name}:STEPS")
         if short == name or engine.with_steps(1) is not None
     ]
-    allowed = f"allowed: {', '.join(names)}"
     engine = engines.get(law)
-    if engine is None or (colon and engine.with_steps(1) is None):
-        raise ValueError(f"is {quoted(text)}; {allowed}")
-    if not colon:
+    is_count = steps.isdecimal() and steps.isascii() and len(steps) < 19 and int(steps) >= 1
+    if engine is not None and not colon:
         return engine
-    if not (steps.isdecimal() and steps.isascii() and len(steps) < 19 and int(steps) >= 1):
-        message = f"is {quoted(text)}; STEPS must be a whole number from 1"
-        raise ValueError(f"{message}; {allowed}")
-    return engine.with_steps(int(steps)) or engine
+    found = engine.with_steps(int(steps)) if engine is not None and is_count else None
+    if found is None:
+        allowed = f"{', '.join(names)}; STEPS must be a whole number from 1"
+        raise ValueError(f"is {quoted(text)}; allowed: {allowed}")
+    return found
 
 
 def _read_end_time(value: Any) -> Any:
@@ -272,32 +271,30 @@ class SceneSection(Declared):
         ValueError
             If the scene cannot be simulated, with the reason.
         """
-        value = parameters if isinstance(parameters, Mapping) else TEN.values_by_name(parameters)
-        laws = (getattr(self, key) for key in MAY_BE_OWN)
-        within = (inner for law in laws if law is not None for inner in components_within(law))
-        own = [law.name for law in within if law.own is not None]
-        with users_code(", ".join(own)) if own else nullcontext():
-            return self._scene(value, engine or self.engine)
-
-    def _scene(self, value: Values, engine: Engine) -> "Scene":
         from agglom_mpi.physics.scales import end_time, grain_mass, grain_radius, half_width
         from agglom_mpi.simulation.scene import Scene
 
+        value = parameters if isinstance(parameters, Mapping) else TEN.values_by_name(parameters)
+        laws = (getattr(self, key) for key in MAY_BE_OWN)
+        within = (inner for law in laws if law is not None for _, inner in components_within(law))
+        own = [law.name for law in within if law.own is not None]
+        engine = engine or self.engine
         unused = self.heating.is_absent and math.isnan(value["temperature"])
-        return Scene(
-            escape=self.escape.build(value),
-            velocities=self.velocities.build(value),
-            laws=self.impact_laws(value),
-            cooling=self.cooling.integrated(value, engine.has_time_steps),
-            engine=engine.build(value),
-            particles=self.particles,
-            half_width=half_width(self, value),
-            radius=grain_radius(self, value),
-            mass=grain_mass(self, value),
-            temperature=0.0 if unused else value["temperature"],
-            end_time=end_time(self, value),
-            sizes=self.size_law,
-        )
+        with users_code(", ".join(own)) if own else nullcontext():
+            return Scene(
+                escape=self.escape.build(value),
+                velocities=self.velocities.build(value),
+                laws=self.impact_laws(value),
+                cooling=self.cooling.integrated(value, engine.has_time_steps),
+                engine=engine.build(value),
+                particles=self.particles,
+                half_width=half_width(self, value),
+                radius=grain_radius(self, value),
+                mass=grain_mass(self, value),
+                temperature=0.0 if unused else value["temperature"],
+                end_time=end_time(self, value),
+                sizes=self.size_law,
+            )
 
     @property
     def has_spins(self) -> bool:

@@ -12,7 +12,13 @@ from agglom_mpi.config.bounds import read_range
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.config.yaml_source import CampaignError, Problem, Source
 from agglom_mpi.declaration.choices import Choice, choice_of
-from agglom_mpi.declaration.components import Component, In, UnknownComponentError, number_of
+from agglom_mpi.declaration.components import (
+    Component,
+    In,
+    UnknownComponentError,
+    components_within,
+    number_of,
+)
 from agglom_mpi.declaration.declared import DeclaredField, FieldPath
 from agglom_mpi.declaration.reading import PLAIN, Reading
 from agglom_mpi.declaration.spelling import suggestion
@@ -203,8 +209,9 @@ def with_numbers(section: SceneSection, numbers: Mapping[str, float]) -> SceneSe
         else:
             changes[str(key)] = value
     for key, law in changed.items():
-        for where, message in _problems_within(law):
-            raise ValueError(f"{'.'.join([key, *map(str, where)])} {message}")
+        for place, each in components_within(law, key):
+            for where, message in each.problems():
+                raise ValueError(f"{'.'.join(map(str, (*place, *where)))} {message}")
     return section.model_copy(update={**changes, **changed})
 
 
@@ -218,15 +225,6 @@ def _law_with_number(law: Component, keys: FieldPath, value: float) -> Component
     elif below:
         new = tuple(value if i == below[0] else each for i, each in enumerate(known))
     return law.model_copy(update={field: new})
-
-
-def _problems_within(law: Component) -> Iterator[tuple[FieldPath, str]]:
-    """Yield what is wrong with a law, and with the laws that are fields of it."""
-    yield from law.problems()
-    for name in law.model_fields:
-        inner = getattr(law, name)
-        if isinstance(inner, Component):
-            yield from (((name, *path), message) for path, message in _problems_within(inner))
 
 
 SECTION: Final = "variables"
@@ -308,15 +306,11 @@ def _known_paths(
                 message = f"is also given by the scene, line {at}; a number stands in one place"
                 problems.append(source.problem(place, message))
         except ValueError as error:
-            if _is_path(key):
+            # Others are meant for a variable of the papers.
+            if "." in key or key in SceneSection.model_fields:
                 problems.append(source.problem(place, str(error)))
                 refused.add(key)
     return found, problems, refused
-
-
-def _is_path(key: str) -> bool:
-    """Return whether a key is meant for a number of the scene, not for a variable of the papers."""
-    return "." in key or key in SceneSection.model_fields
 
 
 def _middle(entry: Variable) -> float:

@@ -134,27 +134,10 @@ def check_searchable(campaign: "Campaign") -> list[Problem]:
     Raises
     ------
     CampaignError
-        Unless a variable is a range, and constraints leave something.
+        Unless a variable is a range, and constraints leave enough to be searched.
     """
     if campaign.plan is None or not campaign.variables.searched:
         raise campaign.search_error()
-    return check_constraints(campaign)
-
-
-def log_narrow(campaign: "Campaign") -> None:
-    """Log the warnings of `check_searchable`, for what has no other place for them."""
-    for problem in check_searchable(campaign):
-        LOG.warning("warning: %s", problem)
-
-
-def check_constraints(campaign: "Campaign") -> list[Problem]:
-    """Return warnings about constraints that allow little of the box.
-
-    Raises
-    ------
-    CampaignError
-        If they allow so little that nothing can be searched.
-    """
     if not campaign.relations.constraints:
         return []
     share = allowed_share(campaign)
@@ -166,6 +149,12 @@ def check_constraints(campaign: "Campaign") -> list[Problem]:
         raise CampaignError(source.problem(path, message))
     message = f"allow {share} of the box; a narrower box is searched better"
     return [source.problem(path, message)]
+
+
+def log_narrow(campaign: "Campaign") -> None:
+    """Log the warnings of `check_searchable`, for what has no other place for them."""
+    for problem in check_searchable(campaign):
+        LOG.warning("warning: %s", problem)
 
 
 def check_search_library(campaign: "Campaign") -> None:

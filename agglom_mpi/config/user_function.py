@@ -168,25 +168,18 @@ def evaluate_quantities(
     Raises
     ------
     TypeError, ValueError
-        If it does not return a mapping of these names to finite numbers.
+        If it does not return a mapping of these names alone to finite numbers.
     Exception
         Whatever the function raises; see `users_code`.
     """
     call, wanted = function.call, tuple(names)
     with users_code(call):
         value = load_function(function)(sample)
-        if not isinstance(value, Mapping):
-            kind, must = (
-                type(value).__name__,
-                f"must be a mapping of {', '.join(wanted)} to numbers",
-            )
-            raise TypeError(f"{call} returned {reprlib.repr(value)}, of type {kind}; {must}")
-        found = dict(value)
-        must = f"must return {', '.join(wanted)}, as objective.quantities names them"
-        if missing := [name for name in wanted if name not in found]:
-            raise ValueError(f"{call} returned no {', '.join(missing)}; {must}")
-        if extra := [name for name in found if name not in wanted]:
-            raise ValueError(f"{call} returned {', '.join(map(reprlib.repr, extra))}, too; {must}")
+        found = dict(value) if isinstance(value, Mapping) else {}
+        if found.keys() != set(wanted):
+            said = f"{call} returned {reprlib.repr(value)}, of type {type(value).__name__}"
+            must = f"must be a mapping of {', '.join(wanted)}, which objective.quantities names"
+            raise ValueError(f"{said}; {must}, to numbers")
         return {name: _as_number(call, found[name], f" as {name}") for name in wanted}
 
 

@@ -5,7 +5,7 @@ A method is driven for three generations with a made-up objective.
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -165,13 +165,8 @@ SEARCH_PROPERTIES: Final = (
 Failures = Iterator[tuple[str, str]]
 
 
-class DrivenGeneration(NamedTuple):
-    """A generation of a driven search: the search after it, and numbers of the strings before."""
-
-    search: RunningSearch
-    proposals: Proposals
-    results: Evaluations
-    first: int
+DrivenGeneration = tuple[RunningSearch, Proposals, Evaluations, int]
+"""The search after a generation, its strings and results, and the number of strings before it."""
 
 
 def made_up(space: SearchSpace, strings: Floats) -> Floats:
@@ -214,7 +209,7 @@ def driven_generations(
         ids, samples = np.arange(first, first + len(strings)), np.full(len(strings), 5)
         results = Evaluations(ids, strings, objectives, objectives.copy(), samples)
         search.tell(results)
-        yield DrivenGeneration(search, proposals, results, first)
+        yield search, proposals, results, first
         first += len(ids)
 
 
@@ -242,13 +237,13 @@ def search_failures(method: SearchMethod, space: SearchSpace, seed: int) -> Fail
     for name, asked in (("repeatable", 3), ("seed", 1)):
         again = driven_generations(method, inputs, asked=asked)
         pairs = zip(generations, again, strict=True)
-        if not all(_same(one.proposals, other.proposals) for one, other in pairs):
+        if not all(_same(one[1], other[1]) for one, other in pairs):
             yield name, f"other strings are proposed, asked {asked} times and driven again"
     yield from _not_restored(method, inputs)
     yield from _wrong_ahead(driven_generations(method, inputs))
     yield from _wrong_ranking(method, inputs)
-    for each in driven_generations(method, inputs, failing=True):
-        if text := _out_of_box(space, each.proposals):
+    for _, proposals, _, _ in driven_generations(method, inputs, failing=True):
+        if text := _out_of_box(space, proposals):
             yield "failures", f"after strings without a finite objective {text}"
 
 

@@ -291,13 +291,13 @@ class Component(Declared):
                 yield Setting(name, value, unit_of(field), name in self.model_fields_set)
 
 
-def components_within(component: Component) -> Iterator[Component]:
-    """Yield a component, and all that are fields of it or of these."""
-    yield component
+def components_within(component: C, *path: str) -> Iterator[tuple[tuple[str, ...], C]]:
+    """Yield a component at a path, and all of its kind that are fields of it or of these."""
+    yield path, component
     for name in component.model_fields:
         inner = getattr(component, name)
         if isinstance(inner, Component):
-            yield from components_within(inner)
+            yield from components_within(inner, *path, name)  # type: ignore[misc]
 
 
 @cache

@@ -142,26 +142,21 @@ def _read_strings(value: Any, reading: Reading) -> Any:
             f"is {quoted(value)}; must be a list of strings like {{density: 6000}}, or "
             "{file: EARLIER.h5, strings: 6}"
         )
-    problems: list[tuple[FieldPath, str]] = []
-    strings = [
-        dict(_read_string(string, (i,), problems, reading.variables))
-        for i, string in enumerate(value)
-    ]
+    problems, strings = list[tuple[FieldPath, str]](), []
+    for i, string in enumerate(value):
+        found: dict[str, float] = {}
+        if not isinstance(string, dict):
+            message = f"is {quoted(string)}; must be a mapping like {{density: 6000}}"
+            problems.append(((i,), message))
+            continue
+        for name, given in string.items():
+            try:
+                found.update([read_variable(str(name), given, reading.variables)])
+            except ValueError as error:
+                problems.append(((i, str(name)), str(error)))
+        strings.append(found)
     raise_field_errors(problems)
     return strings
-
-
-def _read_string(
-    string: Any, path: FieldPath, problems: list[tuple[FieldPath, str]], table: VariableTable
-) -> Any:
-    if not isinstance(string, dict):
-        problems.append((path, f"is {quoted(string)}; must be a mapping like {{density: 6000}}"))
-        return
-    for name, value in string.items():
-        try:
-            yield read_variable(str(name), value, table=table)
-        except ValueError as error:
-            problems.append(((*path, str(name)), str(error)))
 
 
 GivenStrings = Annotated[

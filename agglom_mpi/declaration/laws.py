@@ -6,7 +6,7 @@ from typing import Any, ClassVar, NamedTuple, Self, TypeAlias
 
 from agglom_mpi.compilation.stages import Submodel, declare_numbers, formula, law_of
 from agglom_mpi.declaration.choices import choice_of
-from agglom_mpi.declaration.components import Component, number_of
+from agglom_mpi.declaration.components import Component, components_within, number_of
 from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.variables import TEN
 
@@ -133,7 +133,7 @@ class Law(Component):
         """
         if self.is_absent:
             return None
-        inner = {name: law.build(value) for name, law in self.inner_laws()}
+        inner = {name: getattr(self, name).build(value) for name in self.inner_fields()}
         given = inner | {name: value[name] for name in self.variables}
         fields = self.Numbers._fields
         return self.Numbers(
@@ -145,15 +145,9 @@ class Law(Component):
         """Return the names of the fields that are laws themselves."""
         return tuple(name for name, field in cls.model_fields.items() if choice_of(field))
 
-    def inner_laws(self) -> "Iterator[tuple[str, Law]]":
-        """Yield the laws that are fields of this one, each with the name of its field."""
-        return ((name, getattr(self, name)) for name in self.inner_fields())
-
     def with_inner_laws(self, path: str) -> "Iterator[tuple[str, Law]]":
         """Yield this law with its path in a scene, and all laws within it with theirs."""
-        yield path, self
-        for name, law in self.inner_laws():
-            yield from law.with_inner_laws(f"{path}.{name}")
+        return ((".".join(at), law) for at, law in components_within(self, path))
 
     def reported(self) -> Iterator[Reported]:
         """Yield numbers that follow from the law, for `agglom check`."""

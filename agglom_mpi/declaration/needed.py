@@ -10,7 +10,8 @@ from typing import Any, Final, TypeVar, get_args, get_origin
 
 from agglom_mpi.declaration.declared import MISSING, DeclaredField
 from agglom_mpi.declaration.reading import SOURCE_SHA256
-from agglom_mpi.declaration.units import check_si, quoted
+from agglom_mpi.declaration.units import is_si, quoted
+from agglom_mpi.formatting import pluralise
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -73,7 +74,9 @@ def check_number(
     kind
         Type of each of its numbers, float or int.
     """
-    check_si(number.unit)
+    if not is_si(number.unit):
+        must = "must be a unit of the SI without factor, such as 'm/s' or 'J/m^2'"
+        raise ValueError(f"field {name} is in '{number.unit}'; {must}")
     parts = list(_parts(field.annotation))
     if kind not in parts or not {kind, NoneType}.issuperset(parts):
         allowed = f"{kind.__name__}, or a tuple of a fixed number of these"
@@ -84,14 +87,13 @@ def check_number(
         return
     several = get_origin(field.annotation) is tuple
     values: Any = field.default if several else (field.default,)
-    if not isinstance(values, tuple) or len(values) != (len(parts) if several else 1):
-        raise TypeError(
-            f"field {name} has the default {quoted(field.default)}; must be {len(parts)} numbers"
-        )
+    count = len(parts) if several else 1
+    is_tuple = isinstance(values, tuple) and len(values) == count
+    if not is_tuple or any(type(each) not in (int, kind) for each in values):
+        wanted = "number" if kind is float else "whole number"
+        message = f"has the default {quoted(field.default)}; must be {pluralise(count, wanted)}"
+        raise TypeError(f"field {name} {message}")
     for value in values:
-        if isinstance(value, bool) or not isinstance(value, (int, kind)):
-            wanted = "a number" if kind is float else "a whole number"
-            raise TypeError(f"field {name} has the default {quoted(value)}; must be {wanted}")
         if broken := number.limits.broken_by(value):
             raise ValueError(f"field {name} has the default {quoted(value)}; must be {broken}")
 

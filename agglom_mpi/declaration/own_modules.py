@@ -18,6 +18,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
+from traceback import walk_tb
 from types import CodeType, FunctionType, ModuleType
 from typing import Any, Final, NamedTuple
 
@@ -205,11 +206,8 @@ def _executed(own: OwnModule) -> ExecutedModule:
 
 def line_in(file: str, error: BaseException) -> str:
     """Return the last place in a file that an error came through, `FILE:LINE`; else the file."""
-    lines, traceback = [], error.__traceback__
-    while traceback is not None:
-        if traceback.tb_frame.f_code.co_filename == file:
-            lines.append(traceback.tb_lineno)
-        traceback = traceback.tb_next
+    found = walk_tb(error.__traceback__)
+    lines = [line for frame, line in found if frame.f_code.co_filename == file]
     return f"{file}:{lines[-1]}" if lines else file
 
 
@@ -217,13 +215,12 @@ def own_error(error: BaseException) -> str:
     """Return an error that code of one's own has raised as one line; empty of all others."""
     if isinstance(error, EndedError):
         return str(error)
-    place, traceback = "", error.__traceback__
-    while traceback is not None:
-        frame = traceback.tb_frame
-        if str(frame.f_globals.get("__name__")).startswith(OWN_PREFIX):
-            place = f"{frame.f_code.co_filename}:{traceback.tb_lineno}"
-        traceback = traceback.tb_next
-    return f"{place}: {named_error(error)}" if place else ""
+    places = [
+        f"{frame.f_code.co_filename}:{line}"
+        for frame, line in walk_tb(error.__traceback__)
+        if str(frame.f_globals.get("__name__")).startswith(OWN_PREFIX)
+    ]
+    return f"{places[-1]}: {named_error(error)}" if places else ""
 
 
 def class_in(own: OwnModule, name: str) -> type[Any]:

@@ -209,12 +209,6 @@ def is_si(unit: str) -> bool:
     return unit in KINDS or (in_base_units("1", unit) == 1.0 and not has_offset(unit))
 
 
-def check_si(unit: str) -> None:
-    """Raise a ValueError unless a unit is one of the SI, without prefix or factor."""
-    if not is_si(unit):
-        raise ValueError(f"'{unit}' is no unit of the SI without factor, such as 'm/s' or 'J/m^2'")
-
-
 def dimensions_of(unit: str) -> dict[str, float]:
     """Return the powers of the base dimensions of a unit: `m/s` gives [length] 1, [time] -1.
 

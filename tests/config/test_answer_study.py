@@ -71,7 +71,7 @@ def test_each_setting_has_files_of_its_own(tmp_path):
 
 def test_a_seed_is_written_into_the_text_of_a_setting(tmp_path):
     setting = load(tmp_path).settings[0]
-    campaign = setting.with_seed(7)
+    campaign = setting.campaign.with_seed(7)
     assert campaign.identity() == setting.campaign.identity() | {"seed": 7}
     assert type(campaign).from_text(campaign.text).identity() == campaign.identity()
 

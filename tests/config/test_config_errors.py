@@ -272,7 +272,7 @@ VARIABLES = [
         "  size_ratio: [0.4, 0.95]",
         ("18: variables.size_ratio:", "is 0.95", "0.38", "at most 0.8986"),
     ),
-    ("  size_ratio", "  size_ratio: 1e60", ("is 1e60", "at most 0.8986")),
+    ("  size_ratio", "  size_ratio: 1e60", ("is 1e+60", "at most 0.8986")),
 ]
 
 PLAN = [

@@ -9,7 +9,7 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.expressions import evaluate
 from agglom_mpi.config.quantities import CONSTANTS, QUANTITIES
 from agglom_mpi.config.relations import COLUMNS, MAX_ENTRIES
-from agglom_mpi.config.searchable import check_constraints, check_searchable, log_narrow
+from agglom_mpi.config.searchable import check_searchable, log_narrow
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.physics import scales
 from agglom_mpi.storage.schema import RESULTS, SAMPLES, generations_schema, strings_schema
@@ -158,10 +158,10 @@ def test_constraints_that_allow_nothing_are_refused_and_those_that_allow_little_
     said = "constraints: allow no string of 262,144 of the box; must allow at least 0.01% of it"
     assert said in str(caught.value)
     little = with_relations("constraints: [relative_speed > 29.98 m/s]")
-    warning = str(*check_constraints(little))
+    warning = str(*check_searchable(little))
     assert warning.startswith("campaign.yaml:26: constraints: allow 0.0")
     assert warning.endswith("of the box; a narrower box is searched better")
-    assert check_constraints(with_relations("constraints: [relative_speed > 29 m/s]")) == []
+    assert check_searchable(with_relations("constraints: [relative_speed > 29 m/s]")) == []
 
 
 def test_that_constraints_allow_little_is_logged_for_commands_without_a_check(caplog):

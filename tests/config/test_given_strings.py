@@ -112,8 +112,8 @@ def test_constraints_are_asked_by_the_names_of_the_file():
     ("parameters", "said"),
     [
         ("fast", "are str"),
-        (None, "have the shape"),
-        (np.zeros((2, 10)), r"have the shape \(2, 10\)"),
+        (None, "are NoneType of the shape"),
+        (np.zeros((2, 10)), "are 2 strings; must be one"),
     ],
 )
 def test_what_is_no_string_is_refused(campaign, parameters, said):

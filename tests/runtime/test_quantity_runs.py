@@ -222,7 +222,7 @@ def test_other_quantities_or_functions_are_another_campaign(own, tmp_path):
 FAULTS = [
     ("0.5", "of type float", "growth, largest"),
     ("None", "of type NoneType", "growth, largest"),
-    ("{'growth': 1.0}", "no largest", "growth, largest"),
+    ("{'growth': 1.0}", "{'growth': 1.0}", "growth, largest"),
     ("{'growth': 1.0, 'largest': 1.0, 'more': 2.0}", "'more'", "growth, largest"),
     ("{'growth': float('nan'), 'largest': 1.0}", "nan as growth", "finite"),
     ("{'growth': 1.0, 'largest': 1e300}", "1e+300 as largest", "finite"),

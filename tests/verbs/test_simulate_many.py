@@ -125,7 +125,7 @@ def test_a_string_that_a_scene_cannot_have_has_failed(campaign):
     [
         ({"parameters": {"hardnes": [1e7, 2e7]}}, "hardnes: .*'hardness'"),
         ({"parameters": {"hardness": ["60 m", "60 MPa"]}}, "hardness: .*length"),
-        ({"parameters": np.ones((2, 3))}, r"have the shape \(2, 3\)"),
+        ({"parameters": np.ones((2, 3))}, r"of the shape \(2, 3\)"),
         ({"parameters": STRINGS, "samples": 0}, "samples: is 0"),
         ({"parameters": STRINGS, "workers": 0}, "workers: is 0"),
         ({"parameters": STRINGS, "first_sample": -1}, "first_sample: is -1"),

@@ -49,7 +49,7 @@ class AnswerRun(NamedTuple):
 
     def request(self, accept_code_change: bool) -> RunRequest:
         """Return what is to be run."""
-        campaign = self.setting.with_seed(self.seed)
+        campaign = self.setting.campaign.with_seed(self.seed)
         experiment = InversionExperiment(campaign, warm_start(campaign, self.path))
         return RunRequest(experiment, self.path, accept_code_change)
 
