@@ -76,7 +76,7 @@ def particles_around(scene, cells, a0, a1, b0, b1, c0, c1):
     count, per_axis = 0, cells.shape[PER_AXIS]
     if b1 - b0 + 1 >= per_axis:
         a0, a1 = 0, per_axis - 1
-    shifts = cells.shape[SHIFTS] % per_axis
+    shifts = cells.shape[SHIFTS]
     for b in range(b0, b1 + 1):
         first, last = columns_beside(scene.escape, b, a0, a1, per_axis, shifts)
         count = particles_in_cells(scene, cells, first, last, b, b, c0, c1, count)
