@@ -32,9 +32,6 @@ from agglom_mpi.physics.size_distributions import (
 LENGTH_KEYS: Final = ("median", "smallest", "largest")
 """Keys of which one in a law says that it is of lengths, and so fixes the size of the grains."""
 
-READ_KEYS: Final = ("diameters", "absolute")
-"""Fields of a law of a file that are read from it."""
-
 Length: TypeAlias = Annotated[float | None, In("m", above=0)]
 """Metres; None where it is not given."""
 
@@ -225,7 +222,7 @@ class FileSizes(Sizes):
     """
 
     reads_file = True
-    not_in_files: ClassVar[tuple[str, ...]] = READ_KEYS
+    not_in_files: ClassVar[tuple[str, ...]] = ("diameters", "absolute")
     law: Literal["file"] = "file"
     example: ClassVar[str] = "{file: diameters.csv}"
     file: Line
@@ -295,7 +292,7 @@ class CurveSizes(FileSizes):
         Number of grains that were counted for the shares, in place of `error`.
     """
 
-    not_in_files = (*READ_KEYS, "basis", "mean_errors")
+    not_in_files = (*FileSizes.not_in_files, "basis", "mean_errors")
     law: Literal["curve"] = "curve"  # type: ignore[assignment]
     example: ClassVar[str] = "{law: curve, file: sieve.csv, error: 2 percent}"
     error: Annotated[float | None, Reads(_read_error)] = None

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 PANEL_SIZE: Final = (2.2, 1.9)
 """Width and height of a panel, inches."""
+LEGEND_ENTRY: Final = 1.35
+"""Room for an entry of the legend, inches."""
 TROUBLE_STYLES: Final[Mapping[str, tuple[str, str]]] = {
     "overlaps": ("X", COLOURS[1]),
     "budget exhausted": ("s", COLOURS[3]),
@@ -337,5 +339,5 @@ def _add_legend(
     figure.legend(
         handles=handles,
         loc="outside upper center",
-        ncols=min(6, len(handles)),
+        ncols=min(int(figure.get_figwidth() / LEGEND_ENTRY), len(handles)),
     )

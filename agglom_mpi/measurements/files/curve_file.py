@@ -36,10 +36,10 @@ from agglom_mpi.measurements.files.size_curve import (
     curve_of_passing,
 )
 from agglom_mpi.measurements.files.size_table import (
-    MAX_RATIO,
     MAX_ROWS,
     SizeRow,
     SizeTable,
+    check_range,
     grains_of,
     in_metres,
     read_content,
@@ -97,19 +97,17 @@ def read_curve_grains(folder: Path, name: str, keys: CurveKeys) -> dict[str, Any
         As `read_size_curve`; or if the curve does not give the smallest and the largest diameter.
     """
     curve = read_size_curve(folder, name, keys)
-    for edge, share, word in ((0, curve.shares[0], "below"), (-1, curve.shares[-1], "above")):
-        if curve.edges[edge] in (0.0, math.inf):
-            raise ValueError(
-                f"is {quoted(name)}: {format_percent(share)} is {word} all sizes; must have a "
-                f"size with nothing {word} it, as grains at the start have a size"
-            )
-    if curve.edges[-1] > MAX_RATIO * curve.edges[0]:
-        raise ValueError(
-            f"is {quoted(name)}: reaches from {curve.edges[0]:g} to {curve.edges[-1]:g} m; the "
-            f"largest must be at most {MAX_RATIO:g} times the smallest"
-        )
-    if curve.weight == "area":
-        raise ValueError(f"is {quoted(name)}: has shares of the area; must be of number or mass")
+    low, high = curve.edges[0], curve.edges[-1]
+    try:
+        for is_open, at, word in ((low == 0.0, 0, "below"), (high == math.inf, -1, "above")):
+            if is_open:
+                share = format_percent(curve.shares[at])
+                raise TableError(f"{share} is {word} all sizes; must have a size with none {word}")
+        check_range(low, high)
+        if curve.weight == "area":
+            raise TableError("has shares of the area; must be of number or mass")
+    except TableError as error:
+        raise ValueError(f"is {quoted(name)}: {error}") from None
     return {
         "diameters": tuple(curve.grains().tolist()),
         "absolute": True,

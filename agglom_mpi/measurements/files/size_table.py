@@ -222,15 +222,17 @@ def read_diameters(folder: Path, name: str) -> Diameters:
                 f"'{GRAIN_EXAMPLE}' above the diameters"
             )
         column, numbers = grains_of(SizeTable(table, CurveKeys()), GRAINS_REMEDY)
-        low, high = min(numbers), max(numbers)
-        if high > MAX_RATIO * low:
-            raise TableError(
-                f"has diameters from {low:g} to {high:g}; the largest must be at most "
-                f"{MAX_RATIO:g} times the smallest"
-            )
+        check_range(min(numbers), max(numbers))
         return tuple(in_metres(numbers, column.unit)), column.unit not in RELATIVE
     except ValueError as error:
         raise ValueError(f"is {quoted(name)}: {error}") from None
+
+
+def check_range(low: float, high: float) -> None:
+    """Raise a TableError if diameters at the start differ too much."""
+    if high > MAX_RATIO * low:
+        must = f"the largest must be at most {MAX_RATIO:g} times the smallest"
+        raise TableError(f"has diameters from {low:g} to {high:g}; {must}")
 
 
 def read_content(folder: Path, name: str) -> bytes:
