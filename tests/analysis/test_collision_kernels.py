@@ -20,7 +20,7 @@ from agglom_mpi.cli import main
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.errors import FAILURE, UserError
 from agglom_mpi.outcome import FailureReason
-from agglom_mpi.report.kernel_table import KernelRequest, kernel_json, string_kernels
+from agglom_mpi.report.kernel_table import KernelRequest, kernel_json, kernel_text, string_kernels
 from agglom_mpi.simulation.collision_counts import (
     BREAKS,
     ENERGY,
@@ -199,6 +199,18 @@ def test_growth_in_a_window_is_what_sticking_makes_of_the_number():
     start = sums.start[..., NUMBER].sum()
     left = start - sums.impacts[..., STICKS].sum()
     assert kernels_of(sums).growth == pytest.approx([start / left])
+
+
+def test_kernels_whose_equations_cannot_be_integrated_are_shown_all_the_same(monkeypatch):
+    found = kernels_of(drawn_sums(np.full((3, 3), 4000.0)))
+
+    def failing(self):
+        raise RuntimeError("cannot be integrated")
+
+    monkeypatch.setattr(CollisionKernels, "balance", failing)
+    assert len(json.loads(kernel_json(found))["kernels"]) == 6
+    assert json.loads(kernel_json(found))["balance"] == []
+    assert "cannot be integrated; divide" in str(kernel_text(found).renderables[-1])
 
 
 @PLAIN
