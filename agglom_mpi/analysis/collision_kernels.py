@@ -254,6 +254,8 @@ class CollisionKernels:
         ------
         ValueError
             If particles broke, which is not in the equations.
+        RuntimeError
+            If the equations cannot be integrated, as over too long a window.
         """
         if self.breaks:
             raise ValueError("particles broke; the equations have no breakage")

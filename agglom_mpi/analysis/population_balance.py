@@ -9,6 +9,7 @@ number, mass and energy [KR]. Velocities of each size are taken as Maxwellian.
 [KR] S. Kumar and D. Ramkrishna, Chem. Eng. Sci. 51 (1996) 1311: the fixed pivot.
 """
 
+import itertools
 import math
 from collections.abc import Callable
 from typing import Final, NamedTuple
@@ -26,6 +27,9 @@ POINTS: Final = 65
 
 TOLERANCE: Final = 1e-7
 """Of the integration, relative, and absolute over what there is at the start."""
+
+MAX_EVALUATIONS: Final = 20_000
+"""Maximum number of evaluations of the rates in a window; more have no end."""
 
 
 class PairRates(NamedTuple):
@@ -123,7 +127,11 @@ def solve(
     """
     bins, most, whole = len(grid.masses), numbers.sum(), energies.sum() or 1.0
 
+    evaluations = itertools.count()
+
     def derivative(_: float, state: Floats) -> Floats:
+        if next(evaluations) > MAX_EVALUATIONS:
+            raise RuntimeError("the population balance cannot be integrated in reasonable time")
         present, energy = state[:bins].clip(0.0) * most, state[bins:].clip(0.0) * whole
         changed = grid.change(law(present, energy))
         return np.concatenate((changed[0] / most, changed[1] / whole))

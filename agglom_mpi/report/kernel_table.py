@@ -179,18 +179,25 @@ def _piece_text(found: CollisionKernels) -> list[RenderableType]:
 
 
 def _balance_text(found: CollisionKernels) -> list[RenderableType]:
-    if found.breaks:
+    try:
+        records = balance_records(found)
+    except RuntimeError as error:
+        return ["", f"{error}; divide the time by --time"]
+    if not records:
         return []
-    rows = [record | {"window": _window(record)} for record in balance_records(found)]
+    rows = [record | {"window": _window(record)} for record in records]
     title = "Means of a sample, simulated and by the Smoluchowski equations with these kernels"
     return ["", Table(BALANCE_COLUMNS, rows, title)]
 
 
 def balance_records(found: CollisionKernels) -> list[dict[str, Any]]:
-    """Return a record for each window of a string whose particles do not break.
+    """Return a record for each window of a string; none if particles break.
 
-    Means of a sample are pairs of value and standard error.
+    Means of a sample are pairs of value and standard error. Raises a RuntimeError if the equations
+    cannot be integrated.
     """
+    if found.breaks:
+        return []
     solved, (value, error) = found.balance(), found.means
     return [
         {
@@ -209,7 +216,10 @@ def kernel_json(found: CollisionKernels, growth: ImposedGrowth | None = None) ->
     """Return all pairs and the growth at imposed speeds as JSON, in SI units."""
     records = [_separate(record) for record in found.records()]
     pieces = [_separate(record) for record in found.piece_records()]
-    balance = [] if found.breaks else balance_records(found)
+    try:
+        balance = balance_records(found)
+    except RuntimeError:
+        balance = []
     shown: dict[str, Any] = {"samples": int(found.sums.samples.sum()), "failed": found.failed}
     shown |= {"units": UNITS, "kernels": records, "pieces": pieces}
     shown["balance"] = [_separate(record) for record in balance]

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from plain_python import PLAIN
 from scipy.io import netcdf_file
 
@@ -15,10 +16,11 @@ from agglom_mpi.analysis.collision_kernels import (
     CollisionKernels,
 )
 from agglom_mpi.analysis.counted_samples import collision_kernels
+from agglom_mpi.cli import main
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.errors import FAILURE, UserError
 from agglom_mpi.outcome import FailureReason
-from agglom_mpi.report.kernel_table import KernelRequest, kernel_json, string_kernels
+from agglom_mpi.report.kernel_table import KernelRequest, kernel_json, kernel_text, string_kernels
 from agglom_mpi.simulation.collision_counts import (
     BREAKS,
     ENERGY,
@@ -199,6 +201,18 @@ def test_growth_in_a_window_is_what_sticking_makes_of_the_number():
     assert kernels_of(sums).growth == pytest.approx([start / left])
 
 
+def test_kernels_whose_equations_cannot_be_integrated_are_shown_all_the_same(monkeypatch):
+    found = kernels_of(drawn_sums(np.full((3, 3), 4000.0)))
+
+    def failing(self):
+        raise RuntimeError("cannot be integrated")
+
+    monkeypatch.setattr(CollisionKernels, "balance", failing)
+    assert len(json.loads(kernel_json(found))["kernels"]) == 6
+    assert json.loads(kernel_json(found))["balance"] == []
+    assert "cannot be integrated; divide" in str(kernel_text(found).renderables[-1])
+
+
 @PLAIN
 def test_samples_are_numbered_as_the_recorded_ones_of_a_string(tmp_path, monkeypatch):
     campaign = small(tmp_path)
@@ -224,6 +238,10 @@ def test_tables_as_json_and_csv_hold_all_pairs_and_replace_no_file(tmp_path):
     assert float(row["rate (m^3/s)"]) == record["rate"] == found.rate.value[0, 0, 0]
     assert float(row["efficiency_error"]) == record["efficiency_error"]
     assert record["first_mass"] == pytest.approx(4.0 / 3.0 * math.pi * 1e-9 * 2500.0)
+    words = ["kernels", str(tmp_path / "gas.yaml"), "--samples", "3", "--bins", "4", "--json"]
+    done = CliRunner().invoke(main, words)
+    assert done.exit_code == 0
+    assert json.loads(done.stdout) == json.loads(kernel_json(found))
     with netcdf_file(tmp_path / "k.nc", mmap=False) as file:
         stored = {name: np.array(each[...]) for name, each in file.variables.items()}
         assert file.variables["rate"].units == b"m^3/s"

@@ -142,6 +142,12 @@ def test_a_kernel_that_cools_with_its_grains_has_powers_of_time_as_exact_solutio
     assert grid.masses @ found == pytest.approx(np.full(POINTS, numbers[0]))
 
 
+def test_equations_without_an_end_are_given_up(monkeypatch):
+    monkeypatch.setattr("agglom_mpi.analysis.population_balance.MAX_EVALUATIONS", 10)
+    with pytest.raises(RuntimeError):
+        grown(lambda x, y: x + y, 1.5)
+
+
 def test_elastic_grains_of_two_sizes_share_their_energy_and_keep_it():
     grid = Grid(np.array([1e-6, 1e-5]))
     law = maxwellian_law(grid, impacts(grid), 2500.0, 1e-4)
