@@ -43,7 +43,7 @@ def search(page: Page) -> Iterator[Block | Table]:
     yield figures
     if not figures.content:
         yield note("No generation is done yet.")
-    if page.options.sensitivity and "sensitivity" not in [each.name for each in figures.content]:
+    if page.options.sensitivity and "sensitivity" not in [each["name"] for each in figures.content]:
         yield note(
             "Sensitivity: too few strings, all worth the same, or a regression that predicts "
             "nothing."
