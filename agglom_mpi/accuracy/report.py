@@ -27,8 +27,7 @@ from agglom_mpi.formatting import (
     format_percent,
     format_seconds,
 )
-from agglom_mpi.report.drawing import Drawing, write_drawing
-from agglom_mpi.report.style import COLOURS
+from agglom_mpi.report.style import COLOURS, Drawing, write_drawing
 from agglom_mpi.runtime.provenance import processor
 from agglom_mpi.statistics import MeanEstimate
 from agglom_mpi.stopwatch import BUSY_RATIO

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from agglom_mpi.display.run_display import Display
 from agglom_mpi.planning.cluster_simulator import DrawnSamples, Workload
 from agglom_mpi.planning.forecast import MessageCosts
 from agglom_mpi.runtime.coordinator import Coordinator
@@ -219,22 +220,6 @@ class _Limit(StopRequest):
         return "enough is measured" if late else ""
 
 
-class _Unseen:
-    """A listener that shows nothing."""
-
-    def generation(self, *_: object) -> None:
-        """Show nothing."""
-
-    def tick(self, *_: object) -> None:
-        """Show nothing."""
-
-    def message(self, text: str) -> None:
-        """Show nothing."""
-
-    def error(self, text: str) -> None:
-        """Show nothing."""
-
-
 def measured_costs(
     experiment: Experiment, workload: Workload, show: Callable[[str], None] = lambda text: None
 ) -> MessageCosts:
@@ -270,7 +255,7 @@ def poll_costs(
         path = Path(folder) / "costs.h5"
         file = prepare(path, experiment, accept_code_change=False)
         with CampaignWriter(path) as writer:
-            coordinator = Coordinator(experiment, file, writer, _Unseen())
+            coordinator = Coordinator(experiment, file, writer, Display(quiet=True))
             inversion, dtype = (
                 coordinator.inversion,
                 samples_schema(file.sizes.quantities, file.sizes.census).dtype,

@@ -250,10 +250,10 @@ def write_frames(
         If they cannot be written.
     """
     # Imported here: printing means needs neither HDF5 nor what draws.
-    from agglom_mpi.report.drawing import Drawing, write_drawing
     from agglom_mpi.report.figures.cloud import cloud_size, draw_frames
     from agglom_mpi.report.figures.evolution import draw_evolution, evolution, evolution_size
     from agglom_mpi.report.paraview import write_vtkhdf
+    from agglom_mpi.report.style import Drawing, write_drawing
 
     directory.mkdir(parents=True, exist_ok=True)
     run, shown = evolution(frames, box), panel_frames(len(frames.times))

@@ -20,14 +20,14 @@ from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.display.table import Column, Table
 from agglom_mpi.errors import MissingLibraryError
-from agglom_mpi.report import drawing as drawing_module
-from agglom_mpi.report.drawing import Drawing, write_drawing
+from agglom_mpi.report import style as drawing_module
 from agglom_mpi.report.export import ExportError
 from agglom_mpi.report.figures.figure import figures as all_figures
 from agglom_mpi.report.page import PRINTED_CHARACTERS, is_broad, write_report
 from agglom_mpi.report.sample_particles import final_radii
 from agglom_mpi.report.sections.published import beside, read_published
 from agglom_mpi.report.sections.run import legs
+from agglom_mpi.report.style import Drawing, write_drawing
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import prepare
 from agglom_mpi.runtime.provenance import leg_start

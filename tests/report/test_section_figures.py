@@ -2,8 +2,8 @@
 
 import re
 
-from agglom_mpi.report.drawing import STRING_LINK, Drawing, write_drawing
 from agglom_mpi.report.sections.section import MAX_SVG_BYTES, embedded
+from agglom_mpi.report.style import STRING_LINK, Drawing, write_drawing
 
 
 def held(folder, draw, caption="what is seen"):

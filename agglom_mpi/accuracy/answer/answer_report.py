@@ -25,8 +25,7 @@ from agglom_mpi.analysis.tables import wall_over_cpu
 from agglom_mpi.config.answer_study import AnswerStudy, file_stem
 from agglom_mpi.display.table import Column
 from agglom_mpi.formatting import format_digits, format_duration, format_percent, format_seconds
-from agglom_mpi.report.drawing import Drawing
-from agglom_mpi.report.style import COLOURS, PAGE
+from agglom_mpi.report.style import COLOURS, PAGE, Drawing
 from agglom_mpi.storage.reader import CampaignData
 
 if TYPE_CHECKING:

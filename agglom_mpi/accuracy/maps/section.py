@@ -18,8 +18,7 @@ from agglom_mpi.accuracy.report import ReportSection, Sentences
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.display.table import Column, Table
 from agglom_mpi.formatting import format_percent
-from agglom_mpi.report.drawing import Drawing
-from agglom_mpi.report.style import COLOURS, PAGE, field_map
+from agglom_mpi.report.style import COLOURS, PAGE, Drawing, field_map
 
 if TYPE_CHECKING:
     import matplotlib.figure

@@ -21,8 +21,8 @@ from agglom_mpi.accuracy.time_integration.published_method import event_engine
 from agglom_mpi.accuracy.time_integration.steps import EVENT, StudiedScene
 from agglom_mpi.analysis.finite_size import FiniteSize, growth_of_many, means_of_rows, why_no_limit
 from agglom_mpi.display.table import Column
-from agglom_mpi.report.drawing import Drawing
 from agglom_mpi.report.figures.fresh_estimates import draw_finite_size
+from agglom_mpi.report.style import Drawing
 
 if TYPE_CHECKING:
     import matplotlib.figure

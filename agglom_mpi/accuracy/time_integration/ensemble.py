@@ -28,7 +28,7 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.display.table import Column, Table
 from agglom_mpi.formatting import format_percent
 from agglom_mpi.random_streams import search_stream
-from agglom_mpi.report.drawing import Drawing
+from agglom_mpi.report.style import Drawing
 from agglom_mpi.search.objectives.growth import MaximumGrowth
 from agglom_mpi.search.objectives.objective import RadiusObjective
 

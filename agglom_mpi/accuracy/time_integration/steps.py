@@ -42,7 +42,7 @@ from agglom_mpi.analysis.tables import time_on_free_core
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.display.table import Column
 from agglom_mpi.formatting import format_percent
-from agglom_mpi.report.drawing import Drawing
+from agglom_mpi.report.style import Drawing
 from agglom_mpi.simulation.engines import AdaptiveSteps, Engine, FixedSteps
 from agglom_mpi.statistics import MeanEstimate, mean_of
 

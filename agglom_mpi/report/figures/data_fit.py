@@ -12,9 +12,8 @@ from agglom_mpi.analysis.ranking import judged_string, rank_strings
 from agglom_mpi.analysis.shown_units import unit_of_datum
 from agglom_mpi.formatting import in_unit, value_with_error
 from agglom_mpi.measurements.datum import Datum
-from agglom_mpi.report.drawing import draw_band, figure_legend
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
-from agglom_mpi.report.style import COLOURS, few_ticks, tick_text
+from agglom_mpi.report.style import COLOURS, draw_band, few_ticks, figure_legend, tick_text
 from agglom_mpi.storage.reader import CampaignData
 
 Floats = NDArray[np.float64]

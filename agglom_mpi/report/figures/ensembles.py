@@ -10,9 +10,15 @@ from agglom_mpi.analysis.estimates import Estimate, half_width, objective_at, ob
 from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.outcome import COMPLETED, SampleSummary
-from agglom_mpi.report.drawing import draw_band, draw_estimate, legend_below
 from agglom_mpi.report.figures.figure import Figure, FigureOptions, objective_label
-from agglom_mpi.report.style import COLOURS, PAGE, integer_ticks
+from agglom_mpi.report.style import (
+    COLOURS,
+    PAGE,
+    draw_band,
+    draw_estimate,
+    integer_ticks,
+    legend_below,
+)
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.objectives.objective import Objective
 from agglom_mpi.search.stopping import StoppingRule

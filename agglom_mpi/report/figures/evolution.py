@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.physics.rough import INERTIA
-from agglom_mpi.report.drawing import panels
-from agglom_mpi.report.style import COLOURS, MIDDLE
+from agglom_mpi.report.style import COLOURS, MIDDLE, panels
 from agglom_mpi.simulation.boundary import Boundary
 from agglom_mpi.simulation.frames import Frames
 

@@ -13,10 +13,9 @@ from agglom_mpi.formatting import axis_label
 from agglom_mpi.measurements.datum import Datum
 from agglom_mpi.measurements.layout import CensusLayout
 from agglom_mpi.measurements.quantities import QUANTITIES, MeanLength, Quantile
-from agglom_mpi.report.drawing import draw_band, figure_legend, panels
 from agglom_mpi.report.figures.data_fit import TWO_SIDED, compared_strings
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
-from agglom_mpi.report.style import COLOURS
+from agglom_mpi.report.style import COLOURS, draw_band, figure_legend, panels
 from agglom_mpi.search.objectives.misfit import MeasuredString
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.recorded_campaign import recorded_campaign

@@ -12,7 +12,6 @@ from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.formatting import label_of
 from agglom_mpi.inference.emulated_set import BOX_POINTS
 from agglom_mpi.inference.set_points import OUTER_PROBABILITY
-from agglom_mpi.report.drawing import histogram_range, legend_below
 from agglom_mpi.report.figures.box_panels import (
     MAX_PLOTTED_VARIABLES,
     BoxPoints,
@@ -28,7 +27,7 @@ from agglom_mpi.report.figures.box_panels import (
 )
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
 from agglom_mpi.report.set_summary import shown_directions
-from agglom_mpi.report.style import COLOURS, PAGE, POINT_MAP
+from agglom_mpi.report.style import COLOURS, PAGE, POINT_MAP, histogram_range, legend_below
 from agglom_mpi.storage.reader import CampaignData
 
 if TYPE_CHECKING:

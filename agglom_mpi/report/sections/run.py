@@ -1,7 +1,6 @@
 """Sections on the run: search, particles, samples, starts, worst samples, failures, origin."""
 
 from collections.abc import Iterator
-from contextlib import suppress
 from datetime import UTC, datetime
 from typing import Any, Final
 
@@ -22,10 +21,8 @@ from agglom_mpi.report.sections.section import (
     section,
     warning,
 )
-from agglom_mpi.search.ensemble import can_be_judged
 from agglom_mpi.storage.attributes import earlier_data
 from agglom_mpi.storage.reader import CampaignData
-from agglom_mpi.storage.recorded_campaign import code_note, recorded_campaign
 from agglom_mpi.storage.schema import FAILURE_CAPACITY
 
 LAST: Final = 20
@@ -85,12 +82,6 @@ def run(page: Page) -> Iterator[Block | Table]:
             f"{employed} of {ranks} ranks simulated: there was no more work, or rank 0 had no time "
             "for more ranks."
         )
-    if not code_note(page.data):
-        with suppress(CampaignError):  # the section on the campaign shows that it is damaged
-            campaign = recorded_campaign(page.data)
-            judged = can_be_judged(campaign.ensemble, campaign.objective)
-            who = "the rank that simulates" if judged else "rank 0"
-            yield note(f"This version lets {who} end a string.")
 
 
 LEG_COLUMNS: Final = (

@@ -17,10 +17,10 @@ from rich.console import Console, RenderableType
 from agglom_mpi.config import describe
 from agglom_mpi.declaration.components import import_modules
 from agglom_mpi.display.table import Table
-from agglom_mpi.report import drawing
-from agglom_mpi.report.drawing import STRING_LINK, Drawing
+from agglom_mpi.report import style
 from agglom_mpi.report.figures.figure import FigureOptions, figures
 from agglom_mpi.report.sample_particles import FramesUnavailableError
+from agglom_mpi.report.style import STRING_LINK, Drawing
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
@@ -174,7 +174,7 @@ class Page:
                 self.why_no_frames = str(error)
                 continue
             if drawn is not None:
-                drawing.write_drawing(self._directory, drawn)
+                style.write_drawing(self._directory, drawn)
                 found.append(embedded(self._directory, drawn))
         self.figure_count += len(found)
         return Block("figures", found)

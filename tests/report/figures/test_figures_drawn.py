@@ -14,13 +14,12 @@ from agglom_mpi.analysis.extrapolation import extrapolated
 from agglom_mpi.analysis.finite_size import FiniteSize, VolumeMeans
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.config.loading import load_campaign
-from agglom_mpi.report.drawing import Drawing, legend_below, write_drawing
 from agglom_mpi.report.figures import convergence, ensembles
 from agglom_mpi.report.figures.cloud import cloud_size, draw_frames, draw_radii
 from agglom_mpi.report.figures.figure import FigureOptions, figures
 from agglom_mpi.report.figures.fresh_estimates import draw_finalists, draw_finite_size
 from agglom_mpi.report.sample_particles import RadiusDistribution
-from agglom_mpi.report.style import finish, styled
+from agglom_mpi.report.style import Drawing, finish, legend_below, styled, write_drawing
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import prepare
 from agglom_mpi.statistics import MeanEstimate
