@@ -142,7 +142,6 @@ def _facts(scene: "StudiedScene", numbers: dict[str, float]) -> Iterator[str]:
 
 
 def _extent(study: Study, file: CampaignData, quick: bool) -> str:
-    """Return how much was simulated, and how long it took."""
     ranks, rows = int(file.legs()["ranks"].max()), file.all_sample_rows()
     time = format_duration(float(time_on_free_core(rows).sum()))
     return (

@@ -217,7 +217,6 @@ def write_document(
 
 
 def _machine() -> Iterator[str]:
-    """Yield facts on the machine and the libraries that the report was made with."""
     from importlib.metadata import version
 
     libraries = ", ".join(f"{name} {version(name)}" for name in ("numpy", "numba", "h5py"))

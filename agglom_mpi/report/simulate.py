@@ -174,7 +174,6 @@ def selected_string(request: SimulationRequest, show: Callable[[str], None]) -> 
 
 
 def _set_string(request: SimulationRequest, show: Callable[[str], None]) -> Selected:
-    """Return the string that the settings of a YAML campaign make."""
     if request.string is not None:
         message = "needs a campaign file FILE.h5, not a YAML file"
         raise mistaken(request.source, "--string", message)
@@ -186,7 +185,6 @@ def _set_string(request: SimulationRequest, show: Callable[[str], None]) -> Sele
 
 
 def _recorded_string(request: SimulationRequest) -> Selected:
-    """Return the recorded string of a campaign file."""
     from agglom_mpi.storage.reader import read_inversion
 
     string, sample = request.string, request.sample

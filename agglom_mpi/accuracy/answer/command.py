@@ -66,7 +66,6 @@ def estimated(study: AnswerStudy, options: StudyOptions) -> Stages:
 
 
 def _prepare(options: StudyOptions) -> AnswerStudy:
-    """Read the study, and make the folders."""
     require_report()
     study = load_answer_study(options.sources[0], options.allow_code)
     runs = Path(options.out) / FOLDER

@@ -213,7 +213,6 @@ def _frame(
     generations: NDArray[np.int64],
     columns: Mapping[str, object],
 ) -> dict[str, object]:
-    """Return the columns of the answers of one run after some generations."""
     return {
         "factor": run.setting.factor,
         "setting": run.setting.name,

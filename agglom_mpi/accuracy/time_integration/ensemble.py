@@ -102,7 +102,6 @@ def ensemble_section(campaign: Campaign, rows: np.ndarray, quick: bool = False) 
 
 
 def _coverage(row: Any) -> str:
-    """Return the coverage of a row and its standard error in percent."""
     return f"{100.0 * row['coverage']:.1f} ± {100.0 * row['coverage, standard error']:.1f} %"
 
 

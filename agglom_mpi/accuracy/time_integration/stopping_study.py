@@ -59,7 +59,6 @@ def _member(values: Floats) -> float:
 
 
 def _running(values: Floats, draws: NDArray[np.int64], count: Floats) -> tuple[Floats, Floats]:
-    """Return the running mean and its standard error."""
     centre = _member(values)
     away = (values - centre)[draws]
     mean = np.cumsum(away, axis=0) / count

@@ -209,7 +209,6 @@ def closed_edges(edges: Floats) -> Floats:
 
 
 def _scale_sizes(ax: Any, compared: ComparedDatum) -> None:
-    """Give a panel of a curve its title and its axis of diameters."""
     datum, (factor, unit) = compared.datum, compared.shown_unit
     assert datum.edges is not None
     low, high = closed_edges(datum.edges)[[0, -1]] / factor

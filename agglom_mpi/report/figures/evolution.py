@@ -122,7 +122,6 @@ def draw_evolution(figure: "matplotlib.figure.Figure", run: Evolution) -> Any:
 
 
 def _scale(ax: Any, name: str, values: Floats) -> None:
-    """Choose the vertical axis of a panel."""
     from matplotlib.ticker import MaxNLocator
 
     positive = values[values > 0.0]

@@ -71,7 +71,6 @@ def draw_growth(figure: Any, growth: Growth) -> NDArray[Any]:
 
 
 def _draw_panel(ax: Any, times: Floats, factor: float, panel: GrowthPanel) -> None:
-    """Draw the curves of a panel with their 95 % bands, and what was measured."""
     ax.set_ylabel(panel.label)
     colours: dict[str, str] = {}
     for string, quantity, *curve in panel.curves:
@@ -219,7 +218,6 @@ def _start(data: CampaignData, string: int, quantity: str) -> float:
 def _points(
     kind: _Kind, measured: Sequence[Datum], end: float
 ) -> list[tuple[str, float, float, float, float]]:
-    """Return what was measured of the quantities of a panel, in SI units."""
     points = []
     _, quantities, weight = kind
     for datum in measured:

@@ -129,12 +129,10 @@ def _leg(row: np.void) -> dict[str, Any]:
 
 
 def _share(part: float, whole: float) -> float | None:
-    """Return a part of a whole; None where either is unknown."""
     return part / whole if whole > 0.0 and np.isfinite(part) else None
 
 
 def _date(seconds: float) -> str:
-    """Return a Unix time as date and time."""
     try:
         return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d %H:%M:%S")
     except (OSError, OverflowError, ValueError):
