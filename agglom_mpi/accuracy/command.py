@@ -3,7 +3,7 @@
 import shlex
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final
 
 from agglom_mpi.accuracy.answer.command import answer_accuracy
 from agglom_mpi.accuracy.maps.command import map_accuracy
@@ -39,32 +39,12 @@ SAMPLES: Final = "samples.h5"
 """Campaign file of the study, in the directory of the report."""
 
 
-class StudySize(NamedTuple):
-    """How much a study measures.
-
-    Attributes
-    ----------
-    samples : int
-        Of every time stepper, number of particles and end time.
-    pool : int
-        Of the event engine: the pool that ensembles are drawn from.
-    again : int
-        Fresh samples of every string that a search held for the best.
-    extreme : int
-        Of every extreme scene.
-    budget : float
-        Particle-steps after which a set-up ends early.
-    """
-
-    samples: int
-    pool: int
-    again: int
-    extreme: int
-    budget: float
-
-
-QUICK: Final = StudySize(samples=60, pool=300, again=60, extreme=4, budget=5e7)
-FULL: Final = StudySize(samples=1000, pool=4000, again=400, extreme=20, budget=4e9)
+QUICK: Final = (60, 300, 60, 4, 5e7)
+"""Size of a quick study: samples of every time stepper, number of particles and end time; of the
+event engine, the pool that ensembles are drawn from; of every string that a search held for the
+best; of every extreme scene; and particle-steps after which a set-up ends early."""
+FULL: Final = (1000, 4000, 400, 20, 4e9)
+"""The same of a full study."""
 
 
 def accuracy(options: StudyOptions, world: "Intracomm | None") -> int:
@@ -85,10 +65,10 @@ def scene_study(options: StudyOptions) -> Stages:
         If a source, a value or the history cannot be used.
     """
     require_report()
-    size = QUICK if options.quick else FULL
+    samples, pool, again, extreme, budget = QUICK if options.quick else FULL
     if options.samples is not None:
-        pool = max(size.pool, options.samples)
-        size = size._replace(samples=options.samples, pool=pool, again=options.samples)
+        samples = again = options.samples
+        pool = max(pool, samples)
     campaign, scenes = _read_sources(options)
     facts, chapters = list[str](), dict[str, list[StudyPart]]()
     for each in scenes.values():
@@ -98,29 +78,27 @@ def scene_study(options: StudyOptions) -> Stages:
         string = campaign.parameters(options.settings)
         values = campaign.variables.used_values(string)
         numbers = {name: values[name] for name in campaign.variables.of_scene}
-        scene = StudiedScene(*closed(campaign, string), size.samples, size.pool, options.quick)
+        scene = StudiedScene(*closed(campaign, string), samples, pool, options.quick)
         facts = list(_facts(scene, numbers))
         if refused := scene_error(Setup(scene.campaign, scene.parameters, 1)):
             raise CampaignError(Problem(scene.campaign.name, None, "scene", refused))
         parts = [steps_part(scene), ensemble_part(scene), control_volume_part(scene)]
         if options.history:
             history = read_inversion(options.history, options.allow_code)
-            parts.append(history_part(history, size.again, campaign.user_function))
+            parts.append(history_part(history, again, campaign.user_function))
         chapters["Error against run time"] = parts
     if scenes:
         scenes = {name: closed(each, each.parameters())[0] for name, each in scenes.items()}
-        chapters["Stiff and extreme cases"] = [extremes_part(scenes, size.extreme)]
+        chapters["Stiff and extreme cases"] = [extremes_part(scenes, extreme)]
     first = next(iter(scenes.values())) if campaign is None else scene.campaign
     setups: dict[str, Setup] = {}
     for part in (part for parts in chapters.values() for part in parts):
         setups |= part.setups
-    study = Study(first, setups, size.budget)
+    study = Study(first, setups, budget)
     Path(options.out).mkdir(parents=True, exist_ok=True)
     file = yield SAMPLES, study
-    samples = study.collect(file)
-    sections = {
-        title: [part.section(samples) for part in parts] for title, parts in chapters.items()
-    }
+    rows = study.collect(file)
+    sections = {title: [part.section(rows) for part in parts] for title, parts in chapters.items()}
     title = "stiff and extreme scenes" if campaign is None else first.title or first.name
     done = _extent(study, file, options.quick)
     busy = busy_lines(wall_over_cpu(file.all_sample_rows()))
@@ -164,7 +142,6 @@ def _facts(scene: "StudiedScene", numbers: dict[str, float]) -> Iterator[str]:
 
 
 def _extent(study: Study, file: CampaignData, quick: bool) -> str:
-    """Return how much was simulated, and how long it took."""
     ranks, rows = int(file.legs()["ranks"].max()), file.all_sample_rows()
     time = format_duration(float(time_on_free_core(rows).sum()))
     return (

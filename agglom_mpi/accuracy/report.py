@@ -27,8 +27,7 @@ from agglom_mpi.formatting import (
     format_percent,
     format_seconds,
 )
-from agglom_mpi.report.drawing import Drawing, write_drawing
-from agglom_mpi.report.style import COLOURS
+from agglom_mpi.report.style import COLOURS, Drawing, write_drawing
 from agglom_mpi.runtime.provenance import processor
 from agglom_mpi.statistics import MeanEstimate
 from agglom_mpi.stopwatch import BUSY_RATIO
@@ -218,7 +217,6 @@ def write_document(
 
 
 def _machine() -> Iterator[str]:
-    """Yield facts on the machine and the libraries that the report was made with."""
     from importlib.metadata import version
 
     libraries = ", ".join(f"{name} {version(name)}" for name in ("numpy", "numba", "h5py"))

@@ -1,7 +1,7 @@
 """`agglom export`: a campaign file as a compact copy, CSV, netCDF, JSON and in other forms."""
 
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import click
 
@@ -55,7 +55,6 @@ FORMS: Final = (
 )
 @click.option(
     "--json",
-    "as_json",
     type=PATH,
     metavar="OUT.json",
     help="Write the posterior of all data with its calibration; without data, the feasible set.",
@@ -101,58 +100,47 @@ FORMS: Final = (
 @UNUSED
 @ALLOW_CODE
 @exit_with
-def export(
-    file: str,
-    compact: Path | None,
-    csv: Path | None,
-    xarray: Path | None,
-    arviz: Path | None,
-    as_json: Path | None,
-    tolerance: str | None,
-    robust: dict[str, float | str],
-    measured: str | None,
-    error: str | None,
-    emulator: Path | None,
-    paraview: Path | None,
-    string: int | None,
-    samples: tuple[int, ...],
-    frames: int | None,
-    unused: bool,
-    allow_code: bool,
-) -> int:
+def export(file: str, allow_code: bool, unused: bool, **options: Any) -> int:
     """Export a campaign FILE.h5 in one or more of the forms --compact, --csv, ...
 
     Strings with a result and their used and fresh samples are exported, also while a run is
     writing; --unused adds the rest. --compact copies everything. No existing file is overwritten. A
     sample without stored frames is simulated again, with identical results.
     """
-    forms = dict(
-        zip(FORMS, (compact, csv, xarray, arviz, as_json, emulator, paraview), strict=True)
-    )
+    forms = {form: options[form.removeprefix("--")] for form in FORMS}
     given = {form for form, path in forms.items() if path is not None}
     if not given:
         raise click.UsageError(f"nothing to write: give {', '.join(FORMS)}")
+    emulator: Path | None = options["emulator"]
     is_named = emulator is not None and emulator.suffix == ".npz"
     module = emulator.with_suffix(".py") if emulator is not None and is_named else None
     require_own_names(forms | {"the module of --emulator": module})
     if unused and given <= {"--compact", "--paraview"}:
         raise click.UsageError("--unused is for --csv, --xarray, --arviz, --json and --emulator")
-    wanted = arviz is not None or as_json is not None
-    request = read_set_request(wanted, tolerance, robust, measured, error)
+    request = read_set_request(options) if given & {"--arviz", "--json"} else None
     from agglom_mpi.analysis.damage import blame_damage
     from agglom_mpi.report.export import Exports, export
 
-    selection = None
-    if paraview is not None:
+    selection = portable = None
+    if options["paraview"] is not None:
         from agglom_mpi.report.paraview import FrameSelection
 
-        selection = FrameSelection(paraview, string, samples, frames)
-    portable = None
+        chosen = (options[name] for name in ("paraview", "string", "samples", "frames"))
+        selection = FrameSelection(*chosen)
     if emulator is not None:
         from agglom_mpi.inference.emulator_file import EmulatorRequest
 
-        portable = EmulatorRequest(emulator, tolerance)
-    exports = Exports(compact, csv, xarray, arviz, request, selection, as_json, portable)
+        portable = EmulatorRequest(emulator, options["tolerance"])
+    exports = Exports(
+        options["compact"],
+        options["csv"],
+        options["xarray"],
+        options["arviz"],
+        request,
+        selection,
+        options["json"],
+        portable,
+    )
     with blame_damage(file):
         for line in export(Path(file), exports, allow_code, unused):
             say(line)

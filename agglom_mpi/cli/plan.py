@@ -1,6 +1,6 @@
 """`agglom plan`: estimate the run time of a campaign."""
 
-from typing import Final
+from typing import Any, Final
 
 import click
 
@@ -37,7 +37,7 @@ def _read_ranks(context: click.Context, parameter: click.Parameter, text: str) -
         "agglom plan jobs/accretion_2003.yaml --from accretion_2003.h5",
     )
 )
-@click.argument("campaign")
+@click.argument("path", metavar="CAMPAIGN")
 @click.option(
     "--ranks",
     callback=_read_ranks,
@@ -64,15 +64,7 @@ def _read_ranks(context: click.Context, parameter: click.Parameter, text: str) -
 @ALLOW_CODE
 @JSON
 @exit_with
-def plan(
-    campaign: str,
-    ranks: tuple[int, ...],
-    source: str | None,
-    seconds: float,
-    generations: int | None,
-    allow_code: bool,
-    as_json: bool,
-) -> int:
+def plan(as_json: bool, **options: Any) -> int:
     """Estimate the run time of CAMPAIGN.yaml for different numbers of ranks.
 
     Pilot samples of random strings are simulated in one process and timed. Then the decisions and
@@ -87,10 +79,11 @@ def plan(
     from agglom_mpi.planning.plan import plan
 
     origin = click.get_current_context().get_parameter_source("seconds")
+    source = options["source"]
     if source is not None and origin is not click.core.ParameterSource.DEFAULT:
         raise click.UsageError("--seconds is for pilot samples; --from replaces them")
     with blame_damage(*filter(None, [source])):
-        report = plan(campaign, ranks, seconds, source, generations, allow_code)
+        report = plan(**options)
     if as_json:
         say(to_json(report))
     else:

@@ -1,5 +1,6 @@
 """`agglom report`: results of campaign files."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -109,27 +110,7 @@ if TYPE_CHECKING:
 @JSON
 @click.option("--follow", is_flag=True, help="First display the progress of the run until it ends.")
 @exit_with
-def report(
-    files: tuple[str, ...],
-    out: Path | None,
-    stored_only: bool,
-    published: Path | None,
-    sensitivity: bool,
-    posterior: bool,
-    what_next: bool,
-    what_next_table: Path | None,
-    feasible_set: bool,
-    tolerance: str | None,
-    robust: dict[str, float | str],
-    measured: str | None,
-    error: str | None,
-    draws: Path | None,
-    grid: Path | None,
-    unused: bool,
-    allow_code: bool,
-    as_json: bool,
-    follow: bool,
-) -> int:
+def report(files: tuple[str, ...], as_json: bool, allow_code: bool, **options: Any) -> int:
     """Print the best strings of a campaign FILE.h5; the run may still be writing.
 
     Strings are ranked by their re-estimates on fresh samples, which no decision has used. Without
@@ -141,42 +122,28 @@ def report(
     Exit codes: 0 success; 1 if the file is altered or lacks rows.
     With --follow: that of the run, or 130 after Ctrl-C, which does not stop the run.
     """
-    if len(files) > 1 and what_next:
-        raise click.UsageError(
-            "--what-next takes one file; agglom compare ranks measurements by how well they tell "
-            "the laws of several files apart"
-        )
-    options = {"--sensitivity": sensitivity, "--follow": follow}
-    for option, given in options.items():
-        if len(files) > 1 and given:
-            raise click.UsageError(f"{option} takes one file")
-    if posterior and feasible_set and out is None:
-        raise click.UsageError("give --posterior or --feasible-set, or both with --out DIR")
-    if out is not None and as_json:
-        raise click.UsageError("give --out or --json, not both")
-    request = read_set_request(
-        feasible_set, tolerance, robust, measured, error, draws=draws, grid=grid
-    )
-    named = {"--draws": draws, "--grid": grid, "--what-next-table": what_next_table}
-    require_own_names(named, page=out)
+    _check_options(len(files), as_json, options)
+    out, request = options["out"], None
+    if options["feasible_set"]:
+        request = read_set_request(options, "draws", "grid")
     asked = None
-    if posterior:
+    if options["posterior"]:
         from agglom_mpi.report.set_files import PosteriorRequest
 
-        asked = PosteriorRequest(what_next, what_next_table)
+        asked = PosteriorRequest(options["what_next"], options["what_next_table"])
     from agglom_mpi.storage.reader import read_inversion
     from agglom_mpi.storage.recorded_campaign import code_note
 
-    code = _follow(files[0], allow_code) if follow else FINISHED
+    code = _follow(files[0], allow_code) if options["follow"] else FINISHED
     if code == INTERRUPTED:
         return code
     opened = [read_inversion(file, allow_code) for file in files]
     for file in opened:
-        file.with_unused = unused
+        file.with_unused = options["unused"]
         file.settle()
     from agglom_mpi.analysis.damage import blame_damage
 
-    if len(opened) > 1 and (posterior or feasible_set or out is not None):
+    if len(opened) > 1 and (asked or request or out is not None):
         from agglom_mpi.analysis.file_comparison import pooled
 
         pooled(opened)
@@ -185,18 +152,22 @@ def report(
             from agglom_mpi.report.page import write_report
             from agglom_mpi.report.sections.published import read_published
 
-            tables = None if published is None else read_published(published)
-            file, resimulate = opened[0], not stored_only
-            for line in write_report(file, out, resimulate, sensitivity, request, asked, tables):
+            tables = options["published"] and read_published(options["published"])
+            more = not options["stored_only"], options["sensitivity"], request, asked, tables
+            for line in write_report(opened[0], out, *more):
                 say(line)
-        elif code_note(opened[0]) and len(files) == 1 and not (request or asked or sensitivity):
+        elif (
+            code_note(opened[0])
+            and len(files) == 1
+            and not any((request, asked, options["sensitivity"]))
+        ):
             from agglom_mpi.analysis.summary import stored_text
 
             say(stored_text(opened[0], as_json))
         else:
             from agglom_mpi.analysis.run_warnings import run_warnings
 
-            text = _text(opened, request, asked, sensitivity, as_json)
+            text = _text(opened, request, asked, options["sensitivity"], as_json)
             if as_json:
                 say(text)
             else:
@@ -210,6 +181,25 @@ def report(
         for line in file.unused_notes:
             say(line, error=True)
     return max(code, *map(_mention_damage, opened))
+
+
+def _check_options(files: int, as_json: bool, options: Mapping[str, Any]) -> None:
+    """Raise a UsageError if options exclude each other, or files to write have one name."""
+    if files > 1 and options["what_next"]:
+        raise click.UsageError(
+            "--what-next takes one file; agglom compare ranks measurements by how well they tell "
+            "the laws of several files apart"
+        )
+    for name in ("sensitivity", "follow"):
+        if files > 1 and options[name]:
+            raise click.UsageError(f"--{name} takes one file")
+    out = options["out"]
+    if options["posterior"] and options["feasible_set"] and out is None:
+        raise click.UsageError("give --posterior or --feasible-set, or both with --out DIR")
+    if out is not None and as_json:
+        raise click.UsageError("give --out or --json, not both")
+    names = "draws", "grid", "what_next_table"
+    require_own_names({f"--{name.replace('_', '-')}": options[name] for name in names}, page=out)
 
 
 def _mention_damage(file: "CampaignData") -> int:

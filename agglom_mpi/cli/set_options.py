@@ -1,7 +1,6 @@
 """Options of the commands that compute a feasible set, or the posterior of a measured mean."""
 
-from collections.abc import Callable
-from pathlib import Path
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
@@ -54,35 +53,18 @@ def set_options(owner: str, further: str = "") -> Callable[[Command], Command]:
     return lambda command: tolerance(robust(measured(error(command))))
 
 
-def read_set_request(
-    wanted: bool,
-    tolerance: str | None,
-    robust: dict[str, float | str],
-    measured: str | None,
-    error: str | None,
-    **files: Path | None,
-) -> "SetRequest | None":
-    """Return what is asked of the feasible set; None if it is not `wanted`.
-
-    Parameters
-    ----------
-    wanted
-        Whether an option is given that asks for it.
-    tolerance, robust, measured, error
-        Values of `set_options`.
-    files
-        Values of `--draws` and `--grid`, for commands that have them.
+def read_set_request(options: Mapping[str, Any], *files: str) -> "SetRequest":
+    """Return what the values of `set_options`, and of options of `files` to write, ask for.
 
     Raises
     ------
     click.UsageError
         If a measured mean has no error.
     """
-    if measured is not None and error is None:
+    if options["measured"] is not None and options["error"] is None:
         raise click.UsageError("--measured and --error go together")
-    if not wanted:
-        return None
     from agglom_mpi.config.plan import DEFAULT_TOLERANCE
     from agglom_mpi.report.set_files import SetRequest
 
-    return SetRequest(tolerance or DEFAULT_TOLERANCE, measured, error, robust=robust, **files)
+    given = {name: options[name] for name in ("measured", "error", "robust", *files)}
+    return SetRequest(options["tolerance"] or DEFAULT_TOLERANCE, **given)

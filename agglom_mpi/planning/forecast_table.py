@@ -69,7 +69,6 @@ def forecast_table(report: ForecastReport) -> RenderableType:
 
 
 def _records(report: ForecastReport) -> list[dict[str, Any]]:
-    """Return the forecasts as plain values."""
     names = (*Forecast._fields, "core_hours", "bound", "reached", "needed", "wasted", "limit")
     return [{name: getattr(each, name) for name in names} for each in report.forecasts]
 
@@ -104,7 +103,6 @@ def _clock(pilot: PilotSummary) -> str:
 
 
 def _busy(pilot: PilotSummary) -> list[str]:
-    """Return a line on a machine that was busy with something else, if it was."""
     if not pilot.wall_over_cpu > BUSY_RATIO:
         return []
     ratio = f"{pilot.wall_over_cpu:.2g}"

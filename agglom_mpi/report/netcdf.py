@@ -112,7 +112,6 @@ def _units(table: "pd.DataFrame", name: str) -> dict[str, str]:
 
 
 def _attributes(data: "CampaignData") -> dict[str, str | int]:
-    """Return what is known of the file as a whole."""
     return {
         "title": data.title,
         "seed": int(data.attributes["seed"]),

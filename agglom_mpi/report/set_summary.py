@@ -127,7 +127,6 @@ def empty_text(of: FeasibleSet) -> str:
 
 
 def _nearest_table(of: FeasibleSet) -> Table:
-    """Return a table of the nearest string and the searched ranges."""
 
     def cells(variable: Variable, factor: float) -> dict[str, Any]:
         end = of.nearest.ends.get(variable.name)

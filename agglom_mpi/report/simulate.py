@@ -174,7 +174,6 @@ def selected_string(request: SimulationRequest, show: Callable[[str], None]) -> 
 
 
 def _set_string(request: SimulationRequest, show: Callable[[str], None]) -> Selected:
-    """Return the string that the settings of a YAML campaign make."""
     if request.string is not None:
         message = "needs a campaign file FILE.h5, not a YAML file"
         raise mistaken(request.source, "--string", message)
@@ -186,7 +185,6 @@ def _set_string(request: SimulationRequest, show: Callable[[str], None]) -> Sele
 
 
 def _recorded_string(request: SimulationRequest) -> Selected:
-    """Return the recorded string of a campaign file."""
     from agglom_mpi.storage.reader import read_inversion
 
     string, sample = request.string, request.sample
@@ -250,10 +248,10 @@ def write_frames(
         If they cannot be written.
     """
     # Imported here: printing means needs neither HDF5 nor what draws.
-    from agglom_mpi.report.drawing import Drawing, write_drawing
     from agglom_mpi.report.figures.cloud import cloud_size, draw_frames
     from agglom_mpi.report.figures.evolution import draw_evolution, evolution, evolution_size
     from agglom_mpi.report.paraview import write_vtkhdf
+    from agglom_mpi.report.style import Drawing, write_drawing
 
     directory.mkdir(parents=True, exist_ok=True)
     run, shown = evolution(frames, box), panel_frames(len(frames.times))

@@ -81,8 +81,7 @@ NOT_DECIDING: Final = (
     "config/describe.py",
     # Output of `agglom explain`.
     "config/explanation.py",
-    # Sets of rules for studies and figures.
-    "search/studied_rules.py",
+    # Warnings.
     "config/plausibility.py",
     "config/size_warnings.py",
     # Which campaigns a study compares.

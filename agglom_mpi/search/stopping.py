@@ -65,8 +65,6 @@ class StoppingRule(Component):
         Whether the samples decide how many there are.
     is_published
         Whether the papers end their ensembles by it.
-    limits
-        Fields that are limits on the samples, and no part of the test.
     common_configurations
         Whether sample k of all strings starts from the same random numbers.
     """
@@ -75,7 +73,6 @@ class StoppingRule(Component):
     found_in: ClassVar[str] = "agglom_mpi.search"
     is_adaptive: ClassVar[bool] = True
     is_published: ClassVar[bool] = False
-    limits: ClassVar[frozenset[str]] = frozenset({"common_configurations"})
     common_configurations: Annotated[Flag, LATER] = False
 
     if TYPE_CHECKING:  # fields of most rules, which cannot hide attributes of their base class
@@ -132,12 +129,6 @@ class StoppingRule(Component):
         """Return whether the sample between two states was the last one needed, elementwise."""
         raise NotImplementedError
 
-    def tests_like(self, other: "StoppingRule") -> bool:
-        """Return whether another rule makes the same test, whatever its limits are."""
-        alike = type(other) is type(self)
-        names = set(self.model_fields) - self.limits
-        return alike and all(getattr(other, name) == getattr(self, name) for name in names)
-
     def satisfied(self, before: EnsembleState[float], after: EnsembleState[float]) -> bool:
         """Return whether the sample between two states of one ensemble was the last one needed."""
         return bool(self.holds(before, after))
@@ -186,9 +177,6 @@ class AdaptiveRule(StoppingRule):
         Whether strings that will not be parents are given up early; for the genetic search.
     """
 
-    limits: ClassVar[frozenset[str]] = StoppingRule.limits | {
-        *("min_samples", "max_samples", "racing"),
-    }
     tolerance: Annotated[float, In("1", above=0, meaning="a small number like 1e-3")]
     max_samples: Annotated[
         int, Whole(at_least=2, at_most=10**6, meaning="the most samples of a string")
@@ -308,7 +296,6 @@ class StandardError(AdaptiveRule):
         Minimum number of completed samples: the error of two or three is often small by luck.
     """
 
-    limits: ClassVar[frozenset[str]] = AdaptiveRule.limits - {"min_samples"}
     rule: Literal["standard_error"] = "standard_error"
     example: ClassVar[str] = "{rule: standard_error, tolerance: 0.02, max_samples: 100}"
     min_samples: Annotated[int, Whole(at_least=3)] = 5

@@ -12,7 +12,7 @@ from few_body_reference import bouncing
 from few_body_study import FULL, study
 
 from agglom_mpi.accuracy.report import Curve, draw_curves
-from agglom_mpi.report.drawing import Drawing, write_drawing
+from agglom_mpi.report.style import Drawing, write_drawing
 
 SHOWN = ("head-on", "three in sequence", "two pairs")
 """Scenes in the figure; the adaptive engine does not see the last one coming."""

@@ -65,7 +65,7 @@ def test_the_report_has_every_section_with_its_figures_and_tables(studied):
     for title in (
         "Time integration",
         "Ensemble",
-        "Control volume and end time",
+        "Control volume",
         "Inversion",
     ):
         assert f"### {title}" in text

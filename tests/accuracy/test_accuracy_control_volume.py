@@ -1,4 +1,4 @@
-"""Control volume and end time."""
+"""Control volume."""
 
 import numpy as np
 import pytest
@@ -32,15 +32,6 @@ def test_another_number_of_particles_changes_nothing_but_the_control_volume(camp
         assert density == pytest.approx(own.particles / own.half_width**3, rel=1e-13)
 
 
-def test_another_end_time_changes_nothing_but_the_end(campaign):
-    own = campaign.scene.build(campaign.parameters())
-    setups = module.control_volume_part(studied(campaign, True)).setups
-    for factor, name in module.compared_times(studied(campaign, True)).items():
-        setup = setups[name]
-        scene = setup.campaign.scene.build(setup.parameters, setup.engine)
-        assert scene == own._replace(end_time=factor * own.end_time)
-
-
 def test_the_limit_of_many_grains_is_that_of_a_law_linear_in_inverse_n(campaign):
     random, own = np.random.default_rng(3), campaign.scene.particles
     numbers = module.compared_numbers(studied(campaign, False))
@@ -59,17 +50,14 @@ def test_the_limit_of_many_grains_is_that_of_a_law_linear_in_inverse_n(campaign)
     assert "box_finite_size" in [figure.name for figure in found.figures]
 
 
-def test_each_end_time_has_the_mean_error_and_time_of_its_own_samples(campaign):
+def test_each_number_of_particles_has_the_mean_and_time_of_its_own_samples(campaign):
     random = np.random.default_rng(2)
-    names = [EVENT, *module.control_volume_part(studied(campaign, True)).setups]
-    samples = {name: made_up(2.0 + 0.1 * random.normal(size=100)) for name in names}
-    later = 2.5 + 0.1 * random.normal(size=100)
-    samples["2 × end time"] = made_up(later, 3e-3)
-    _, times = module.measured_volumes(studied(campaign, True), samples)
-    last = times.iloc[-1]
-    assert last["end time (s)"] == pytest.approx(2.0 * times["end time (s)"].iloc[1], rel=1e-12)
+    part = module.control_volume_part(studied(campaign, True))
+    samples = {n: made_up(2.0 + 0.1 * random.normal(size=100)) for n in (EVENT, *part.setups)}
+    later, name = 2.5 + 0.1 * random.normal(size=100), [*part.setups][-1]
+    samples[name] = made_up(later, 3e-3)
+    [table] = part.section(samples).tables
+    last = frame_of(table).iloc[-1]
     assert last["mean b/b0"] == pytest.approx(later.mean(), rel=1e-12)
     assert last["standard error"] == pytest.approx(later.std(ddof=1) / 10.0, rel=1e-9)
     assert last["processor time per sample (s)"] == pytest.approx(3e-3)
-    found = module.control_volume_part(studied(campaign, True)).section(samples)
-    assert [len(frame_of(table)) for table in found.tables] == [3, 3]

@@ -16,8 +16,7 @@ from agglom_mpi.accuracy.report import (
     frame_table,
     write_document,
 )
-from agglom_mpi.report.drawing import DOTS_PER_INCH, Drawing
-from agglom_mpi.report.style import SIZE
+from agglom_mpi.report.style import DOTS_PER_INCH, SIZE, Drawing
 
 FRAME = pd.DataFrame({"step (s)": [0.1, 0.01], "error": [1.0 / 3.0, 0.0]})
 

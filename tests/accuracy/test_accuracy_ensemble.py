@@ -14,6 +14,7 @@ from agglom_mpi.accuracy.time_integration.ensemble import ensemble_section
 from agglom_mpi.accuracy.time_integration.stopping_study import (
     OWN,
     PUBLISHED_TOLERANCES,
+    STUDIED_RULES,
     Truth,
     at_goal,
     at_stop,
@@ -28,7 +29,6 @@ from agglom_mpi.accuracy.time_integration.stopping_study import (
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.outcome import COMPLETED, FAILED, OUTCOME, summaries
 from agglom_mpi.search.stopping import AdaptiveRule
-from agglom_mpi.search.studied_rules import STUDIED_RULES
 from agglom_mpi.statistics import t_95
 
 GRAINS = 60

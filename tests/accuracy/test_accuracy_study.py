@@ -155,12 +155,10 @@ def test_a_rank_computes_what_the_campaign_does_with_that_engine():
 def test_samples_of_a_study_are_enough_for_every_section(tmp_path):
     for quick in (True, False):
         setups = study_of(StudyOptions((JOB,), str(tmp_path), {}, quick=quick)).setups
-        size = QUICK if quick else FULL
-        assert setups["event"].samples == size.pool
-        assert {setup.samples for name, setup in setups.items() if name != "event"} == {
-            size.samples
-        }
-        assert size.samples >= FEWEST_SAMPLES
+        samples, pool, *_ = QUICK if quick else FULL
+        assert setups["event"].samples == pool
+        assert {setup.samples for name, setup in setups.items() if name != "event"} == {samples}
+        assert samples >= FEWEST_SAMPLES
 
 
 def test_two_scenes_at_a_time_are_refused():

@@ -13,7 +13,6 @@ from agglom_mpi.accuracy.answer.answer_report import (
     answer_section,
     draw_factor,
     expected_times,
-    last_answers,
     times_of,
 )
 from agglom_mpi.accuracy.answer.errors import COST_SAMPLES, COST_SECONDS, Answers
@@ -64,20 +63,13 @@ def test_expected_times_are_those_of_the_first_answers_within_a_target(study):
     assert seconds["Sobol points", 0.1] == 2.5
 
 
-def test_the_last_answers_are_what_users_would_publish(study):
-    frame = last_answers(study, answers(study, ERRORS)).set_index("setting")
-    assert frame.loc["default", "error, mean"] == pytest.approx((0.2 + 0.05) / 2)
-    assert frame.loc["default", "last answer within the target"] == 0.5
-    assert frame.loc["Sobol points", "error, most"] == 0.3
-
-
 def test_a_section_has_all_targets_that_are_resolved_or_says_which_are_not(study):
     made = answers(study, ERRORS)
     section = answer_section(study, made, times_of(study, made))
     assert section.failures == ("Targets below the resolution of 0.05: 0.01.",)
     assert [figure.name for figure in section.figures] == ["answer_searches"]
     tables = {table.name: table for table in section.tables}
-    assert set(tables) == {"answers", "expected_run_times", "last_answers", "compared"}
+    assert set(tables) == {"answers", "expected_run_times", "compared"}
     assert "1 of 2 runs reach an error of 0.1" in section.conclusions[1]
     assert len(section.conclusions) == len(frame_of(tables["compared"])) == len(study.settings)
     for table in tables.values():

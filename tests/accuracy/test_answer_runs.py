@@ -12,8 +12,8 @@ from agglom_mpi.accuracy.answer.runs import (
     ProcessorClock,
     history_of,
     processor_seconds,
+    until,
 )
-from agglom_mpi.accuracy.answer.sets import until
 from agglom_mpi.config.answer_study import Setting
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.yaml_source import parse

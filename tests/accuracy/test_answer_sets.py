@@ -7,7 +7,7 @@ import pytest
 from accuracy_rows import made_up
 
 from agglom_mpi.accuracy.answer.errors import FreshSamples
-from agglom_mpi.accuracy.answer.sets import (
+from agglom_mpi.accuracy.answer.runs import (
     CLEAR_ERRORS,
     ClearMembership,
     TrueSet,

@@ -29,7 +29,7 @@ from agglom_mpi.analysis.sensitivity import (
 from agglom_mpi.cli import main
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.formatting import ROUNDING
-from agglom_mpi.report.drawing import histogram_range
+from agglom_mpi.report.style import histogram_range
 from agglom_mpi.runtime import task_runner
 from agglom_mpi.search.objectives.moment_targets import MomentTarget
 from agglom_mpi.statistics import MeanEstimate

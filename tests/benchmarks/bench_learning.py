@@ -15,7 +15,7 @@ from pathlib import Path
 import bench_feasible_set as bench
 import numpy as np
 
-from agglom_mpi.accuracy.answer.sets import until
+from agglom_mpi.accuracy.answer.runs import until
 from agglom_mpi.inference.emulated_set import EmulatedSet
 from agglom_mpi.inference.searched_box import SearchedBox
 from agglom_mpi.inference.stored_samples import MIN_STRINGS, stored_samples

@@ -50,7 +50,7 @@ from scipy.stats import qmc
 
 from agglom_mpi.accuracy.answer.answer_report import BOOTSTRAP_SEED, band_text
 from agglom_mpi.accuracy.answer.errors import upper_bound
-from agglom_mpi.accuracy.answer.sets import CLEAR_ERRORS, LADDER, MIN_SAMPLES, evolving_set
+from agglom_mpi.accuracy.answer.runs import CLEAR_ERRORS, LADDER, MIN_SAMPLES, evolving_set
 from agglom_mpi.accuracy.answer.times_to_targets import TimesToTargets
 from agglom_mpi.config.answer_study import DEFAULT, AnswerStudy, load_answer_study
 from agglom_mpi.config.campaign import Campaign

@@ -39,7 +39,7 @@ def work(commands, tiny_folder, monkeypatch):
     """Return commands with a tiny campaign and its file, everything that they need loaded."""
     for name in ("tiny.yaml", "tiny.h5"):
         shutil.copy(tiny_folder / name, commands.folder)
-    monkeypatch.setattr("agglom_mpi.report.drawing.write_drawing", sketch)
+    monkeypatch.setattr("agglom_mpi.report.style.write_drawing", sketch)
     for line in ASKED:
         shutil.copy(tiny_folder / "tiny.h5", commands.folder / "x.h5")
         commands.load(*line.replace("X", "x.h5").split())

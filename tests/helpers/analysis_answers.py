@@ -12,7 +12,7 @@ from set_runs import three_variable_text
 from agglom_mpi.analysis.failed_samples import failure_lines
 from agglom_mpi.analysis.run_warnings import run_warnings
 from agglom_mpi.cli import main
-from agglom_mpi.report.figures.ensembles import running_estimate, stopping_points
+from agglom_mpi.report.figures.ensembles import running_estimate
 from agglom_mpi.report.netcdf import PREFIX, sample_arrays
 from agglom_mpi.report.sample_particles import completed_samples
 from agglom_mpi.report.sections.run import LEDGER_COLUMNS, ledger_table
@@ -108,7 +108,6 @@ def answers(path, folder, *asked):
         "ledger": [[c.cell(row) for c in LEDGER_COLUMNS[:5]] for row in ledger_table(file).rows],
         "radii": completed_samples(file, string)["sample"].tolist(),
         "running": running_estimate(file, string).objective.tobytes().hex(),
-        "stopping": stopping_points(file, string),
     }
     arrays = sample_arrays(file)
     timed = [name for name in arrays.variables if name.removeprefix(PREFIX) in TIMES]

@@ -16,10 +16,9 @@ from agglom_mpi.accuracy.maps.scene import map_scene
 from agglom_mpi.inference.data_posterior import data_posterior
 from agglom_mpi.inference.feasible_set import NoFeasibleSetError, feasible_set
 from agglom_mpi.inference.posterior import PosteriorError
-from agglom_mpi.report.drawing import Drawing, write_drawing
 from agglom_mpi.report.figures.evolution import draw_evolution, evolution, evolution_size
 from agglom_mpi.report.figures.figure import FigureOptions, figures
-from agglom_mpi.report.style import PAGE
+from agglom_mpi.report.style import PAGE, Drawing, write_drawing
 from agglom_mpi.search.criteria import NoCriterionError
 from agglom_mpi.storage.reader import CampaignData, read_campaign
 

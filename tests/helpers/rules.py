@@ -2,7 +2,9 @@
 
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.stopping import FixedNumber, Moments, StandardError, SuccessiveDifference
-from agglom_mpi.search.studied_rules import UNLIMITED_SAMPLES
+
+UNLIMITED_SAMPLES = 10**6
+"""Maximum number of samples where a rule alone is to end them."""
 
 
 def difference(tolerance, quantity="objective", **limits):

@@ -71,4 +71,4 @@ def test_a_mean_that_is_the_same_everywhere_is_known(tmp_path):
     data, options = read_campaign(path), FigureOptions(feasible_set=found)
     drawn = [each for each in figures().values() if each.section == "set"]
     names = [each.name for each in drawn if each.drawing(data, options) is not None]
-    assert names == ["set_pairs", "set_marginals", "set_reliability"]
+    assert names == ["set_pairs"]

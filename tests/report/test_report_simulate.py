@@ -43,11 +43,11 @@ def two_and_one():
 
 def test_an_evolution_is_in_the_frame_of_the_mean_flow_and_by_mass():
     run = evolution(two_and_one())
-    assert run.particles.tolist() == [2, 1]
-    assert run.mean_radius_ratio.tolist() == [1.0, 1.6]
+    assert run["particles"].tolist() == [2, 1]
+    assert run["mean_radius_ratio"].tolist() == [1.0, 1.6]
     # Σ m|v − V|² is 1 · 3² + 3 · 1², and V is along x.
-    np.testing.assert_allclose(run.granular_temperature, [12.0 / (3.0 * 4.0), 0.0], rtol=1e-15)
-    np.testing.assert_allclose(run.mean_temperature, [330.0, 331.0], rtol=1e-15)
+    np.testing.assert_allclose(run["granular_temperature"], [12.0 / (3.0 * 4.0), 0.0], rtol=1e-15)
+    np.testing.assert_allclose(run["mean_temperature"], [330.0, 331.0], rtol=1e-15)
 
 
 def test_grains_that_spin_have_a_panel_of_their_rotation():
@@ -57,7 +57,7 @@ def test_grains_that_spin_have_a_panel_of_their_rotation():
     run = evolution(frames._replace(spins=spins))
     # Σ (2/5) m b² ω², over 3 Σ m.
     wanted = [0.4 * 0.25 * (1.0 * 9.0 + 3.0 * 1.0) / 12.0, 0.4 * 4.0 * 0.64 * 25.0 / 12.0]
-    np.testing.assert_allclose(run.rotational_temperature, wanted, rtol=1e-15)
+    np.testing.assert_allclose(run["rotational_temperature"], wanted, rtol=1e-15)
     figure, axes = drawn(run)
     labels = [" ".join(ax.get_ylabel().split()) for ax in axes]
     assert labels[2:4] == ["granular temperature (m²/s²)", "rotational temperature (m²/s²)"]
@@ -66,14 +66,14 @@ def test_grains_that_spin_have_a_panel_of_their_rotation():
 
 def test_an_evolution_ends_with_what_the_record_says(outcome):
     run = evolution(outcome.frames)
-    assert run.particles[[0, -1]].tolist() == [100, outcome.particles]
-    assert run.mean_radius_ratio[0] == pytest.approx(1.0, rel=1e-14)
-    assert run.mean_radius_ratio[-1] == pytest.approx(outcome.mean_radius_ratio, rel=1e-13)
+    assert run["particles"][[0, -1]].tolist() == [100, outcome.particles]
+    assert run["mean_radius_ratio"][0] == pytest.approx(1.0, rel=1e-14)
+    assert run["mean_radius_ratio"][-1] == pytest.approx(outcome.mean_radius_ratio, rel=1e-13)
     end = float(outcome.record["mean_temperature"])
-    assert run.mean_temperature[-1] == pytest.approx(end, rel=1e-13)
+    assert run["mean_temperature"][-1] == pytest.approx(end, rel=1e-13)
     # Impacts only ever take energy from the fluctuation, and nothing breaks in this scene.
-    assert np.all(np.diff(run.granular_temperature) <= 1e-13 * run.granular_temperature[0])
-    assert np.all(np.diff(run.particles) <= 0)
+    assert np.all(np.diff(run["granular_temperature"]) <= 1e-13 * run["granular_temperature"][0])
+    assert np.all(np.diff(run["particles"]) <= 0)
 
 
 def drawn(run):

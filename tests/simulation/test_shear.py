@@ -310,7 +310,7 @@ def test_a_campaign_shears_searches_the_rate_and_keeps_it(tmp_path):
     velocities -= velocities.mean(axis=0)
     energy = 0.5 * np.sum(outcome.frames.masses[-1][:, None] * velocities**2)
     assert account["fluctuation_energy"] == pytest.approx(energy, rel=1e-9)
-    shown = evolution(outcome.frames, campaign.scene.escape).granular_temperature[-1]
+    shown = evolution(outcome.frames, campaign.scene.escape)["granular_temperature"][-1]
     assert 1.5 * outcome.frames.masses[-1].sum() * shown == pytest.approx(energy, rel=1e-9)
     assert overlaps_part(campaign, [0])
     assert math.isfinite(account["shear_work"])

@@ -24,9 +24,8 @@ from agglom_mpi.accuracy.study import StudyOptions
 from agglom_mpi.analysis.tables import wall_over_cpu
 from agglom_mpi.config.answer_study import AnswerStudy, file_stem
 from agglom_mpi.display.table import Column
-from agglom_mpi.formatting import format_digits, format_duration, format_percent, format_seconds
-from agglom_mpi.report.drawing import Drawing
-from agglom_mpi.report.style import COLOURS, PAGE
+from agglom_mpi.formatting import format_duration, format_seconds
+from agglom_mpi.report.style import COLOURS, PAGE, Drawing
 from agglom_mpi.storage.reader import CampaignData
 
 if TYPE_CHECKING:
@@ -78,7 +77,7 @@ def write_answer_report(
 
 def answer_section(study: AnswerStudy, answers: Answers, times: Sequence[Times]) -> ReportSection:
     """Return the section on all settings."""
-    expected, last = expected_times(study, times), last_answers(study, answers)
+    expected = expected_times(study, times)
     compared = expected[expected["target"] == study.compared]
     small = [f"{target:g}" for target in study.targets if target < answers.resolution]
     sentences = Sentences(
@@ -94,7 +93,6 @@ def answer_section(study: AnswerStudy, answers: Answers, times: Sequence[Times])
     what = f"Expected cost of an error of at most {study.compared:g}: one row is one setting."
     tables = [
         frame_table(compared, what, "compared", EXPECTED_COLUMNS),
-        frame_table(last, "The answers at the end of the runs.", "last_answers", LAST_COLUMNS),
         frame_table(expected, "One row is one setting and target.", "expected_run_times"),
         frame_table(answers.frame, "One row is one generation of a run.", "answers"),
     ]
@@ -154,28 +152,6 @@ def band_names(name: str) -> tuple[str, str, str]:
     return name, f"{name}, low", f"{name}, high"
 
 
-def last_answers(study: AnswerStudy, answers: Answers) -> "pd.DataFrame":
-    """Return the error of the last answer of each setting over its runs: mean, least and most."""
-    import pandas as pd
-
-    rows = []
-    for setting, frame in zip(study.settings, answers.by_setting(study), strict=True):
-        last = frame.groupby("seed").last()
-        within = float((last["bound"] <= study.compared).mean())
-        rows.append(
-            {
-                "factor": setting.factor,
-                "setting": setting.name,
-                "error, mean": last["error"].mean(),
-                "error, least": last["error"].min(),
-                "error, most": last["error"].max(),
-                "last answer within the target": within,
-                **{f"{cost}, mean": last[cost].mean() for cost in COSTS},
-            }
-        )
-    return pd.DataFrame(rows)
-
-
 def band_text(band: Band, form: Callable[[float], str] = "{:.0f}".format) -> str:
     """Return a band as text: `310 (250 to 420)`."""
     if math.isnan(band.value):
@@ -200,19 +176,6 @@ EXPECTED_COLUMNS: Final = (
     RowColumn(
         "processor time", format=lambda row: band_text(_expected(row, COST_SECONDS), format_seconds)
     ),
-)
-LAST_COLUMNS: Final = (
-    Column("setting", text=True),
-    Column("error, mean", format=format_digits),
-    RowColumn(
-        "least to most",
-        format=lambda row: " to ".join(
-            format_digits(row[f"error, {end}"]) for end in ("least", "most")
-        ),
-    ),
-    Column("last answer within the target", "within the target", format=format_percent),
-    Column(f"{COST_SAMPLES}, mean", "samples", format=".0f"),
-    Column(f"{COST_SECONDS}, mean", "time", format=lambda time: f"{time:.3g} s"),
 )
 
 

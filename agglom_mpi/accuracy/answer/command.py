@@ -8,8 +8,14 @@ from typing import TYPE_CHECKING, Final
 
 from agglom_mpi.accuracy.answer.answer_report import write_answer_report
 from agglom_mpi.accuracy.answer.errors import answers_of, estimation
-from agglom_mpi.accuracy.answer.runs import FOLDER, AnswerRun, ProcessorClock, runs_of
-from agglom_mpi.accuracy.answer.sets import box_points, sets_of
+from agglom_mpi.accuracy.answer.runs import (
+    FOLDER,
+    AnswerRun,
+    ProcessorClock,
+    box_points,
+    runs_of,
+    sets_of,
+)
 from agglom_mpi.accuracy.report import require_report
 from agglom_mpi.accuracy.study import Stages, StudyOptions, run_stages
 from agglom_mpi.analysis.damage import blame_damage
@@ -61,7 +67,6 @@ def estimated(study: AnswerStudy, options: StudyOptions) -> Stages:
 
 
 def _prepare(options: StudyOptions) -> AnswerStudy:
-    """Read the study, and make the folders."""
     require_report()
     study = load_answer_study(options.sources[0], options.allow_code)
     runs = Path(options.out) / FOLDER

@@ -8,12 +8,15 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.accuracy.answer.runs import AnswerHistory, AnswerRun, history_of, runs_of
-from agglom_mpi.accuracy.answer.sets import (
+from agglom_mpi.accuracy.answer.runs import (
     CLEAR_ERRORS,
     MIN_SAMPLES,
+    AnswerHistory,
+    AnswerRun,
     ClearMembership,
     box_points,
+    history_of,
+    runs_of,
     sets_of,
     true_set,
 )
@@ -210,7 +213,6 @@ def _frame(
     generations: NDArray[np.int64],
     columns: Mapping[str, object],
 ) -> dict[str, object]:
-    """Return the columns of the answers of one run after some generations."""
     return {
         "factor": run.setting.factor,
         "setting": run.setting.name,

@@ -18,8 +18,7 @@ from agglom_mpi.accuracy.report import ReportSection, Sentences
 from agglom_mpi.config.scene import SceneSection
 from agglom_mpi.display.table import Column, Table
 from agglom_mpi.formatting import format_percent
-from agglom_mpi.report.drawing import Drawing
-from agglom_mpi.report.style import COLOURS, PAGE, field_map
+from agglom_mpi.report.style import COLOURS, PAGE, Drawing, field_map
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -215,7 +214,6 @@ def map_size(panels: int) -> tuple[float, float]:
 
 
 def _layout(panels: int) -> tuple[int, int]:
-    """Return the numbers of rows and columns of some panels."""
     columns = 2 if panels == 4 else min(panels, 3)
     return math.ceil(panels / columns), columns
 
@@ -305,13 +303,11 @@ def _draw_panel(
 
 
 def _hatch(result: CellResult) -> str:
-    """Return how a cell is hatched; empty if it is not."""
     is_refused = result.trouble == REFUSED
     return HATCHES[is_refused] if is_refused or result.excuse else ""
 
 
 def _mark(kind: str) -> dict[str, Any]:
-    """Return how a kind of trouble is marked."""
     marker, colour = TROUBLE_STYLES.get(kind, OTHERWISE)
     return {"marker": marker, "color": colour, "linestyle": "none", "markeredgewidth": 0.0}
 

@@ -1,4 +1,4 @@
-"""How growth and the published objective change with the control volume and the end time."""
+"""How growth and the published objective change with the control volume."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
@@ -8,10 +8,8 @@ import numpy as np
 from agglom_mpi.accuracy.report import (
     TIME,
     TIME_COLUMN,
-    Curve,
     ReportSection,
     Sentences,
-    draw_curves,
     frame_table,
     mean_column,
 )
@@ -21,15 +19,14 @@ from agglom_mpi.accuracy.time_integration.published_method import event_engine
 from agglom_mpi.accuracy.time_integration.steps import EVENT, StudiedScene
 from agglom_mpi.analysis.finite_size import FiniteSize, growth_of_many, means_of_rows, why_no_limit
 from agglom_mpi.display.table import Column
-from agglom_mpi.report.drawing import Drawing
 from agglom_mpi.report.figures.fresh_estimates import draw_finite_size
+from agglom_mpi.report.style import Drawing
 
 if TYPE_CHECKING:
-    import matplotlib.figure
-    import pandas as pd
+    pass
 
 FACTORS: Final = (0.125, 0.25, 0.5, 2.0, 4.0, 8.0)
-"""Numbers of particles and end times to compare, over the scene's own."""
+"""Numbers of particles to compare, over the scene's own."""
 QUICK_FACTORS: Final = (0.5, 2.0)
 FEWEST_PARTICLES: Final = 8
 """Smaller numbers of particles are left out."""
@@ -42,50 +39,36 @@ def compared_numbers(scene: StudiedScene) -> dict[int, str]:
     return {n: f"{n} particles" for n in sorted(wanted) if n >= FEWEST_PARTICLES and n != own}
 
 
-def compared_times(scene: StudiedScene) -> dict[float, str]:
-    """Return the set-ups of the end times to compare, over the scene's own, ascending."""
-    return {f: f"{f:g} × end time" for f in (QUICK_FACTORS if scene.quick else FACTORS)}
-
-
 def control_volume_part(scene: StudiedScene) -> StudyPart:
-    """Return the part on number of particles and end time.
+    """Return the part on the number of particles.
 
     With another number of particles the box is as much larger, so that grains, volume fraction and
     end time stay what they are, and only the control volume changes.
     """
     engine, own = event_engine(scene.campaign), scene.campaign.scene
-    end_time = scene.end_time
     setups: dict[str, Setup] = {}
     for number, name in compared_numbers(scene).items():
-        changes: dict[str, object] = {"particles": number, "end_time": end_time}
+        changes: dict[str, object] = {"particles": number, "end_time": scene.end_time}
         if own.half_width is not None:  # it follows from the size of the grains otherwise
             changes["half_width"] = own.half_width * (number / own.particles) ** (1.0 / 3.0)
         setups[name] = scene.setup(None, engine=engine, **changes)
-    for factor, name in compared_times(scene).items():
-        setups[name] = scene.setup(None, engine=engine, end_time=factor * end_time)
     return StudyPart(setups, lambda samples: _section(scene, samples))
 
 
 def _section(scene: StudiedScene, samples: Mapping[str, Rows]) -> ReportSection:
-    sizes, times = measured_volumes(scene, samples)
+    import pandas as pd
+
     own, size = scene.campaign.scene.particles, finite_size(scene, samples)
+    names = {**compared_numbers(scene), own: EVENT}
+    sizes = pd.DataFrame([_row(scene, n, samples[name]) for n, name in sorted(names.items())])
     sentences = Sentences(
         "control_volume",
         particles=own,
-        end_time=scene.end_time,
         size=size,
         why_no_limit=size and why_no_limit(size.volumes, size.growth),
-        failed=[
-            row for frame in (sizes, times) for _, row in frame[frame["failed"] > 0].iterrows()
-        ],
+        failed=[row for _, row in sizes[sizes["failed"] > 0].iterrows()],
     )
-    figures = [
-        Drawing(
-            "box_end_time",
-            "Mean growth against the end time, with 95 % bands.",
-            lambda figure: _draw_times(figure, times),
-        ),
-    ]
+    figures = []
     if size is not None:
         caption = (
             "Mean growth against 1/N with 95 % intervals; the diamond is the limit of many grains."
@@ -94,12 +77,9 @@ def _section(scene: StudiedScene, samples: Mapping[str, Rows]) -> ReportSection:
         drawn = Drawing(
             "box_finite_size", caption, lambda figure: draw_finite_size(figure.subplots(), ranked)
         )
-        figures.insert(0, drawn)
-    tables = [
-        frame_table(sizes, "One row is one number of particles.", "box_particles", BOX_COLUMNS),
-        frame_table(times, "One row is one end time.", "box_end_time", BOX_COLUMNS),
-    ]
-    return sentences.section("Control volume and end time", figures, tables)
+        figures.append(drawn)
+    table = frame_table(sizes, "One row is one number of particles.", "box_particles", BOX_COLUMNS)
+    return sentences.section("Control volume", figures, [table])
 
 
 def finite_size(scene: StudiedScene, samples: Mapping[str, Rows]) -> FiniteSize | None:
@@ -116,21 +96,7 @@ def finite_size(scene: StudiedScene, samples: Mapping[str, Rows]) -> FiniteSize 
     return FiniteSize(0, usable, growth_of_many(usable), None)
 
 
-def measured_volumes(
-    scene: StudiedScene, samples: Mapping[str, Rows]
-) -> "tuple[pd.DataFrame, pd.DataFrame]":
-    """Return growth, objective and cost against N, and against T, of the samples of all set-ups."""
-    import pandas as pd
-
-    own, end_time = scene.campaign.scene.particles, scene.end_time
-    by_size = sorted({**compared_numbers(scene), own: EVENT}.items())
-    by_time = sorted({**compared_times(scene), 1.0: EVENT}.items())
-    sizes = [_row(scene, number, end_time, samples[name]) for number, name in by_size]
-    times = [_row(scene, own, factor * end_time, samples[name]) for factor, name in by_time]
-    return pd.DataFrame(sizes), pd.DataFrame(times)
-
-
-def _row(scene: StudiedScene, particles: int, end_time: float, rows: Rows) -> dict[str, Any]:
+def _row(scene: StudiedScene, particles: int, rows: Rows) -> dict[str, Any]:
     good = completed(rows)
     ratios = good["mean_radius_ratio"]
     grains = particles * scene.campaign.scene.third_moment
@@ -138,7 +104,6 @@ def _row(scene: StudiedScene, particles: int, end_time: float, rows: Rows) -> di
     spread, found = float(np.std(ratios, ddof=1)) if len(ratios) > 1 else np.nan, summary(rows)
     return {
         "particles": particles,
-        "end time (s)": end_time,
         **found,
         "spread of samples": spread,
         "time × variance (s)": found[TIME] * spread**2,
@@ -149,7 +114,6 @@ def _row(scene: StudiedScene, particles: int, end_time: float, rows: Rows) -> di
 
 BOX_COLUMNS: Final = (
     Column("particles", "N"),
-    Column("end time (s)", "T", format=lambda time: f"{time:.3g} s"),
     Column("samples"),
     mean_column("mean b/b⁰", "mean b/b0", "standard error", "samples"),
     Column("spread of samples", "spread of one sample", format=".2g"),
@@ -157,11 +121,3 @@ BOX_COLUMNS: Final = (
     mean_column("objective", "objective", "standard error of the objective", "samples"),
     TIME_COLUMN,
 )
-
-
-def _draw_times(figure: "matplotlib.figure.Figure", frame: "pd.DataFrame") -> None:
-    mean, half, times = frame["mean b/b0"], frame["half width"], frame["end time (s)"]
-    curve = Curve("mean b/b⁰", times, mean, mean - half, mean + half)
-    axes = draw_curves(figure, [curve], "end time T (s)", "mean b/b⁰", scales=("log", "linear"))
-    axes.set_xticks(list(times), [f"{value:.3g}" for value in times])
-    axes.minorticks_off()

@@ -28,7 +28,7 @@ from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.display.table import Column, Table
 from agglom_mpi.formatting import format_percent
 from agglom_mpi.random_streams import search_stream
-from agglom_mpi.report.drawing import Drawing
+from agglom_mpi.report.style import Drawing
 from agglom_mpi.search.objectives.growth import MaximumGrowth
 from agglom_mpi.search.objectives.objective import RadiusObjective
 
@@ -102,7 +102,6 @@ def ensemble_section(campaign: Campaign, rows: np.ndarray, quick: bool = False) 
 
 
 def _coverage(row: Any) -> str:
-    """Return the coverage of a row and its standard error in percent."""
     return f"{100.0 * row['coverage']:.1f} ± {100.0 * row['coverage, standard error']:.1f} %"
 
 

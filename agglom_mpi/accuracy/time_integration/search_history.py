@@ -21,7 +21,7 @@ from agglom_mpi.config.user_function import UserFunction
 from agglom_mpi.config.yaml_source import CampaignError, Problem
 from agglom_mpi.display.table import Column
 from agglom_mpi.formatting import format_digits
-from agglom_mpi.report.drawing import Drawing
+from agglom_mpi.report.style import Drawing
 from agglom_mpi.statistics import MeanEstimate, t_95
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.recorded_campaign import recorded_campaign

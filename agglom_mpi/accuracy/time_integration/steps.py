@@ -42,7 +42,7 @@ from agglom_mpi.analysis.tables import time_on_free_core
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.display.table import Column
 from agglom_mpi.formatting import format_percent
-from agglom_mpi.report.drawing import Drawing
+from agglom_mpi.report.style import Drawing
 from agglom_mpi.simulation.engines import AdaptiveSteps, Engine, FixedSteps
 from agglom_mpi.statistics import MeanEstimate, mean_of
 
@@ -204,11 +204,6 @@ def _section(scene: StudiedScene, samples: Mapping[str, Rows]) -> ReportSection:
     )
     figures = [
         Drawing(
-            "time_integration",
-            sentences.paragraph("bias_caption"),
-            lambda figure: _draw_signed(figure, steps, cost[TIME]),
-        ),
-        Drawing(
             "time_integration_error",
             sentences.paragraph("error_caption"),
             lambda figure: _draw_error(figure, steps, cost[TIME]),
@@ -281,20 +276,8 @@ METHOD_COLUMNS: Final = (
 )
 
 
-def _draw_signed(figure: "matplotlib.figure.Figure", frame: "pd.DataFrame", cost: float) -> None:
-    curves = []
-    for curve, rows in _curves(frame):
-        bias, half = 100.0 * rows["relative bias"], 100.0 * rows["relative half width"]
-        curves.append(curve._replace(error=bias, low=bias - half, high=bias + half))
-    axes = draw_curves(figure, curves, AXIS, "bias of mean b/b⁰ (%)", scales=("log", "linear"))
-    axes.axhline(0.0, color="0.5", linewidth=0.8)
-    axes.plot([cost], [0.0], "k*", markersize=9, label="event")
-    axes.legend()
-
-
 def _draw_error(figure: "matplotlib.figure.Figure", frame: "pd.DataFrame", cost: float) -> None:
-    curves = [curve for curve, _ in _curves(frame)]
-    axes = draw_curves(figure, curves, AXIS, "|bias| of mean b/b⁰, at most (%)")
+    axes = draw_curves(figure, list(_curves(frame)), AXIS, "|bias| of mean b/b⁰, at most (%)")
     # No error has no place on a logarithmic axis: the star stands on its lower end.
     axes.axvline(cost, color="k", linewidth=0.8, linestyle=":")
     bottom = axes.get_xaxis_transform()
@@ -303,12 +286,12 @@ def _draw_error(figure: "matplotlib.figure.Figure", frame: "pd.DataFrame", cost:
     axes.legend(edgecolor="none")  # opaque over the spreads of times
 
 
-def _curves(frame: "pd.DataFrame") -> Iterator[tuple[Curve, "pd.DataFrame"]]:
-    """Yield the curve of each method's errors against the time of a sample, with its rows."""
+def _curves(frame: "pd.DataFrame") -> Iterator[Curve]:
+    """Yield the curve of each method's errors against the time of a sample."""
     for method, rows in frame.groupby("method", sort=False):
         low, high = (rows[name] for name in QUARTILES)
         error = 100.0 * _bound(rows)
-        yield Curve(str(method), rows[TIME], error, cost_low=low, cost_high=high), rows
+        yield Curve(str(method), rows[TIME], error, cost_low=low, cost_high=high)
 
 
 def _bound(rows: "pd.DataFrame") -> "pd.Series":

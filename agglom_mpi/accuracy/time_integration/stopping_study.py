@@ -1,13 +1,14 @@
 """Stopping rules over their tolerances: error of the mean, samples spent, coverage.
 
-The rules are those of `search.studied_rules.STUDIED_RULES`; a new one there is studied as well. One
-pool of samples is drawn in many random orders. `search.ensemble.Ensemble` decides sample by sample.
-Here every order is run to its last sample once, all orders side by side, and each rule and
-tolerance is evaluated afterwards.
+The rules are those of `STUDIED_RULES`; a new one there is studied as well. One pool of samples is
+drawn in many random orders. `search.ensemble.Ensemble` decides sample by sample. Here every order
+is run to its last sample once, all orders side by side, and each rule and tolerance is evaluated
+afterwards.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
@@ -15,8 +16,13 @@ from numpy.typing import NDArray
 
 from agglom_mpi.accuracy.time_integration.steps import lasting
 from agglom_mpi.search.objectives.objective import RadiusObjective
-from agglom_mpi.search.stopping import EnsembleState, StoppingRule
-from agglom_mpi.search.studied_rules import STUDIED_RULES
+from agglom_mpi.search.stopping import (
+    EnsembleState,
+    Moments,
+    StandardError,
+    StoppingRule,
+    SuccessiveDifference,
+)
 from agglom_mpi.statistics import t_95
 
 if TYPE_CHECKING:
@@ -24,6 +30,13 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
+STUDIED_RULES: Final[tuple[tuple[str, Callable[..., StoppingRule]], ...]] = (
+    ("successive difference, mean radius", partial(SuccessiveDifference, quantity="mean_radius")),
+    ("successive difference, objective", SuccessiveDifference),
+    *((f"moments 1 to {order}", partial(Moments, order=order)) for order in (2, 3, 4)),
+    ("standard error", StandardError),
+)
+"""Rules whose tolerance is varied: name, and the rule of a `tolerance` and of `max_samples`."""
 OWN: Final = "this campaign's"
 PUBLISHED_TOLERANCES: Final = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6)
 """Tolerances of rules whose tolerance is a share; an absolute one follows from the spread."""
@@ -59,7 +72,6 @@ def _member(values: Floats) -> float:
 
 
 def _running(values: Floats, draws: NDArray[np.int64], count: Floats) -> tuple[Floats, Floats]:
-    """Return the running mean and its standard error."""
     centre = _member(values)
     away = (values - centre)[draws]
     mean = np.cumsum(away, axis=0) / count

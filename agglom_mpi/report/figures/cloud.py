@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from agglom_mpi.analysis.ranking import judged_string
 from agglom_mpi.formatting import pluralise, value_with_prefix
-from agglom_mpi.report.drawing import histogram_range, panels
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
 from agglom_mpi.report.sample_particles import (
     FramesUnavailableError,
@@ -22,7 +21,7 @@ from agglom_mpi.report.sample_particles import (
     frames_of,
     informative_frames,
 )
-from agglom_mpi.report.style import COLOURS, POINT_MAP
+from agglom_mpi.report.style import COLOURS, POINT_MAP, histogram_range, panels
 from agglom_mpi.simulation.frames import Frames
 from agglom_mpi.storage.reader import CampaignData
 

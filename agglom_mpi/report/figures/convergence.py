@@ -7,10 +7,16 @@ from numpy.typing import NDArray
 
 from agglom_mpi.analysis.estimates import Estimate, half_width, objective_of
 from agglom_mpi.analysis.ranking import rank_strings, ranks_itself
-from agglom_mpi.report.drawing import draw_band, draw_estimate, legend_below
 from agglom_mpi.report.figures.data_fit import TWO_SIDED
 from agglom_mpi.report.figures.figure import Figure, FigureOptions, objective_label
-from agglom_mpi.report.style import COLOURS, integer_ticks, log_scale_from_zero
+from agglom_mpi.report.style import (
+    COLOURS,
+    draw_band,
+    draw_estimate,
+    integer_ticks,
+    legend_below,
+    log_scale_from_zero,
+)
 from agglom_mpi.storage.reader import CampaignData
 
 Floats = NDArray[np.float64]

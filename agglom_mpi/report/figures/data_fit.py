@@ -12,9 +12,8 @@ from agglom_mpi.analysis.ranking import judged_string, rank_strings
 from agglom_mpi.analysis.shown_units import unit_of_datum
 from agglom_mpi.formatting import in_unit, value_with_error
 from agglom_mpi.measurements.datum import Datum
-from agglom_mpi.report.drawing import draw_band, figure_legend
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
-from agglom_mpi.report.style import COLOURS, few_ticks, tick_text
+from agglom_mpi.report.style import COLOURS, draw_band, few_ticks, figure_legend, tick_text
 from agglom_mpi.storage.reader import CampaignData
 
 Floats = NDArray[np.float64]
@@ -210,7 +209,6 @@ def closed_edges(edges: Floats) -> Floats:
 
 
 def _scale_sizes(ax: Any, compared: ComparedDatum) -> None:
-    """Give a panel of a curve its title and its axis of diameters."""
     datum, (factor, unit) = compared.datum, compared.shown_unit
     assert datum.edges is not None
     low, high = closed_edges(datum.edges)[[0, -1]] / factor

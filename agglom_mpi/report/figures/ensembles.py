@@ -1,4 +1,4 @@
-"""Objectives against the number of samples, where stopping rules end them, samples per string."""
+"""Objectives against the number of samples, and samples per string."""
 
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
@@ -8,17 +8,17 @@ from numpy.typing import NDArray
 
 from agglom_mpi.analysis.estimates import Estimate, half_width, objective_at, objective_of
 from agglom_mpi.analysis.ranking import rank_strings
-from agglom_mpi.formatting import pluralise
-from agglom_mpi.outcome import COMPLETED, SampleSummary
-from agglom_mpi.report.drawing import draw_band, draw_estimate, legend_below
+from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.report.figures.figure import Figure, FigureOptions, objective_label
-from agglom_mpi.report.style import COLOURS, PAGE, integer_ticks
-from agglom_mpi.search.ensemble import Ensemble
-from agglom_mpi.search.objectives.objective import Objective
-from agglom_mpi.search.stopping import StoppingRule
-from agglom_mpi.search.studied_rules import compared_rules
+from agglom_mpi.report.style import (
+    COLOURS,
+    PAGE,
+    draw_band,
+    draw_estimate,
+    integer_ticks,
+    legend_below,
+)
 from agglom_mpi.storage.reader import CampaignData
-from agglom_mpi.storage.recorded_campaign import recorded_component
 
 Floats = NDArray[np.float64]
 
@@ -29,7 +29,6 @@ WIDE_INTERVALS: Final = 9
 LOGARITHMIC_COUNT: Final = 60
 """Number of samples above which their axis is logarithmic."""
 BINS: Final = 30
-MARKERS: Final = "osD^vP"
 
 
 class RunningEstimate(NamedTuple):
@@ -53,13 +52,9 @@ class RunningEstimate(NamedTuple):
     again: Estimate | None = None
 
 
-StoppingPoint = tuple[str, int | None]
-"""A rule, and the completed samples after which it ends an ensemble; None if it needs more."""
-
-
-EnsembleHistories = tuple[Sequence[RunningEstimate], Sequence[StoppingPoint], str, float]
-"""Running estimates of the best strings, where rules end the samples of the first, the name of the
-objective, and its lower bound, where intervals end."""
+EnsembleHistories = tuple[Sequence[RunningEstimate], str, float]
+"""Running estimates of the best strings, the name of the objective, and its lower bound, where
+intervals end."""
 
 
 def running_estimate(data: CampaignData, string: int) -> RunningEstimate:
@@ -79,49 +74,9 @@ def running_estimate(data: CampaignData, string: int) -> RunningEstimate:
     return RunningEstimate(string, np.array(values), half, decided, again)
 
 
-def stopping_points(data: CampaignData, string: int) -> list[StoppingPoint]:
-    """Return where the campaign's own rule and `compared_rules` end the samples of a string."""
-    samples = objective_of(data).summaries(data.counted(data.sample_rows(string)))
-    own = recorded_component(data, "ensemble", StoppingRule.of_entries)
-    particles = int(data.identity["scene.particles"])
-    compared = [(name, rule) for name, rule in compared_rules().items() if not rule.tests_like(own)]
-    if own.is_adaptive:
-        compared.insert(0, (f"this campaign's: {own.label}", own))
-    return [
-        (name, samples_until(samples, rule, objective_at(data, string), particles))
-        for name, rule in compared
-    ]
-
-
-def samples_until(
-    samples: Sequence[SampleSummary],
-    rule: StoppingRule,
-    objective: Objective,
-    particles: int,
-) -> int | None:
-    """Return the completed samples after which a rule is satisfied; None if it never is.
-
-    Parameters
-    ----------
-    samples
-        Of one string, in order of their numbers.
-    rule
-    objective
-    particles
-        Grains of the scene.
-    """
-    limit = max(len(samples) + 1, rule.min_samples)
-    ensemble = Ensemble(rule.model_copy(update={"max_samples": limit}), objective, particles)
-    for sample in samples:
-        ensemble.add(sample)
-        if ensemble.finished:
-            return ensemble.completed
-    return None
-
-
 def draw_ensembles(ax: Any, histories: EnsembleHistories) -> Any:
-    """Draw running objectives with 95 % intervals and the stopping points; return the axes."""
-    estimates, points, quantity, least = histories
+    """Draw running objectives with their 95 % intervals, and return the axes."""
+    estimates, quantity, least = histories
     ax.set_xlabel("completed samples of the string")
     ax.set_ylabel(f"running {quantity}")
     for place, (estimate, colour) in enumerate(zip(estimates, COLOURS, strict=False)):
@@ -136,32 +91,14 @@ def draw_ensembles(ax: Any, histories: EnsembleHistories) -> Any:
             label = None if place else "re-estimates, by fresh samples alone"
             at = len(objective) * (1.04 + 0.04 * place)
             draw_estimate(ax, at, estimate.again, colour, label)
-    _draw_stopping_points(ax, estimates[0], points)
     _limit_axes(ax, estimates, least)
     legend_below(ax)
     return ax
 
 
-def _draw_stopping_points(
-    ax: Any, estimate: RunningEstimate, points: Sequence[StoppingPoint]
-) -> None:
-    style = {"markeredgecolor": "black", "markersize": 7, "zorder": 4}
-    for (rule, samples), marker, colour in zip(points, MARKERS, COLOURS[2:], strict=False):
-        if samples is not None and samples <= len(estimate.objective):
-            value, label = estimate.objective[samples - 1], f"{rule}: {samples}"
-            ax.plot(samples, value, marker, color=colour, label=label, **style)
-
-
 def _ensembles_caption(histories: EnsembleHistories) -> str:
-    """Return the caption, which names the rules that the samples do not satisfy."""
-    estimates, points, *_ = histories
-    available = len(estimates[0].objective)
-    absent = [rule for rule, samples in points if samples is None or samples > available]
+    estimates = histories[0]
     parts = ["Running objective of the best strings with its 95 % interval."]
-    if len(absent) < len(points):
-        parts.append("Marks: where each stopping rule would have ended the samples of the best.")
-    if absent:
-        parts.append(f"Not satisfied by its {pluralise(available, 'sample')}: {'; '.join(absent)}.")
     if any(0 < each.used < len(each.objective) for each in estimates):
         parts.append(
             "Left of a dotted line are the samples that the string was chosen by; right of it the "
@@ -232,8 +169,8 @@ def _ensembles_data(data: CampaignData, _: FigureOptions) -> EnsembleHistories |
     shown = [i for i in rank_strings(data).order if i in completed][:STRINGS]
     if not shown:
         return None
-    estimates, points = [running_estimate(data, i) for i in shown], stopping_points(data, shown[0])
-    return estimates, points, objective_label(data), objective_of(data).least
+    estimates = [running_estimate(data, i) for i in shown]
+    return estimates, objective_label(data), objective_of(data).least
 
 
 def _counts_data(data: CampaignData, _: FigureOptions) -> SampleCounts | None:
@@ -261,7 +198,7 @@ Figure(
     (PAGE, 4.6),
     empty="no string has samples yet, or its objective needs code that is not run",
     method="plot_ensembles",
-    meaning="Draw running objectives of the best strings and where stopping rules end them.",
+    meaning="Draw running objectives of the best strings with their 95 % intervals.",
 )
 
 Figure(

@@ -1,13 +1,12 @@
 """Number and size of the particles of one run, granular temperature and temperature over time."""
 
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.physics.rough import INERTIA
-from agglom_mpi.report.drawing import panels
-from agglom_mpi.report.style import COLOURS, MIDDLE
+from agglom_mpi.report.style import COLOURS, MIDDLE, panels
 from agglom_mpi.simulation.boundary import Boundary
 from agglom_mpi.simulation.frames import Frames
 
@@ -24,33 +23,15 @@ PANEL_HEIGHT: Final = 1.3
 """Height of a panel, inches."""
 
 
-class Evolution(NamedTuple):
-    """Averages over the particles of one run at F times, arrays of shape (F,).
+Evolution = dict[str, NDArray[Any]]
+"""Averages over the particles of one run by name, at F `times` in s, arrays of shape (F,).
 
-    Attributes
-    ----------
-    times
-        s.
-    particles
-        Number of particles.
-    mean_radius_ratio
-        Mean of b/b⁰ over them.
-    granular_temperature
-        A third of the mean squared velocity about that of the mean flow, by mass:
-        Σ m|v − V|²/(3 Σ m), m²/s²; 0 of a single one.
-    mean_temperature
-        By mass, K.
-    rotational_temperature
-        Σ (2/5)mr²ω²/(3 Σ m), m²/s²; None where grains do not spin.
-    """
-
-    times: Floats
-    particles: NDArray[np.int64]
-    mean_radius_ratio: Floats
-    granular_temperature: Floats
-    mean_temperature: Floats
-    rotational_temperature: Floats | None = None
-
+- `particles`: their number; `mean_radius_ratio`: mean of b/b⁰ over them
+- `granular_temperature`: a third of the mean squared velocity about that of the mean flow, by mass:
+  Σ m|v − V|²/(3 Σ m), m²/s²; 0 of a single one
+- `rotational_temperature`, where grains spin: Σ (2/5)mr²ω²/(3 Σ m), m²/s²
+- `mean_temperature`: by mass, K
+"""
 
 AXIS_LABELS: Final = {
     "particles": "particles",
@@ -84,27 +65,26 @@ def evolution(frames: Frames, box: Boundary | None = None) -> Evolution:
     first = frames.radii[0]
     equal = np.nanmin(first) == np.nanmax(first)
     mean_radius = first[0] if equal else np.nanmean(first)
-    rotation = None
+    rotation: Evolution = {}
     if frames.spins is not None:
         spun = np.where(present[..., None], frames.spins * frames.radii[..., None], 0.0)
-        rotation = INERTIA * np.sum(mass * np.sum(spun**2, axis=2), axis=1) / (3.0 * total)
+        rotational = INERTIA * np.sum(mass * np.sum(spun**2, axis=2), axis=1) / (3.0 * total)
+        rotation = {"rotational_temperature": rotational}
     heat = mass * np.where(present, frames.temperatures, 0.0)
-    return Evolution(
-        times=frames.times,
-        particles=frames.particles,
-        mean_radius_ratio=np.nanmean(frames.radii, axis=1) / mean_radius,
-        granular_temperature=np.sum(mass * square, axis=1) / (3.0 * total),
-        mean_temperature=heat.sum(axis=1) / total,
-        rotational_temperature=rotation,
-    )
+    return rotation | {
+        "times": frames.times,
+        "particles": frames.particles,
+        "mean_radius_ratio": np.nanmean(frames.radii, axis=1) / mean_radius,
+        "granular_temperature": np.sum(mass * square, axis=1) / (3.0 * total),
+        "mean_temperature": heat.sum(axis=1) / total,
+    }
 
 
 def shown_quantities(run: Evolution) -> list[str]:
     """Return the quantities to show: the temperature only if it changes by more than rounding."""
-    low, high = run.mean_temperature.min(), run.mean_temperature.max()
-    absent = set() if high - low > 1e-9 * high else {"mean_temperature"}
-    absent |= {"rotational_temperature"} if run.rotational_temperature is None else set()
-    return [name for name in AXIS_LABELS if name not in absent]
+    temperature = run["mean_temperature"]
+    changes = np.ptp(temperature) > 1e-9 * temperature.max()
+    return [name for name in AXIS_LABELS if name in run and (changes or name != "mean_temperature")]
 
 
 def evolution_size(run: Evolution) -> tuple[float, float]:
@@ -127,12 +107,14 @@ def draw_evolution(figure: "matplotlib.figure.Figure", run: Evolution) -> Any:
         The axes, one for each of `shown_quantities`.
     """
     names = shown_quantities(run)
-    factor, unit = _time_unit(run.times[-1])
+    factor, unit = _time_unit(run["times"][-1])
     axes = panels(figure, len(names), 1, f"time ({unit})")
-    mark = "o" if len(run.times) <= MAX_MARKED else None
+    mark = "o" if len(run["times"]) <= MAX_MARKED else None
     for ax, name, colour in zip(axes, names, COLOURS, strict=False):
-        values = getattr(run, name)
-        ax.plot(run.times / factor, values, color=colour, marker=mark, markersize=4, clip_on=False)
+        values = run[name]
+        ax.plot(
+            run["times"] / factor, values, color=colour, marker=mark, markersize=4, clip_on=False
+        )
         ax.set_ylabel(AXIS_LABELS[name])
         _scale(ax, name, values)
     figure.align_ylabels(axes)
@@ -140,7 +122,6 @@ def draw_evolution(figure: "matplotlib.figure.Figure", run: Evolution) -> Any:
 
 
 def _scale(ax: Any, name: str, values: Floats) -> None:
-    """Choose the vertical axis of a panel."""
     from matplotlib.ticker import MaxNLocator
 
     positive = values[values > 0.0]

@@ -16,9 +16,8 @@ from agglom_mpi.analysis.estimates import objective_of
 from agglom_mpi.config.arguments import count_argument
 from agglom_mpi.declaration.components import import_modules
 from agglom_mpi.errors import require_library
-from agglom_mpi.report.drawing import Drawing, note
 from agglom_mpi.report.sample_particles import RESIMULATION_SECONDS
-from agglom_mpi.report.style import SIZE, finish, styled
+from agglom_mpi.report.style import SIZE, Drawing, finish, note, styled
 from agglom_mpi.storage.reader import CampaignData
 
 if TYPE_CHECKING:

@@ -8,9 +8,8 @@ import numpy as np
 from agglom_mpi.analysis.estimates import Estimate, half_width, objective_of
 from agglom_mpi.analysis.finite_size import FiniteSize, finite_sizes
 from agglom_mpi.analysis.ranking import rank_strings
-from agglom_mpi.report.drawing import legend_below
 from agglom_mpi.report.figures.figure import Figure, FigureOptions, objective_label
-from agglom_mpi.report.style import COLOURS, MIDDLE
+from agglom_mpi.report.style import COLOURS, MIDDLE, legend_below
 from agglom_mpi.storage.reader import CampaignData
 
 Finalists = tuple[Sequence[Estimate], np.ndarray, str, float]

@@ -13,10 +13,9 @@ from agglom_mpi.formatting import axis_label
 from agglom_mpi.measurements.datum import Datum
 from agglom_mpi.measurements.layout import CensusLayout
 from agglom_mpi.measurements.quantities import QUANTITIES, MeanLength, Quantile
-from agglom_mpi.report.drawing import draw_band, figure_legend, panels
 from agglom_mpi.report.figures.data_fit import TWO_SIDED, compared_strings
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
-from agglom_mpi.report.style import COLOURS
+from agglom_mpi.report.style import COLOURS, draw_band, figure_legend, panels
 from agglom_mpi.search.objectives.misfit import MeasuredString
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
@@ -72,7 +71,6 @@ def draw_growth(figure: Any, growth: Growth) -> NDArray[Any]:
 
 
 def _draw_panel(ax: Any, times: Floats, factor: float, panel: GrowthPanel) -> None:
-    """Draw the curves of a panel with their 95 % bands, and what was measured."""
     ax.set_ylabel(panel.label)
     colours: dict[str, str] = {}
     for string, quantity, *curve in panel.curves:
@@ -220,7 +218,6 @@ def _start(data: CampaignData, string: int, quantity: str) -> float:
 def _points(
     kind: _Kind, measured: Sequence[Datum], end: float
 ) -> list[tuple[str, float, float, float, float]]:
-    """Return what was measured of the quantities of a panel, in SI units."""
     points = []
     _, quantities, weight = kind
     for datum in measured:

@@ -11,7 +11,6 @@ from agglom_mpi.analysis.shown_units import unit_of_datum, unit_of_variable
 from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.declaration.units import to_si
 from agglom_mpi.formatting import in_unit
-from agglom_mpi.report.drawing import legend_below
 from agglom_mpi.report.figures.box_panels import (
     MAX_PLOTTED_VARIABLES,
     BoxPoints,
@@ -32,7 +31,7 @@ from agglom_mpi.report.figures.data_fit import (
     draw_data_fit,
 )
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
-from agglom_mpi.report.style import COLOURS, PAGE
+from agglom_mpi.report.style import COLOURS, PAGE, legend_below
 from agglom_mpi.statistics import weighted_quantiles
 from agglom_mpi.storage.reader import CampaignData
 

@@ -10,14 +10,17 @@ from agglom_mpi.analysis.derived import derived_columns, searched_variables, val
 from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.analysis.shown_units import unit_of_variable
 from agglom_mpi.formatting import label_of
-from agglom_mpi.report.drawing import STRING_LINK, figure_legend, legend_below, panels
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
 from agglom_mpi.report.style import (
     COLOURS,
     MIDDLE,
     PAGE,
+    STRING_LINK,
     few_ticks,
+    figure_legend,
     integer_ticks,
+    legend_below,
+    panels,
     tick_text,
     variable_label,
 )

@@ -12,7 +12,6 @@ from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.formatting import label_of
 from agglom_mpi.inference.emulated_set import BOX_POINTS
 from agglom_mpi.inference.set_points import OUTER_PROBABILITY
-from agglom_mpi.report.drawing import histogram_range, legend_below, note, panels
 from agglom_mpi.report.figures.box_panels import (
     MAX_PLOTTED_VARIABLES,
     BoxPoints,
@@ -28,8 +27,7 @@ from agglom_mpi.report.figures.box_panels import (
 )
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
 from agglom_mpi.report.set_summary import shown_directions
-from agglom_mpi.report.style import COLOURS, PAGE, POINT_MAP
-from agglom_mpi.search.membership import largest_share, least_share
+from agglom_mpi.report.style import COLOURS, PAGE, POINT_MAP, histogram_range, legend_below
 from agglom_mpi.storage.reader import CampaignData
 
 if TYPE_CHECKING:
@@ -48,8 +46,6 @@ SMOOTHING: Final = 0.8
 """Standard deviation of the smoothing of a pair's panel, in its cells."""
 FRACTION: Final = "fraction of strings in the set"
 DENSITY: Final = "density over prior"
-MARGINAL_COLUMNS: Final = 3
-"""Maximum number of marginals side by side."""
 REACH_BARS: Final = 40
 """Number of bars of a distribution over the box."""
 AXIS_NAMES: Final = {"mean_radius_ratio": "mean b/b⁰", "objective": "value of the function"}
@@ -191,23 +187,6 @@ def _panel(data: CampaignData, options: FigureOptions) -> SetPanel | None:
     return shown, options.x or names[0], options.y
 
 
-def _marginals_size(count: int) -> tuple[float, float]:
-    """Return width and height of the marginals of some variables, inches."""
-    columns = min(count, MARGINAL_COLUMNS)
-    return max(3.5, PAGE * columns / 3.0), 2.0 * -(-count // columns) + 0.3
-
-
-def draw_marginals(figure: "matplotlib.figure.Figure", shown: PlottedSet) -> Any:
-    """Draw a panel for each variable, and return their axes, shape (d,)."""
-    axes = panels(figure, len(shown.variables), MARGINAL_COLUMNS)
-    for place, (ax, name) in enumerate(zip(axes, shown.variables, strict=True)):
-        _draw_marginal(ax, shown, name)
-        scale_axis(ax.xaxis, shown.points, name, label=True)
-        if place % MARGINAL_COLUMNS == 0:
-            ax.set_ylabel(DENSITY)
-    return axes
-
-
 def _draw_marginal(ax: Any, shown: PlottedSet, name: str) -> None:
     free = shown.variables[name].free
     draw_marginal(ax, shown.points, name, "0.75" if free else COLOURS[0])
@@ -307,35 +286,6 @@ def _combination(of: "FeasibleSet", row: dict[str, Any], strings: Floats) -> Flo
     return np.asarray(np.prod(values ** np.array(powers), axis=1))
 
 
-def draw_reliability(ax: Any, of: "FeasibleSet") -> Any:
-    """Draw observed shares against predicted probabilities, and return the axes."""
-    bins = of.calibration.reliability
-    ax.plot([0, 1], [0, 1], color="0.5", linewidth=0.8)
-    if not bins:
-        note(ax, "too few strings")
-        return ax
-    predicted, observed, strings = (np.array(column) for column in zip(*bins, strict=True))
-    happened = np.rint(observed * strings).astype(np.int64)
-    cases = [(*case, 0.975, 0.0) for case in zip(happened.tolist(), strings.tolist(), strict=True)]
-    lower = np.array([least_share(*case) for case in cases])
-    upper = np.array([largest_share(*case) for case in cases])
-    ax.errorbar(
-        predicted,
-        observed,
-        np.maximum([observed - lower, upper - observed], 0.0),
-        fmt="o",
-        color=COLOURS[0],
-        markersize=4,
-        capsize=2,
-    )
-    ax.set_xlim(0.0, 1.0)
-    ax.set_ylim(0.0, 1.0)
-    ax.set_aspect("equal")
-    ax.set_xlabel("predicted probability")
-    ax.set_ylabel("share of held-out strings")
-    return ax
-
-
 def _pairs_caption(shown: PlottedSet) -> str:
     left = len(shown.variables) - MAX_PLOTTED_VARIABLES
     deviations = f" The set: {shown.of.criterion.text}." if shown.of.robust else ""
@@ -345,7 +295,8 @@ def _pairs_caption(shown: PlottedSet) -> str:
         "with it, over all values of the other variables, that is in the set. Lines enclose where "
         "it is more than half of its largest value (solid), and all pairs for which "
         f"some strings are possible (P ≥ {OUTER_PROBABILITY:g}, dashed). On the diagonal, "
-        f"marginals as in the next figure.{more}{deviations}"
+        "each variable in the set against the prior, which is uniform as the campaign searches "
+        f"(line at 1); free variables, which decide nothing, are grey.{more}{deviations}"
     )
 
 
@@ -396,17 +347,6 @@ Figure(
     takes=("x", "y", "ax", "feasible_set"),
 )
 Figure(
-    "set_marginals",
-    "set",
-    2,
-    plotted,
-    draw_marginals,
-    "Each variable in the set against the prior, which is uniform as the campaign searches (line "
-    "at 1). Free variables, which decide nothing, are grey.",
-    lambda shown: _marginals_size(len(shown.variables)),
-    panels=True,
-)
-Figure(
     "set_group",
     "set",
     3,
@@ -414,17 +354,4 @@ Figure(
     draw_group,
     "The emulated mean of points of the box against the combination of variables that decides "
     "most, with its 90 % interval; the band is the target.",
-)
-Figure(
-    "set_reliability",
-    "set",
-    4,
-    lambda _, options: _calibrated(options),
-    draw_reliability,
-    lambda of: (
-        "Strings that the emulator predicts without their own samples: how often their mean was "
-        f"above {of.calibration.threshold:.4g}, against how probable that was. Bars are 95 % "
-        "intervals of the share; on the diagonal, the emulator is right."
-    ),
-    (3.9, 3.5),
 )

@@ -5,9 +5,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.report.drawing import legend_below
 from agglom_mpi.report.figures.figure import Figure
-from agglom_mpi.report.style import COLOURS, PAGE
+from agglom_mpi.report.style import COLOURS, PAGE, legend_below
 from agglom_mpi.storage.reader import CampaignData
 
 Floats = NDArray[np.float64]

@@ -1,7 +1,6 @@
 """Sections on the run: search, particles, samples, starts, worst samples, failures, origin."""
 
 from collections.abc import Iterator
-from contextlib import suppress
 from datetime import UTC, datetime
 from typing import Any, Final
 
@@ -22,10 +21,8 @@ from agglom_mpi.report.sections.section import (
     section,
     warning,
 )
-from agglom_mpi.search.ensemble import can_be_judged
 from agglom_mpi.storage.attributes import earlier_data
 from agglom_mpi.storage.reader import CampaignData
-from agglom_mpi.storage.recorded_campaign import code_note, recorded_campaign
 from agglom_mpi.storage.schema import FAILURE_CAPACITY
 
 LAST: Final = 20
@@ -43,7 +40,7 @@ def search(page: Page) -> Iterator[Block | Table]:
     yield figures
     if not figures.content:
         yield note("No generation is done yet.")
-    if page.options.sensitivity and "sensitivity" not in [each.name for each in figures.content]:
+    if page.options.sensitivity and "sensitivity" not in [each["name"] for each in figures.content]:
         yield note(
             "Sensitivity: too few strings, all worth the same, or a regression that predicts "
             "nothing."
@@ -85,12 +82,6 @@ def run(page: Page) -> Iterator[Block | Table]:
             f"{employed} of {ranks} ranks simulated: there was no more work, or rank 0 had no time "
             "for more ranks."
         )
-    if not code_note(page.data):
-        with suppress(CampaignError):  # the section on the campaign shows that it is damaged
-            campaign = recorded_campaign(page.data)
-            judged = can_be_judged(campaign.ensemble, campaign.objective)
-            who = "the rank that simulates" if judged else "rank 0"
-            yield note(f"This version lets {who} end a string.")
 
 
 LEG_COLUMNS: Final = (
@@ -138,12 +129,10 @@ def _leg(row: np.void) -> dict[str, Any]:
 
 
 def _share(part: float, whole: float) -> float | None:
-    """Return a part of a whole; None where either is unknown."""
     return part / whole if whole > 0.0 and np.isfinite(part) else None
 
 
 def _date(seconds: float) -> str:
-    """Return a Unix time as date and time."""
     try:
         return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d %H:%M:%S")
     except (OSError, OverflowError, ValueError):

@@ -17,10 +17,10 @@ from rich.console import Console, RenderableType
 from agglom_mpi.config import describe
 from agglom_mpi.declaration.components import import_modules
 from agglom_mpi.display.table import Table
-from agglom_mpi.report import drawing
-from agglom_mpi.report.drawing import STRING_LINK, Drawing
+from agglom_mpi.report import style
 from agglom_mpi.report.figures.figure import FigureOptions, figures
 from agglom_mpi.report.sample_particles import FramesUnavailableError
+from agglom_mpi.report.style import STRING_LINK, Drawing
 from agglom_mpi.storage.reader import CampaignData
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
 
@@ -46,43 +46,27 @@ _STRING: Final = re.compile(rf'<a xlink:href="{re.escape(STRING_LINK)}(\d+)"[^>]
 _OPENING: Final = re.compile(r'<svg [^>]*viewBox="([^"]*)"[^>]*>')
 
 
-class EmbeddedFigure(NamedTuple):
-    """A figure in the page.
+def embedded(directory: Path, drawing: Drawing) -> dict[str, Any]:
+    """Return a figure that was written into a directory as the template of the page takes it.
 
-    Attributes
-    ----------
-    name, caption
-    svg
-        The image as an `svg` element; empty if `source` holds it.
-    source
-        The image as a `data:` URI of a PNG; empty if `svg` holds it.
-    width
-        Largest width on the page, pixels.
-    scrolled_width
-        Width in a narrow window, pixels; 0 if the figure shrinks to the window.
-    wide
-        Whether it takes the whole width of the page.
+    The image is `svg`, an element, or else `source`, the `data:` URI of a PNG; `width` is its
+    largest width and `scrolled_width` that in a narrow window, pixels, 0 if it shrinks to the
+    window; `wide` is whether it takes the whole width of the page.
     """
-
-    name: str
-    caption: str
-    svg: str
-    source: str
-    width: int
-    scrolled_width: int
-    wide: bool
-
-
-def embedded(directory: Path, drawing: Drawing) -> EmbeddedFigure:
-    """Return a figure that was written into a directory as the page holds it."""
     content, source = (directory / f"{drawing.name}.svg").read_bytes(), ""
     svg, width = inline_svg(content.decode(), drawing), drawing.size[0]
     if len(content) > MAX_SVG_BYTES:
         image = base64.b64encode((directory / f"{drawing.name}.png").read_bytes()).decode()
         svg, source = "", f"data:image/png;base64,{image}"
-    scrolled = round(SCROLLED_PIXELS_PER_INCH * width) if width >= SCROLLED else 0
-    pixels = round(PIXELS_PER_INCH * width), scrolled
-    return EmbeddedFigure(drawing.name, drawing.caption, svg, source, *pixels, width >= WIDE)
+    return {
+        "name": drawing.name,
+        "caption": drawing.caption,
+        "svg": svg,
+        "source": source,
+        "width": round(PIXELS_PER_INCH * width),
+        "scrolled_width": round(SCROLLED_PIXELS_PER_INCH * width) if width >= SCROLLED else 0,
+        "wide": width >= WIDE,
+    }
 
 
 def inline_svg(text: str, drawing: Drawing) -> str:
@@ -180,7 +164,7 @@ class Page:
 
     def figures(self, section: str) -> Block:
         """Write the figures of a section that have something to show, and return them."""
-        found: list[EmbeddedFigure] = []
+        found: list[dict[str, Any]] = []
         for figure in figures().values():
             if figure.section != section:
                 continue
@@ -190,7 +174,7 @@ class Page:
                 self.why_no_frames = str(error)
                 continue
             if drawn is not None:
-                drawing.write_drawing(self._directory, drawn)
+                style.write_drawing(self._directory, drawn)
                 found.append(embedded(self._directory, drawn))
         self.figure_count += len(found)
         return Block("figures", found)

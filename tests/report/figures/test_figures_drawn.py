@@ -14,13 +14,12 @@ from agglom_mpi.analysis.extrapolation import extrapolated
 from agglom_mpi.analysis.finite_size import FiniteSize, VolumeMeans
 from agglom_mpi.campaign_file import open_campaign
 from agglom_mpi.config.loading import load_campaign
-from agglom_mpi.report.drawing import Drawing, legend_below, write_drawing
-from agglom_mpi.report.figures import convergence, ensembles
+from agglom_mpi.report.figures import convergence
 from agglom_mpi.report.figures.cloud import cloud_size, draw_frames, draw_radii
 from agglom_mpi.report.figures.figure import FigureOptions, figures
 from agglom_mpi.report.figures.fresh_estimates import draw_finalists, draw_finite_size
 from agglom_mpi.report.sample_particles import RadiusDistribution
-from agglom_mpi.report.style import finish, styled
+from agglom_mpi.report.style import Drawing, finish, legend_below, styled, write_drawing
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.file_setup import prepare
 from agglom_mpi.statistics import MeanEstimate
@@ -263,20 +262,6 @@ def test_radii_by_number_and_by_mass_each_add_up_to_all_particles():
     assert (heights[0], heights[-1]) == (75.0, 25.0)
     assert step.get_xy()[:, 1].max() == pytest.approx(100.0 * 8.0 / 11.0)
     assert sum(heights) == pytest.approx(100.0)
-
-
-def test_a_rule_that_is_not_satisfied_is_in_the_caption_and_not_in_the_legend():
-    estimate = ensembles.RunningEstimate(3, np.array([0.2, 0.1]), np.array([np.nan, 0.1]), 2)
-    points = [("soon", 2), ("never", None)]
-    found = [estimate], points, "objective", 0.0
-    ax = Figure().subplots()
-    ensembles.draw_ensembles(ax, found)
-    legend = " ".join(ax.get_legend_handles_labels()[1])
-    caption = figures()["ensembles"].caption(found)
-    assert "soon" in legend
-    assert "never" not in legend
-    assert "never" in caption
-    assert "soon" not in caption
 
 
 def test_a_single_generation_has_a_tick_at_its_number_alone():
