@@ -11,6 +11,7 @@ from scipy.special import chdtrc
 from toy_posteriors import correlated, linear_emulator, measurements
 
 from agglom_mpi.emulation.blas_threads import single_threaded
+from agglom_mpi.inference.contributions import conditional_densities, datum_points
 from agglom_mpi.inference.data_posterior import posterior_of
 from agglom_mpi.inference.evidence import Evidence, evidence_of
 from agglom_mpi.inference.law_comparison import (
@@ -24,7 +25,6 @@ from agglom_mpi.inference.law_comparison import (
 )
 from agglom_mpi.inference.posterior import Posterior, PosteriorError
 from agglom_mpi.inference.posterior_sampling import WeightedStrings, effective_size
-from agglom_mpi.inference.predictive import conditional_densities, datum_points
 from agglom_mpi.measurements.datum import Datum
 from agglom_mpi.measurements.misfit import ResidualFrame
 
