@@ -1,6 +1,6 @@
 """Tables of the campaign file: their columns, also of censuses; the meaning of a row's number."""
 
-from typing import Final, NamedTuple, TypeAlias
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -10,12 +10,10 @@ from agglom_mpi.measurements.layout import (
     MASSES,
     TEMPERATURES,
     CensusLayout,
-    ExperimentLayouts,
+    Layouts,
+    prefix_of,
 )
 from agglom_mpi.outcome import COLUMNS
-
-Layouts: TypeAlias = CensusLayout | ExperimentLayouts
-"""Layout of the censuses of a sample, or that of each experiment."""
 
 
 class Column(NamedTuple):
@@ -83,9 +81,11 @@ def census_columns(layout: Layouts | None) -> tuple[Column, ...]:
     if layout is None:
         return ()
     found: list[Column] = []
-    for prefix, own in layout.named():
-        columns = _columns_of(own)
-        if prefix:
+    layouts = {"": layout} if isinstance(layout, CensusLayout) else layout
+    for experiment, own in layouts.items():
+        columns, prefix = _columns_of(own), ""
+        if experiment:
+            prefix = prefix_of(experiment)
             results = (Column(c.name, c.dtype, c.unit, c.meaning) for c in COLUMNS)
             columns = (*results, *columns)
         found += (each._replace(name=f"{prefix}{each.name}") for each in columns)
