@@ -38,6 +38,10 @@ from agglom_mpi.statistics import Floats
 
 AT_ONCE: Final = 2048
 """Maximum number of strings whose covariances of all data are kept together."""
+PREDICTIVE_DRAWS: Final = 2000
+"""Number of strings whose predictions are drawn."""
+STRINGS_AT_ONCE: Final = 512
+"""Number of strings whose covariances are inverted together."""
 
 
 class Contribution(NamedTuple):
@@ -166,10 +170,6 @@ def _contribution(
     return Contribution(label, names, widths, drawn.volume, drawn.effective_size)
 
 
-PREDICTIVE_DRAWS: Final = 2000
-"""Number of strings whose predictions are drawn."""
-
-
 class PredictedDatum(NamedTuple):
     """Predictions of the posterior for a datum.
 
@@ -269,10 +269,6 @@ def predict_data(of: EmulatedData, drawn: WeightedStrings) -> tuple[list[Predict
         blind = bool(np.all(datum.standard_errors > differ[rows]))
         found.append(PredictedDatum(datum, draws, p, bool(outside[rows].any()), blind))
     return found, p_values[0]
-
-
-STRINGS_AT_ONCE: Final = 512
-"""Number of strings whose covariances are inverted together."""
 
 
 DatumPoint: TypeAlias = tuple[str, str, slice]
