@@ -1,5 +1,6 @@
 """Tables of the campaign file: their columns, also of censuses; the meaning of a row's number."""
 
+from collections.abc import Mapping
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -73,6 +74,11 @@ def _scalar(code: str) -> np.dtype:
 CRC: Final = Column("crc", "u4", "", "zlib.crc32 of the bytes of this row with this field zero")
 
 
+def layouts_of(layout: Layouts) -> Mapping[str, CensusLayout]:
+    """Return layouts by the name of the experiment, which is empty where a campaign has none."""
+    return {"": layout} if isinstance(layout, CensusLayout) else layout
+
+
 def census_columns(layout: Layouts | None) -> tuple[Column, ...]:
     """Return the columns of the censuses of a sample; none without a layout.
 
@@ -81,8 +87,7 @@ def census_columns(layout: Layouts | None) -> tuple[Column, ...]:
     if layout is None:
         return ()
     found: list[Column] = []
-    layouts = {"": layout} if isinstance(layout, CensusLayout) else layout
-    for experiment, own in layouts.items():
+    for experiment, own in layouts_of(layout).items():
         columns, prefix = _columns_of(own), ""
         if experiment:
             prefix = prefix_of(experiment)
