@@ -97,7 +97,7 @@ def test_the_kept_number_of_best_is_never_dropped_by_their_own_means(data):
     )
     running = dict(enumerate(standings))
     dropped = Racing().dropped(kept, data.draw(st.integers(0, 4)), running, [])
-    best = sorted(running, key=lambda i: standings[i].objective)[:kept]
+    best = sorted(running, key=lambda i: standings[i].value)[:kept]
     assert not set(best) & set(dropped)
 
 
