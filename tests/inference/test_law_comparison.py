@@ -170,8 +170,8 @@ def test_each_impact_of_a_list_is_left_out_alone_and_a_curve_as_a_whole():
         frame = ResidualFrame(data)
 
     points, turned = datum_points(Known)
-    assert [each.name.partition(":")[0] for each in points] == ["curve", *["list"] * 3]
-    assert [each.columns.stop - each.columns.start for each in points] == [2, 1, 1, 1]
+    assert [name.partition(":")[0] for name, *_ in points] == ["curve", *["list"] * 3]
+    assert [own.stop - own.start for *_, own in points] == [2, 1, 1, 1]
     away = np.array([0.0, 0.0, 0.0, 0.03, -0.01, 0.02])
     residuals = turned @ (away @ Known.frame.basis)
     assert residuals[2:] == pytest.approx(away[3:] / errors)

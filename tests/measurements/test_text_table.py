@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from agglom_mpi.declaration.bounded_reading import SHOWN_CHARACTERS, clipped, quoted_start
-from agglom_mpi.measurements.files import grain_file
+from agglom_mpi.measurements.files import size_table
 from agglom_mpi.measurements.files.size_columns import SIZES
 from agglom_mpi.measurements.files.size_table import GRAIN_EXAMPLE, read_diameters
 from agglom_mpi.measurements.files.text_table import (
@@ -115,7 +115,7 @@ def test_another_table_is_refused_with_what_to_write(read, content, said):
 
 
 def test_as_many_sizes_as_are_allowed_are_read(read, monkeypatch):
-    monkeypatch.setattr(grain_file, "MAX_ROWS", 1000)
+    monkeypatch.setattr(size_table, "MAX_ROWS", 1000)
     _, values = read("diameter (um)\n" + "40\n60\n" * 500)
     assert len(values) == 1000
     for rows, said in ((1001, "has 1,001 rows; allowed: 1,000, so keep one in 2"), (9000, "in 10")):
