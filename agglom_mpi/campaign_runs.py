@@ -335,8 +335,7 @@ class RunnableCampaign(Campaign):
         >>> searcher.generation, searcher.is_finished
         (1, False)
         """
-        from agglom_mpi.analysis.learning import evaluated
-        from agglom_mpi.analysis.warm_start import warm_start
+        from agglom_mpi.analysis.warm_start import evaluated, warm_start
         from agglom_mpi.config.searchable import check_search_library, log_narrow
         from agglom_mpi.verbs.searcher import Searcher
 

@@ -10,7 +10,7 @@ these numbers between samples (the delta method), which is updated in constant t
 import math
 from collections.abc import Mapping
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -258,6 +258,11 @@ def mean_of(values: ArrayLike) -> MeanEstimate:
         return MeanEstimate(float(numbers[0]), math.nan, 1)
     error = float(np.std(numbers, ddof=1)) / math.sqrt(numbers.size)
     return MeanEstimate(float(np.mean(numbers)), error, numbers.size)
+
+
+def too_many_failed(failed: Any, samples: Any) -> Any:
+    """Return whether more than 10 % of samples failed, so that their string has no result."""
+    return 10 * failed > samples
 
 
 def without_rounding(value: float, rounding: float) -> float:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from agglom_mpi.formatting import pluralise
 from agglom_mpi.outcome import COMPLETED
 from agglom_mpi.search.proposals import AGAIN
-from agglom_mpi.statistics import t_95, without_rounding
+from agglom_mpi.statistics import t_95, too_many_failed, without_rounding
 
 if TYPE_CHECKING:
     from agglom_mpi.search.objectives.objective import Objective
@@ -140,7 +140,7 @@ def estimate(
     value, error = (without_rounding(number, rounding) for number in law.of_rows(completed))
     samples = len(rows) + timed_out
     failed = samples - len(completed)
-    if 10 * failed > samples:
+    if too_many_failed(failed, samples):
         value = math.inf
     own = [
         without_rounding(float(result[name]), rounding) for name in ("objective", "standard_error")

@@ -79,10 +79,11 @@ def _verified(report: VerificationReport, digests: int, replayed: Replayed | str
     if isinstance(replayed, str):
         yield f"replay: left out; {replayed}"
     else:
+        strings, results, generations = replayed
         yield (
-            f"replay: the samples lead again to {replayed.strings} of "
-            f"{pluralise(rows['strings'], 'string')}, {replayed.results} of "
-            f"{pluralise(rows['results'], 'result')} and {replayed.generations} of "
+            f"replay: the samples lead again to {strings} of "
+            f"{pluralise(rows['strings'], 'string')}, {results} of "
+            f"{pluralise(rows['results'], 'result')} and {generations} of "
             f"{pluralise(rows['generations'], 'population')}"
         )
     for volume, table in zip(report.data.volumes, report.volume_tables, strict=True):

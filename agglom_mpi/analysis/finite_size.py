@@ -19,15 +19,13 @@ from agglom_mpi.analysis.ranking import rank_strings
 from agglom_mpi.analysis.tables import table_of_entries, time_on_free_core
 from agglom_mpi.formatting import value_with_error
 from agglom_mpi.outcome import COMPLETED
-from agglom_mpi.statistics import MeanEstimate, mean_of
+from agglom_mpi.statistics import MeanEstimate, mean_of, too_many_failed
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from agglom_mpi.storage.reader import CampaignData
 
-MAX_FAILED: Final = 0.1
-"""Maximum fraction of failed samples of a volume that counts, as of a string."""
 MIN_LEFT: Final = 8.0
 """Minimum mean number of particles left in the volumes that a limit rests on.
 
@@ -222,11 +220,11 @@ def _means(data: "CampaignData", string: int, volume: int, rows: np.ndarray) -> 
 def means_of_rows(rows: np.ndarray, volume: int, grains: int) -> VolumeMeans | None:
     """Return the means of rows of samples, (n,), without an objective.
 
-    None below two samples, or where more than `MAX_FAILED` of them failed.
+    None below two samples, or where too many of them failed.
     """
     good = rows[rows["state"] == COMPLETED]
     failed = len(rows) - len(good)
-    if len(good) < 2 or failed > MAX_FAILED * len(rows):
+    if len(good) < 2 or too_many_failed(failed, len(rows)):
         return None
     return VolumeMeans(
         volume,

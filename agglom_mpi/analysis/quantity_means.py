@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 MEASURED_ON: Final = "as searched", "re-estimate"
 """Labels of the two means: over the samples that decisions rest on, and over fresh ones."""
+MAX_GRAINS: Final = 2_000_000
+"""Grains of a string whose sizes are drawn again, the first samples of it; a tenth of a second."""
 
 
 def quantity_means(data: "CampaignData", string: int) -> dict[str, tuple[MeanEstimate, ...]]:
@@ -67,10 +69,6 @@ def quantity_table(
         table[own[0]] = np.array([mean.value for mean in means], np.float64), unit
         table[own[1]] = np.array([mean.error for mean in means], np.float64), unit
     return table
-
-
-MAX_GRAINS: Final = 2_000_000
-"""Grains of a string whose sizes are drawn again, the first samples of it; a tenth of a second."""
 
 
 class DrawnFraction(NamedTuple):

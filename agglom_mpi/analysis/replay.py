@@ -1,13 +1,13 @@
 """Replay of the decisions of a campaign from its stored samples."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.analysis.learning import evaluated
 from agglom_mpi.analysis.resimulation import samples_that_differ
+from agglom_mpi.analysis.warm_start import evaluated
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.inversion import inversion_of
 from agglom_mpi.config.own_components import own_of
@@ -35,12 +35,8 @@ from agglom_mpi.storage.verify import VerificationReport, row_list
 T = TypeVar("T")
 
 
-class Replayed(NamedTuple):
-    """Numbers of stored rows that the replay gives again."""
-
-    strings: int
-    results: int
-    generations: int
+Replayed = tuple[int, int, int]
+"""Numbers of stored strings, results and generations that the replay gives again."""
 
 
 class ReplayLog:
@@ -91,12 +87,9 @@ def replay(report: VerificationReport) -> Replayed:
         ValueError,
     ) as error:
         report.faults.append(f"replay: not possible: {error}")
-        return Replayed(0, 0, 0)
-    counts = Replayed(
-        _compare_strings(log, report),
-        _compare_results(log, report),
-        _compare_generations(log, report),
-    )
+        return 0, 0, 0
+    strings, results = _compare_strings(log, report), _compare_results(log, report)
+    counts = strings, results, _compare_generations(log, report)
     _check_end(inversion, log, report)
     return counts
 

@@ -34,7 +34,7 @@ from agglom_mpi.config.user_function import UserFunction, function_of_means
 from agglom_mpi.config.yaml_source import ArgumentError, CampaignError, Problem, parse, with_seed
 from agglom_mpi.declaration.reading import PLAIN, Reading
 from agglom_mpi.measurements.datum import Datum
-from agglom_mpi.measurements.layout import CensusLayout, ExperimentLayouts, prefix_of
+from agglom_mpi.measurements.layout import Layouts, prefix_of
 from agglom_mpi.outcome import SPIN_UNITS
 from agglom_mpi.physics.impact_tests import ImpactTests, impact_tests
 from agglom_mpi.public_face import PublicFace
@@ -86,7 +86,7 @@ class Campaign(metaclass=PublicFace, public=PUBLIC):
     data_entries: tuple[DatumEntry, ...] = ()
     experiments: tuple[CampaignExperiment, ...] = ()
     has_layout: bool = False
-    stored_census: CensusLayout | ExperimentLayouts | None = None
+    stored_census: Layouts | None = None
     scenes: StringScenes = field(init=False)
 
     def __post_init__(self) -> None:
@@ -328,7 +328,7 @@ class Campaign(metaclass=PublicFace, public=PUBLIC):
             raise needs_one_scene(self, field)
 
     @cached_property
-    def census(self) -> CensusLayout | ExperimentLayouts | None:
+    def census(self) -> Layouts | None:
         """When samples are counted by size, and in which classes, as in its file; or None."""
         return self.stored_census or census_layout(self)
 

@@ -1,7 +1,7 @@
 """Measured data of a campaign for samples, and times and size classes of their censuses."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Final
@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from agglom_mpi.config.data_section import fixed_end
 from agglom_mpi.measurements.datum import absent_time, data_times, exact_values
-from agglom_mpi.measurements.layout import CensusLayout, ExperimentLayouts
+from agglom_mpi.measurements.layout import CensusLayout, Layouts, layout_of
 from agglom_mpi.physics.scales import grain_radius
 from agglom_mpi.physics.size_distributions import draw_radii
 from agglom_mpi.random_streams import sample_stream
@@ -23,7 +23,7 @@ MARGIN: Final = 1.2
 """Sizes may lie outside those drawn by this factor; the classes at the ends take what is beyond."""
 
 
-def census_layout(campaign: Any) -> CensusLayout | ExperimentLayouts | None:
+def census_layout(campaign: Any) -> Layouts | None:
     """Return the layout of the censuses of a campaign's samples; None where it has no data.
 
     Parameters
@@ -33,7 +33,7 @@ def census_layout(campaign: Any) -> CensusLayout | ExperimentLayouts | None:
     """
     if campaign.experiments:
         own = ((each.name, _own_layout(each.campaign)) for each in campaign.experiments)
-        return ExperimentLayouts({name: layout for name, layout in own if layout is not None})
+        return {name: layout for name, layout in own if layout is not None}
     return _own_layout(campaign)
 
 
@@ -56,29 +56,29 @@ def common_end(campaign: Any) -> float:
     return fixed_end(campaign.scene.end_time, campaign.variables.of_scene) or 0.0
 
 
-def with_census_of(campaign: Any, stored: CensusLayout | ExperimentLayouts | None) -> Any:
+def with_census_of(campaign: Any, stored: Layouts | None) -> Any:
     """Return a campaign whose samples are counted as those of a file, if that suffices.
 
     A file may have censuses at more times than its campaign has data. A campaign with other
     experiments than the file is returned as it is.
     """
-    names = {*stored.layouts} if isinstance(stored, ExperimentLayouts) else set()
+    names = {*stored} if isinstance(stored, Mapping) else set()
     others = names ^ {each.name for each in campaign.experiments}
     if stored is None or others or uncounted(campaign, stored):
         return campaign
     own = tuple(
-        replace(each, campaign=replace(each.campaign, stored_census=stored.of(each.name)))
+        replace(each, campaign=replace(each.campaign, stored_census=layout_of(stored, each.name)))
         for each in campaign.experiments
     )
     return replace(campaign, experiments=own, stored_census=stored)
 
 
-def uncounted(campaign: Any, stored: CensusLayout | ExperimentLayouts) -> str:
+def uncounted(campaign: Any, stored: Layouts) -> str:
     """Return which datum of a campaign has no census in a file; empty if all have."""
     for name, own in [(each.name, each.campaign) for each in campaign.experiments] or [
         ("", campaign)
     ]:
-        if absent := absent_time(stored.of(name).times, own.data):
+        if absent := absent_time(layout_of(stored, name).times, own.data):
             return f"{name}: {absent}" if name else absent
     return ""
 

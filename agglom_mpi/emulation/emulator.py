@@ -84,6 +84,8 @@ class Emulator:
     Attributes
     ----------
     data : NoisyMeans
+    process : GaussianProcess
+        Of the mean.
     """
 
     def __init__(
@@ -107,21 +109,21 @@ class Emulator:
             weights = data.samples * typical / np.maximum(variance, MIN_RELATIVE_WEIGHING * typical)
             covariance = fit._replace(weights=weights).refined(covariance)
             process = GaussianProcess(covariance, data.points, data.means, weights)
-        self._process = process
+        self.process = process
 
     def mean(self, points: Floats) -> Floats:
         """Return the expected mean at points, (m, d), shape (m,)."""
-        return _blockwise(self._process.mean, points)
+        return _blockwise(self.process.mean, points)
 
     def deviation(self, points: Floats) -> Floats:
         """Return the standard deviation of the mean at points, (m, d), shape (m,)."""
-        return _blockwise(self._process.deviation, points)
+        return _blockwise(self.process.deviation, points)
 
     def mean_and_deviation(self, points: Floats) -> tuple[Floats, Floats]:
         """Return `mean` and `deviation` at points, (m, d), each of shape (m,)."""
         starts = range(0, len(points), MAX_POINTS_AT_ONCE)
         blocks = [
-            self._process.mean_and_deviation(points[i : i + MAX_POINTS_AT_ONCE]) for i in starts
+            self.process.mean_and_deviation(points[i : i + MAX_POINTS_AT_ONCE]) for i in starts
         ]
         if not blocks:
             return np.empty(0), np.empty(0)
@@ -132,27 +134,16 @@ class Emulator:
         """Return the standard deviation of one sample at points, (m, d), shape (m,)."""
         return np.sqrt(self._noise.variance(points, self.mean(points)))
 
-    def means_of(self, values: Floats, points: Floats) -> Floats:
-        """Return the means at points, (m, d), if the data had other values, (R, n): (R, m).
-
-        Covariance, noise and scale stay as they are.
-        """
-        return self._process.means_of(values, points)
-
-    def arrays(self) -> dict[str, Floats]:
-        """Return what `mean` and `deviation` rest on, as `GaussianProcess.arrays` does."""
-        return self._process.arrays()
-
     def draw(self, number: int, random: np.random.Generator) -> "DrawnFunctions":
         """Draw functions from the posterior of the mean."""
-        return DrawnFunctions(self._process, number, random)
+        return DrawnFunctions(self.process, number, random)
 
     def held_out(self) -> tuple[Floats, Floats]:
         """Return the prediction of each mean from all the others, and its deviation, each (n,).
 
         The deviation includes the noise of the samples.
         """
-        return self._process.leave_one_out(), self._process.leave_one_out_deviation()
+        return self.process.leave_one_out(), self.process.leave_one_out_deviation()
 
 
 class DrawnFunctions:

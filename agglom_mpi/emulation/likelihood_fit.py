@@ -57,24 +57,20 @@ MAX_REFINED_POINTS: Final = 700
 """Maximum number of points by which the best of these fits is refined."""
 
 
-class LengthPrior(NamedTuple):
-    """Normal prior of the logarithms of d lengths, with the variance `LOG_LENGTH_VARIANCE`.
+LengthPrior = tuple[Floats | float, ...]
+"""Normal prior of the logarithms of d lengths, with the variance `LOG_LENGTH_VARIANCE`.
 
-    Attributes
-    ----------
-    mean
-        Terms whose sum is the mean, each a number or of shape (d,). They are subtracted one by one,
-        because the order decides the last bits of the fits that recorded searches rest on.
-    """
+These are terms whose sum is the mean, each a number or of shape (d,). They are subtracted one by
+one, because the order decides the last bits of the fits that recorded searches rest on.
+"""
 
-    mean: tuple[Floats | float, ...]
 
-    def negative_log(self, logarithms: Floats) -> tuple[float, Floats]:
-        """Return the negative logarithm of the density at (d,), and its gradient, (d,)."""
-        away = logarithms
-        for term in self.mean:
-            away = away - term
-        return float((away**2).sum()) / (2.0 * LOG_LENGTH_VARIANCE), away / LOG_LENGTH_VARIANCE
+def negative_log(prior: LengthPrior, logarithms: Floats) -> tuple[float, Floats]:
+    """Return the negative logarithm of the density at (d,), and its gradient, (d,)."""
+    away = logarithms
+    for term in prior:
+        away = away - term
+    return float((away**2).sum()) / (2.0 * LOG_LENGTH_VARIANCE), away / LOG_LENGTH_VARIANCE
 
 
 def search_prior(dimensions: int) -> LengthPrior:
@@ -83,7 +79,7 @@ def search_prior(dimensions: int) -> LengthPrior:
     It grows with the square root of d, so that a few points in many dimensions are not fitted by
     noise alone.
     """
-    return LengthPrior((math.sqrt(2.0), 0.5 * math.log(dimensions)))
+    return math.sqrt(2.0), 0.5 * math.log(dimensions)
 
 
 def emulator_prior(dimensions: int, groups: int) -> LengthPrior:
@@ -95,7 +91,7 @@ def emulator_prior(dimensions: int, groups: int) -> LengthPrior:
     own = LOG_LENGTH_BESIDE_GROUPS if groups else LOG_LENGTH
     expected = np.full(dimensions, own + 0.5 * np.log(dimensions))
     expected[dimensions - groups :] += LOG_LENGTH_OF_GROUPS - own
-    return LengthPrior((expected,))
+    return (expected,)
 
 
 def covariance_of(logarithms: Floats) -> Covariance:
@@ -163,7 +159,7 @@ def negative_log_posterior(
     matrix[np.diag_indices_from(matrix)] += noise / data.weights + JITTER
     root = cholesky(matrix, lower=True, check_finite=False)
     weights = cho_solve((root, True), data.values, check_finite=False)
-    prior, prior_slope = data.prior.negative_log(logarithms[1:-1])
+    prior, prior_slope = negative_log(data.prior, logarithms[1:-1])
     value = 0.5 * data.values @ weights + np.log(np.diag(root)).sum() + prior
     if not gradient:
         return float(value), np.empty(0)

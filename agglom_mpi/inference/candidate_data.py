@@ -12,11 +12,11 @@ from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.declaration.units import has_offset, to_si, unit_in
 from agglom_mpi.formatting import in_unit
 from agglom_mpi.measurements.datum import Datum, datum_name
+from agglom_mpi.measurements.layout import Layouts, layout_of
 from agglom_mpi.measurements.quantities import QUANTITIES, AssumedError
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
-    from agglom_mpi.storage.columns import Layouts
 
 REPEATED_ERROR: Final = 0.5
 """Standard error of the repetition of a datum relative to that of the datum."""
@@ -46,7 +46,7 @@ def quantities_to_measure(
     ]
 
 
-def new_data(campaign: "Campaign", layout: "Layouts", measured: Sequence[Datum]) -> list[Datum]:
+def new_data(campaign: "Campaign", layout: Layouts, measured: Sequence[Datum]) -> list[Datum]:
     """Return the data of one number that are not measured yet, of all experiments of a campaign.
 
     Each is at the times of its censuses, also of those without data so far.
@@ -54,7 +54,7 @@ def new_data(campaign: "Campaign", layout: "Layouts", measured: Sequence[Datum])
     scenes = {each.name: each.campaign.scene for each in campaign.experiments}
     found = list[Datum]()
     for name, scene in (scenes or {"": campaign.scene}).items():
-        times = [None if time == math.inf else time for time in layout.of(name).times]
+        times = [None if time == math.inf else time for time in layout_of(layout, name).times]
         known = [datum for datum in measured if datum.experiment == name]
         for new in quantities_to_measure(times, known, not scene.heating.is_absent):
             found.append(replace(new, experiment=name, name=f"{name}: {new.name}") if name else new)

@@ -81,11 +81,8 @@ CHOICE_STREAM, DRAW_STREAM, _, SAMPLE_STREAM = range(4)
 """Random streams of a certificate."""
 
 
-class CertifiedPart(NamedTuple):
-    """A part of a set, and strings of it with their deviations, (n, k) in SI units."""
-
-    part: PartOfSet
-    strings: Floats
+CertifiedPart = tuple[PartOfSet, Floats]
+"""A part of a set, and strings of it with their deviations, (n, k) in SI units."""
 
 
 def certified_part(
@@ -137,7 +134,7 @@ def certified_part(
         drawn = points.draw(emulated, plan.strings, random, kept)
     except RuntimeError as error:
         raise CertificateError(f"{name}: {error}") from None
-    return CertifiedPart(part, wobble.drawn(drawn, random))
+    return part, wobble.drawn(drawn, random)
 
 
 def _chances(

@@ -189,7 +189,7 @@ def _calibration(
     points = emulated.coordinates.of_strings(others)
     measured, values = _made_up(emulated, truths, random)
     processes, mixing = emulated.emulator.processes, emulated.emulator.mixing
-    means = [e.means_of(values[:, :, j], points) for j, e in enumerate(processes)]
+    means = [e.process.means_of(values[:, :, j], points) for j, e in enumerate(processes)]
     mixed = np.stack(means, axis=-1) if means else np.empty((len(truths), len(others), 0))
     exact, own_exact = emulated.exact_numbers(others), emulated.exact_numbers(truths)
     own_exact = own_exact + random.normal(size=own_exact.shape)

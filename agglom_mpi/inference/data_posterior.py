@@ -32,6 +32,12 @@ if TYPE_CHECKING:
 
 MIN_POINTS: Final = 50
 """Minimum number of points with weight of a posterior."""
+MAX_AWAY: Final = 6.0
+"""Distance from the measured mean, in standard deviations, beyond which a string has no weight."""
+MAX_AWAY_OF_NEAREST: Final = 4.0
+"""Maximum distance of the nearest mean in the box from the measured one, in standard deviations."""
+POSITIVE_QUANTITIES: Final = frozenset({"mean_radius_ratio", "mean"})
+"""Quantities that are positive, so that their error is a fraction of them."""
 
 
 @single_threaded
@@ -74,14 +80,6 @@ def posterior_of(emulated: EmulatedData) -> Posterior:
         )
     calibration = calibrate_posterior(emulated, drawn)
     return Posterior(**vars(drawn), of=emulated, calibration=calibration)
-
-
-MAX_AWAY: Final = 6.0
-"""Distance from the measured mean, in standard deviations, beyond which a string has no weight."""
-MAX_AWAY_OF_NEAREST: Final = 4.0
-"""Maximum distance of the nearest mean in the box from the measured one, in standard deviations."""
-POSITIVE_QUANTITIES: Final = frozenset({"mean_radius_ratio", "mean"})
-"""Quantities that are positive, so that their error is a fraction of them."""
 
 
 class MeasuredMean:

@@ -23,6 +23,16 @@ if TYPE_CHECKING:
 
 DEVIATIONS: Final = 16
 """Number of deviations of a string that its probability is averaged over."""
+BOX_POINTS: Final = 1 << 13
+"""Number of even points of the box."""
+SEARCH_STARTS: Final = 8
+"""Number of strings at which the search for the best emulated mean starts."""
+BEST_CANDIDATES: Final = 256
+"""Number of strings of the campaign and of the box that are candidates, too."""
+MAX_DISTANCE: Final = 1e30
+"""Distance in place of one that is infinite or unknown."""
+MAXIMUM_STREAM, VOLUME_STREAM = 2, 3
+"""Further random streams of a set."""
 
 
 def even_places(count: int) -> Floats:
@@ -83,19 +93,6 @@ class Wobble:
             return function(strings)
         count = len(self._wobbling)
         return mean_over_deviations(lambda place: function(self.wobbled(strings, place)), count)
-
-
-BOX_POINTS: Final = 1 << 13
-"""Number of even points of the box."""
-SEARCH_STARTS: Final = 8
-"""Number of strings at which the search for the best emulated mean starts."""
-BEST_CANDIDATES: Final = 256
-"""Number of strings of the campaign and of the box that are candidates, too."""
-MAX_DISTANCE: Final = 1e30
-"""Distance in place of one that is infinite or unknown."""
-
-MAXIMUM_STREAM, VOLUME_STREAM = 2, 3
-"""Further random streams of a set."""
 
 
 class EmulatedSet(EmulatedBox):

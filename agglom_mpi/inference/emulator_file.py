@@ -177,7 +177,7 @@ def _block(number: int, of: EmulatedBox, emulators: list[Emulator], **linear: Fl
     The values are `offset`, (q,), plus `mixing`, (q, k), times the k numbers; `rest`, (q,), is the
     variance of what is not emulated. By default they are the numbers.
     """
-    zero, parts = np.zeros(len(emulators)), [emulator.arrays() for emulator in emulators]
+    zero, parts = np.zeros(len(emulators)), [emulator.process.arrays() for emulator in emulators]
     block = {"mixing": np.eye(len(emulators)), "offset": zero, "rest": zero} | linear
     block |= {name: np.array([part[name] for part in parts]) for name in parts[0]}
     points: Arrays = {"points": emulators[0].data.points, "kept": of.coordinates.kept}

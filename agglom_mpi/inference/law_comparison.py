@@ -17,10 +17,10 @@ import numpy as np
 
 from agglom_mpi.emulation.blas_threads import single_threaded
 from agglom_mpi.formatting import without_nan
+from agglom_mpi.inference.contributions import datum_points
 from agglom_mpi.inference.data_posterior import data_posterior
 from agglom_mpi.inference.evidence import Evidence, evidence_of
 from agglom_mpi.inference.posterior import Posterior, PosteriorError
-from agglom_mpi.inference.predictive import datum_points
 from agglom_mpi.inference.telling_apart import TellingMeasurement, telling_measurements
 from agglom_mpi.measurements.datum import Datum
 from agglom_mpi.measurements.misfit import UNLIKELY, residual_frame

@@ -9,7 +9,14 @@ import numpy as np
 
 from agglom_mpi.declaration.spelling import suggestion
 from agglom_mpi.errors import UserError
-from agglom_mpi.inference.contributions import Contribution, contributions
+from agglom_mpi.inference.contributions import (
+    Contribution,
+    PredictedDatum,
+    conditional_densities,
+    contributions,
+    datum_points,
+    predict_data,
+)
 from agglom_mpi.inference.data_calibration import DataCalibration
 from agglom_mpi.inference.data_emulator import EmulatedData
 from agglom_mpi.inference.draw_groups import (
@@ -30,12 +37,6 @@ from agglom_mpi.inference.posterior_sampling import (
     Measurement,
     WeightedStrings,
     contraction_of,
-)
-from agglom_mpi.inference.predictive import (
-    PredictedDatum,
-    conditional_densities,
-    datum_points,
-    predict_data,
 )
 from agglom_mpi.inference.set_directions import MIN_FREE_SHARE, name_ends, touched_ends
 from agglom_mpi.measurements.misfit import UNLIKELY

@@ -16,12 +16,12 @@ from numpy.lib.recfunctions import repack_fields
 from numpy.typing import NDArray
 
 from agglom_mpi.errors import UserError
-from agglom_mpi.measurements.census import Census, ExperimentCensuses
+from agglom_mpi.measurements.census import Censuses, census_of, sample_count
 from agglom_mpi.measurements.datum import Datum, experiments_of, predictions
 from agglom_mpi.measurements.layout import census_names
 from agglom_mpi.outcome import COMPLETED, FAILED
 from agglom_mpi.search.proposals import MODEL, OFFSPRING
-from agglom_mpi.statistics import Floats
+from agglom_mpi.statistics import Floats, too_many_failed
 from agglom_mpi.storage.recorded_campaign import recorded_campaign
 from agglom_mpi.storage.schema import LEARNED_FAVOURS_LOW, LEARNED_STRING, parameters_of
 from agglom_mpi.storage.table import concatenated, fitted
@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 
 MIN_STRINGS: Final = 50
 """Minimum number of different strings of a campaign that an emulator is made for."""
-MAX_FAILED_SHARE: Final = 0.1
-"""Maximum share of failed samples of a member, as in an ensemble."""
 
 
 class StoredSamples(NamedTuple):
@@ -115,7 +113,7 @@ def _own_samples(data: "CampaignData", learned: bool = True) -> StoredSamples:
     completed = rows["state"] == COMPLETED
     count = np.bincount(place, minlength=len(different))
     bad = np.bincount(place[~completed], minlength=len(different))
-    tried, failed = count > 0, bad > MAX_FAILED_SHARE * count
+    tried, failed = count > 0, too_many_failed(bad, count)
     good = completed & ~failed[place]
     return StoredSamples(different[place[good]], rows[good], different[tried], failed[tried])
 
@@ -237,7 +235,7 @@ def _own_values(
         if np.all(np.isfinite(values)):
             found_strings.append(samples.strings[group])
             found_values.append(values)
-            edges += (census.of(name).edges[[0, -1]] for name in experiments)
+            edges += (census_of(census, name).edges[[0, -1]] for name in experiments)
     if not found_values:
         size = sum(len(datum.values) for datum in data)
         return StringValues(samples.strings[:0], np.empty((0, size)))
@@ -245,7 +243,7 @@ def _own_values(
     return StringValues(np.concatenate(found_strings), np.concatenate(found_values), lengths)
 
 
-def pseudo_values(census: Census | ExperimentCensuses, data: Sequence[Datum]) -> Floats:
+def pseudo_values(census: Censuses, data: Sequence[Datum]) -> Floats:
     """Return the pseudo-values of the n samples of a string, shape (n, Q).
 
     Parameters
@@ -256,7 +254,7 @@ def pseudo_values(census: Census | ExperimentCensuses, data: Sequence[Datum]) ->
         In any order.
     """
     found = predictions(census, data)
-    n = census.samples
+    n = sample_count(census)
     if n == 1:
         return found.pooled[None]
     return np.asarray(n * found.pooled - (n - 1) * found.left_out)

@@ -16,6 +16,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 
@@ -64,10 +65,6 @@ class Census:
         """Number of samples n."""
         return len(self.counts)
 
-    def of(self, experiment: str) -> "Census":
-        """Return the census of an experiment; where a campaign has none, this one."""
-        return self
-
     @cached_property
     def diameters(self) -> Floats:
         """Diameter of the mean mass of the particles of a bin in m, shape (n, T, B); 0 if empty.
@@ -81,26 +78,18 @@ class Census:
         return np.asarray(np.cbrt(6.0 / (math.pi * self.density) * mean_mass))
 
 
-@dataclass(frozen=True, eq=False)
-class ExperimentCensuses:
-    """Censuses of the n samples of a string, each of which has all experiments of a campaign.
+Censuses: TypeAlias = Census | Mapping[str, Census]
+"""Census of the n samples of a string, or those of their experiments by name."""
 
-    Parameters
-    ----------
-    censuses
-        By the name of the experiment.
-    """
 
-    censuses: Mapping[str, Census]
+def census_of(census: Censuses, experiment: str) -> Census:
+    """Return the census of an experiment; where a campaign has none, its own."""
+    return census if isinstance(census, Census) else census[experiment]
 
-    @property
-    def samples(self) -> int:
-        """Number of samples n."""
-        return next(iter(self.censuses.values())).samples
 
-    def of(self, experiment: str) -> Census:
-        """Return the census of an experiment."""
-        return self.censuses[experiment]
+def sample_count(census: Censuses) -> int:
+    """Return the number of samples n."""
+    return census.samples if isinstance(census, Census) else next(iter(census.values())).samples
 
 
 class SampleSums:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.formatting import value_with_prefix
-from agglom_mpi.measurements.census import Census, ExperimentCensuses, SampleSums
+from agglom_mpi.measurements.census import Census, Censuses, SampleSums, census_of, sample_count
 from agglom_mpi.measurements.quantities import PARTICLE_WEIGHTS, QUANTITIES, MeasuredQuantity
 from agglom_mpi.statistics import Floats
 
@@ -175,7 +175,7 @@ class Predictions(NamedTuple):
     left_out: Floats
 
 
-def predictions(census: Census | ExperimentCensuses, data: Sequence[Datum]) -> Predictions:
+def predictions(census: Censuses, data: Sequence[Datum]) -> Predictions:
     """Return what all samples of a string, and all but one, predict for each value of data.
 
     Parameters
@@ -193,10 +193,10 @@ def predictions(census: Census | ExperimentCensuses, data: Sequence[Datum]) -> P
     found: dict[int, Floats] = {}
     for experiment in experiments_of(data):
         own = [i for i, datum in enumerate(data) if datum.experiment == experiment]
-        some = _predicted(census.of(experiment), [data[i] for i in own])
+        some = _predicted(census_of(census, experiment), [data[i] for i in own])
         found |= zip(own, some, strict=True)
     rows = np.column_stack([found[i] for i in range(len(data))])
-    if census.samples == 1:
+    if sample_count(census) == 1:
         rows[1, ~exact_values(data)] = math.nan
     return Predictions(rows[0], rows[1:])
 

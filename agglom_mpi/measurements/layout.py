@@ -1,8 +1,8 @@
 """When the particles of a sample are counted, and in which classes of size; see `Census`."""
 
 import math
-from collections.abc import Iterator, Mapping
-from typing import Final, NamedTuple, Self
+from collections.abc import Mapping
+from typing import Final, NamedTuple, Self, TypeAlias
 
 import numpy as np
 
@@ -45,14 +45,6 @@ class CensusLayout(NamedTuple):
         above = max(0, math.ceil(math.log(largest) / CLASS_WIDTH - 0.5))
         return cls(times, -(below + 0.5) * CLASS_WIDTH, below + 1 + above)
 
-    def of(self, experiment: str) -> "CensusLayout":
-        """Return the layout of an experiment; where a campaign has none, this one."""
-        return self
-
-    def named(self) -> Iterator[tuple[str, "CensusLayout"]]:
-        """Yield the layouts with what the names of their columns begin with: nothing."""
-        yield "", self
-
     @property
     def bytes(self) -> int:
         """Size of the censuses of a sample: 4 and 8 bytes a class and time, 16 more a time."""
@@ -64,29 +56,13 @@ class CensusLayout(NamedTuple):
         return np.exp(self.lower + CLASS_WIDTH * np.arange(self.classes + 1))
 
 
-class ExperimentLayouts(NamedTuple):
-    """Layouts of the censuses of a sample that has several experiments.
+Layouts: TypeAlias = CensusLayout | Mapping[str, CensusLayout]
+"""Layout of the censuses of a sample, or those of its experiments by name, as the file has them."""
 
-    Attributes
-    ----------
-    layouts
-        By the name of the experiment, in the order of the file.
-    """
 
-    layouts: Mapping[str, CensusLayout]
-
-    def of(self, experiment: str) -> CensusLayout:
-        """Return the layout of an experiment."""
-        return self.layouts[experiment]
-
-    def named(self) -> Iterator[tuple[str, CensusLayout]]:
-        """Yield the layouts with what the names of their columns begin with, as `slow.`."""
-        yield from ((prefix_of(name), layout) for name, layout in self.layouts.items())
-
-    @property
-    def bytes(self) -> int:
-        """Size of the censuses of a sample."""
-        return sum(layout.bytes for layout in self.layouts.values())
+def layout_of(layout: Layouts, experiment: str) -> CensusLayout:
+    """Return the layout of an experiment; where a campaign has none, its own."""
+    return layout if isinstance(layout, CensusLayout) else layout[experiment]
 
 
 def prefix_of(experiment: str) -> str:

@@ -19,7 +19,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.measurements.census import Census, ExperimentCensuses
+from agglom_mpi.measurements.census import Censuses, sample_count
 from agglom_mpi.measurements.datum import Datum, exact_values, predictions
 from agglom_mpi.statistics import Floats
 
@@ -86,7 +86,7 @@ class Misfit(NamedTuple):
     parts: tuple[DatumMisfit, ...]
 
 
-def misfit(census: Census | ExperimentCensuses, data: Sequence[Datum]) -> Misfit:
+def misfit(census: Censuses, data: Sequence[Datum]) -> Misfit:
     """Return how far a string is from data.
 
     Parameters
@@ -97,7 +97,7 @@ def misfit(census: Census | ExperimentCensuses, data: Sequence[Datum]) -> Misfit
         At least one datum.
     """
     frame = residual_frame(tuple(data))
-    if census.samples == 0:
+    if sample_count(census) == 0:
         return frame.nothing()
     predicted = predictions(census, data)
     if not np.all(np.isfinite(predicted.pooled)):

@@ -103,10 +103,9 @@ class MeasuredQuantity(Component):
         """
         raise NotImplementedError
 
-    @needed
     def at_start(self, grains: int, diameter: float, temperature: float) -> float:
-        """Return the number at the start, of grains of a diameter in m; nan if they differ."""
-        raise NotImplementedError
+        """Return the number at the start, of grains of a diameter in m; nan if it is not known."""
+        return math.nan
 
     def one_name(self, weight: str) -> tuple[str, str]:
         """Return quantity and weight by the one name of all that are proportional to each other.
@@ -156,10 +155,6 @@ class Sizes(MeasuredQuantity):
         """Shares of the pooled particles in the classes of the datum."""
         assert edges is not None
         return sums.shares(edges, weight)
-
-    def at_start(self, grains: int, diameter: float, temperature: float) -> float:
-        """Nan: the grains are in one class."""
-        return math.nan
 
     def within_limits(self, values: Floats, lengths: tuple[float, float]) -> Floats:
         """At least 0; shares keep their sum."""
@@ -347,10 +342,6 @@ class CoefficientOfRestitution(MeasuredQuantity):
         assert edges is not None
         assert sums.coefficients is not None
         return np.tile(sums.coefficients(edges), (1 + len(sums.counts), 1))
-
-    def at_start(self, grains: int, diameter: float, temperature: float) -> float:
-        """Nan: each impact has its own."""
-        return math.nan
 
 
 MEAN_POWERS: Final = {"number": (1, 0), "area": (3, 2), "mass": (4, 3)}

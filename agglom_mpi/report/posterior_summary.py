@@ -18,12 +18,12 @@ from agglom_mpi.formatting import (
     pluralise,
     value_with_error,
 )
+from agglom_mpi.inference.contributions import PredictedDatum
 from agglom_mpi.inference.data_posterior import MeasuredMean
 from agglom_mpi.inference.law_comparison import MAX_PARETO, LawComparison
 from agglom_mpi.inference.next_measurement import NextMeasurements
 from agglom_mpi.inference.posterior import Posterior
 from agglom_mpi.inference.posterior_sampling import CENTRAL, REPORTED_QUANTILES
-from agglom_mpi.inference.predictive import PredictedDatum
 from agglom_mpi.inference.searched_box import SearchedBox
 from agglom_mpi.inference.set_points import quantity_name
 from agglom_mpi.measurements.datum import Datum

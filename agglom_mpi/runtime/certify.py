@@ -133,9 +133,9 @@ class Certification(GivenStrings):
         self.campaign = replace(fresh, output=Output(), final=None)
         self.max_failures = campaign.stopping.max_failures
         self.max_seconds = campaign.stopping.max_seconds
-        self.strings, self.of, self.path = found.strings, data.path, certificate_path(data.path)
-        self._test = membership_test(data, plan, found.part)
-        self._entries = plan.recorded_entries() | found.part.entries()
+        (part, self.strings), self.of, self.path = found, data.path, certificate_path(data.path)
+        self._test = membership_test(data, plan, part)
+        self._entries = plan.recorded_entries() | part.entries()
         self._entries[f"{ENTRY}of"] = samples_digest(data)
 
     @property
@@ -249,10 +249,10 @@ def certification(
     found = begun_part(data, plan, path) if path.exists() else None
     if found is None:
         show(f"choosing the part of the set of {data.path} to certify")
-        found = part_of_set(data, plan)
-        share, chance = format_percent(found.part.share, 3), format_percent(found.part.expected)
+        part, _ = found = part_of_set(data, plan)
+        share, chance = format_percent(part.share, 3), format_percent(part.expected)
         show(
-            f"strings with P ≥ {found.part.least_probability:.3g}, {share} of the box; the "
+            f"strings with P ≥ {part.least_probability:.3g}, {share} of the box; the "
             f"emulator expects the claim to be shown with a probability of {chance}"
         )
     return Certification(data, campaign, plan, found)
@@ -307,7 +307,7 @@ def begun_part(data: CampaignData, plan: CertificatePlan, path: Path) -> Certifi
     if len(known) < plan.strings:
         return None
     strings = np.array([known[string] for string in range(plan.strings)])
-    return CertifiedPart(PartOfSet.of_entries(file.identity), strings)
+    return PartOfSet.of_entries(file.identity), strings
 
 
 @single_threaded

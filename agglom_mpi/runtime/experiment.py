@@ -8,8 +8,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.analysis.learning import Learned, evaluated
-from agglom_mpi.analysis.warm_start import WarmStart
+from agglom_mpi.analysis.warm_start import Learned, WarmStart, evaluated
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.identity import SEPARATORS, digest
 from agglom_mpi.config.inversion import Restore, inversion_of

@@ -19,6 +19,7 @@ from agglom_mpi.runtime.experiment import Experiment
 from agglom_mpi.runtime.provenance import sources_digest
 from agglom_mpi.search.methods.method import SearchMethod
 from agglom_mpi.storage.access import DamagedCampaign
+from agglom_mpi.storage.columns import layouts_of
 from agglom_mpi.storage.create import create_campaign_file, enlarge_campaign_file, replace_data
 from agglom_mpi.storage.reader import CampaignData, read_campaign
 from agglom_mpi.storage.room import check_room
@@ -204,7 +205,8 @@ def kept_as_it_was(path: Path, file: CampaignData, experiment: Experiment) -> li
     if before := file.strings_of_earlier_data:
         lines.append(f"{path}: {pluralise(before, 'string')} of it were chosen by earlier data")
     counted = file.sizes.census
-    times = set() if counted is None else {t for _, each in counted.named() for t in each.times}
+    layouts = {} if counted is None else layouts_of(counted)
+    times = {time for each in layouts.values() for time in each.times}
     if absent := sorted(set(experiment.campaign.output.census) - times):
         shown = ", ".join(value_with_prefix(time, "s") for time in absent)
         lines.append(f"{path}: has no censuses at {shown}, and gets none (--output)")

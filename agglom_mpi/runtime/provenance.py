@@ -67,7 +67,6 @@ DECIDING: Final = (
     "runtime/experiment.py",
     # What a search begins with, and which strings are estimated again.
     "analysis/estimates.py",
-    "analysis/learning.py",
     "analysis/ranking.py",
     "analysis/warm_start.py",
     "inference/stored_samples.py",

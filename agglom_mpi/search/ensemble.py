@@ -11,7 +11,7 @@ from agglom_mpi.judge import HALF_WIDTH, EnsembleMeans, Judge, new_judge
 from agglom_mpi.outcome import SampleSummary
 from agglom_mpi.search.objectives.objective import Objective, RadiusAccumulator, RadiusObjective
 from agglom_mpi.search.stopping import EnsembleState, FixedNumber, StoppingRule
-from agglom_mpi.statistics import Floats, PooledMoments, RunningMean, t_95
+from agglom_mpi.statistics import Floats, PooledMoments, RunningMean, t_95, too_many_failed
 
 MIN_SAMPLES_TO_GIVE_UP: Final = 10
 """Fewest samples at which the share of failed ones may end an ensemble."""
@@ -196,7 +196,7 @@ class Ensemble:
     @property
     def _unreliable(self) -> bool:
         samples, failed = self._before
-        return 10 * (failed + self.failed) > samples + self.samples_used
+        return too_many_failed(failed + self.failed, samples + self.samples_used)
 
     def _measure(self, outcome: SampleSummary) -> None:
         ratio, left = outcome.mean_radius_ratio, outcome.particles

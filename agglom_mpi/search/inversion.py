@@ -21,9 +21,9 @@ from agglom_mpi.search.proposals import (
     StringEvaluated,
     StringsProposed,
 )
-from agglom_mpi.search.racing import RaceEntry, Racing
+from agglom_mpi.search.racing import Racing
 from agglom_mpi.search.sample_paths import SampleBatch, SamplePart, WaitingSamples, extend
-from agglom_mpi.statistics import Floats
+from agglom_mpi.statistics import Floats, MeanEstimate
 
 
 class Inversion:
@@ -332,10 +332,10 @@ class Inversion:
             needed = self._racing.samples(self._round)
             if any(ensemble.samples_used < needed for ensemble in self._open.values()):
                 return
-            running = {string: _race_entry(ensemble) for string, ensemble in self._open.items()}
+            running = {string: _estimate(ensemble) for string, ensemble in self._open.items()}
             done = [string for string in self._numbers.tolist() if string in self.results]
             kept = () if AGAIN in self._origins else self._parents
-            others = [_race_entry(self._ended[string]) for string in [*kept, *done]]
+            others = [_estimate(self._ended[string]) for string in [*kept, *done]]
             for string in self._racing.dropped(self._search.parents, self._round, running, others):
                 yield self._close(string, self._open[string])
             self._round += 1
@@ -372,6 +372,6 @@ class Inversion:
         )
 
 
-def _race_entry(ensemble: Ensemble) -> RaceEntry:
+def _estimate(ensemble: Ensemble) -> MeanEstimate:
     result = ensemble.result()
-    return RaceEntry(result.objective, result.standard_error, ensemble.completed)
+    return MeanEstimate(result.objective, result.standard_error, ensemble.completed)

@@ -6,22 +6,14 @@ the samples that they have; then r is doubled. Rounds, not arrivals, decide: the
 """
 
 import math
-from typing import Annotated, Final, NamedTuple
+from typing import Annotated, Final
 
 from agglom_mpi.declaration.components import In, Whole
 from agglom_mpi.declaration.declared import Declared
-from agglom_mpi.statistics import t_quantile
+from agglom_mpi.statistics import MeanEstimate, t_quantile
 
 MIN_INTERVAL_SAMPLES: Final = 2
 """Minimum number of samples for an interval."""
-
-
-class RaceEntry(NamedTuple):
-    """Objective of a string so far, its standard error, and the samples that they rest on."""
-
-    objective: float
-    standard_error: float
-    samples: int
 
 
 class Racing(Declared):
@@ -46,8 +38,8 @@ class Racing(Declared):
         self,
         kept: int,
         round_number: int,
-        running: dict[int, RaceEntry],
-        others: list[RaceEntry],
+        running: dict[int, MeanEstimate],
+        others: list[MeanEstimate],
     ) -> list[int]:
         """Return the running strings that are out, in the order of `running`.
 
@@ -64,7 +56,7 @@ class Racing(Declared):
         round_number
             Counted from 0.
         running
-            Strings that still get samples, by number.
+            Objectives so far of strings that still get samples, by number.
         others
             Parents, and strings of this generation that have enough.
         """
@@ -80,9 +72,9 @@ class Racing(Declared):
         return [string for string, (lower, _) in ends.items() if lower > threshold]
 
 
-def _interval(entry: RaceEntry, coverage: float) -> tuple[float, float]:
+def _interval(entry: MeanEstimate, coverage: float) -> tuple[float, float]:
     """Return the t interval of an objective; (-inf, inf) where its error is not known."""
-    if entry.samples < MIN_INTERVAL_SAMPLES or not math.isfinite(entry.standard_error):
+    if entry.samples < MIN_INTERVAL_SAMPLES or not math.isfinite(entry.error):
         return -math.inf, math.inf
-    half = t_quantile(entry.samples - 1, coverage) * entry.standard_error
-    return entry.objective - half, entry.objective + half
+    half = t_quantile(entry.samples - 1, coverage) * entry.error
+    return entry.value - half, entry.value + half

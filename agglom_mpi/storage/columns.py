@@ -1,6 +1,7 @@
 """Tables of the campaign file: their columns, also of censuses; the meaning of a row's number."""
 
-from typing import Final, NamedTuple, TypeAlias
+from collections.abc import Mapping
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -10,12 +11,10 @@ from agglom_mpi.measurements.layout import (
     MASSES,
     TEMPERATURES,
     CensusLayout,
-    ExperimentLayouts,
+    Layouts,
+    prefix_of,
 )
 from agglom_mpi.outcome import COLUMNS
-
-Layouts: TypeAlias = CensusLayout | ExperimentLayouts
-"""Layout of the censuses of a sample, or that of each experiment."""
 
 
 class Column(NamedTuple):
@@ -75,6 +74,11 @@ def _scalar(code: str) -> np.dtype:
 CRC: Final = Column("crc", "u4", "", "zlib.crc32 of the bytes of this row with this field zero")
 
 
+def layouts_of(layout: Layouts) -> Mapping[str, CensusLayout]:
+    """Return layouts by the name of the experiment, which is empty where a campaign has none."""
+    return {"": layout} if isinstance(layout, CensusLayout) else layout
+
+
 def census_columns(layout: Layouts | None) -> tuple[Column, ...]:
     """Return the columns of the censuses of a sample; none without a layout.
 
@@ -83,9 +87,10 @@ def census_columns(layout: Layouts | None) -> tuple[Column, ...]:
     if layout is None:
         return ()
     found: list[Column] = []
-    for prefix, own in layout.named():
-        columns = _columns_of(own)
-        if prefix:
+    for experiment, own in layouts_of(layout).items():
+        columns, prefix = _columns_of(own), ""
+        if experiment:
+            prefix = prefix_of(experiment)
             results = (Column(c.name, c.dtype, c.unit, c.meaning) for c in COLUMNS)
             columns = (*results, *columns)
         found += (each._replace(name=f"{prefix}{each.name}") for each in columns)

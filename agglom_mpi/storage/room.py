@@ -11,9 +11,9 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self
 
 from agglom_mpi.formatting import value_with_prefix
-from agglom_mpi.measurements.layout import CensusLayout, ExperimentLayouts
+from agglom_mpi.measurements.layout import CensusLayout, Layouts
 from agglom_mpi.outcome import SPIN_UNITS
-from agglom_mpi.storage.columns import Layouts, TableSchema
+from agglom_mpi.storage.columns import TableSchema
 from agglom_mpi.storage.schema import (
     FAILURE_CAPACITY,
     FAILURES,
@@ -236,8 +236,8 @@ EXPERIMENTS: Final = "experiments"
 
 def _census_text(layout: Layouts) -> str:
     """Return a layout as JSON: times in s, null for the end; edges are diameters over 2 b0."""
-    if isinstance(layout, ExperimentLayouts):
-        own = {name: _census_entries(each) for name, each in layout.layouts.items()}
+    if not isinstance(layout, CensusLayout):
+        own = {name: _census_entries(each) for name, each in layout.items()}
         return json.dumps({EXPERIMENTS: own})
     return json.dumps(_census_entries(layout))
 
@@ -256,7 +256,7 @@ def _census(text: str) -> Layouts | None:
     except ValueError:
         entries = None
     if isinstance(entries, dict) and isinstance(own := entries.get(EXPERIMENTS), dict) and own:
-        return ExperimentLayouts({name: _layout(each) for name, each in own.items()})
+        return {name: _layout(each) for name, each in own.items()}
     return _layout(entries)
 
 

@@ -8,8 +8,9 @@ from typing import Final
 
 import numpy as np
 
+from agglom_mpi.measurements.layout import Layouts
 from agglom_mpi.outcome import COLUMNS, SPIN_COLUMNS
-from agglom_mpi.storage.columns import CRC, Column, Layouts, TableSchema, census_columns
+from agglom_mpi.storage.columns import CRC, Column, TableSchema, census_columns
 from agglom_mpi.variables import MAX_VARIABLE_NAME, TEN, VariableTable
 
 FORMAT: Final = "agglom_mpi campaign"

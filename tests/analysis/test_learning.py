@@ -12,8 +12,7 @@ from search_runs import write_search
 
 import agglom_mpi
 from agglom_mpi.analysis.file_check import check_file
-from agglom_mpi.analysis.learning import evaluated
-from agglom_mpi.analysis.warm_start import warm_start
+from agglom_mpi.analysis.warm_start import evaluated, warm_start
 from agglom_mpi.cli import main
 from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign

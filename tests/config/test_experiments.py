@@ -47,7 +47,7 @@ def test_data_belong_to_their_experiments(campaign):
 
 
 def test_an_experiment_without_data_is_counted_at_its_end(campaign):
-    layouts = campaign.census.layouts
+    layouts = campaign.census
     assert {name: each.times for name, each in layouts.items()} == {
         "slow": (2e-3, np.inf),
         "fast": (np.inf,),

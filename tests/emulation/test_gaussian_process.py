@@ -19,6 +19,7 @@ from agglom_mpi.emulation.likelihood_fit import (
     NOISE_BOUNDS,
     fit_covariance,
     fit_data,
+    negative_log,
     negative_log_posterior,
     search_prior,
 )
@@ -142,7 +143,7 @@ def test_posterior_and_likelihood_are_those_of_scikit_learn(dimensions, count, s
     assert process.sample_deviation == pytest.approx(scale * np.sqrt(covariance.noise))
     at = logarithms(covariance)
     unlikely, _ = negative_log_posterior(at, data_of(points, values, samples))
-    before = search_prior(dimensions).negative_log(at[1:-1])[0]
+    before = negative_log(search_prior(dimensions), at[1:-1])[0]
     likelihood = before - unlikely - 0.5 * count * np.log(2.0 * np.pi)
     assert likelihood == pytest.approx(peer.log_marginal_likelihood_value_, rel=1e-7, abs=1e-7)
 
@@ -285,7 +286,7 @@ def test_a_fit_finds_the_lengths_and_the_noise_that_there_are(seed):
     better = log_likelihood(fitted, points, centred) - log_likelihood(logs, points, centred)
     unlikely = chi2.isf(2.0 * norm.sf(4.0), len(logs))  # as 4 standard errors
     prior = search_prior(2)
-    by_prior = prior.negative_log(logs[1:-1])[0] - prior.negative_log(fitted[1:-1])[0]
+    by_prior = negative_log(prior, logs[1:-1])[0] - negative_log(prior, fitted[1:-1])[0]
     assert better + by_prior > 0.0  # the fit is at least as good as what there is
     assert 2.0 * better < unlikely
     error = noise_error(logs, points)

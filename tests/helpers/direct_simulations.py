@@ -9,7 +9,6 @@ import numpy as np
 from agglom_mpi.inference.data_emulator import EmulatedData
 from agglom_mpi.inference.posterior_sampling import PRIOR_POINTS, sample_posterior
 from agglom_mpi.inference.stored_samples import pseudo_values, stored_samples, string_values
-from agglom_mpi.measurements.census import ExperimentCensuses
 from agglom_mpi.verbs.simulate import simulate
 
 FIRST_SAMPLE = 5000
@@ -28,7 +27,7 @@ def predicted(campaign, string, data, samples, first=FIRST_SAMPLE):
     own = [(each.name, each.campaign, each.own(string)) for each in campaign.experiments]
     names = {datum.experiment for datum in data}
     censuses = {name: _census(alone, s, numbers) for name, alone, s in own if name in names}
-    return pseudo_values(ExperimentCensuses(censuses), data)
+    return pseudo_values(censuses, data)
 
 
 def _census(campaign, string, numbers):

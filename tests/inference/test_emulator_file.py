@@ -52,7 +52,7 @@ def inside(emulator, count=POINTS):
 def test_it_answers_as_the_set_of_the_campaign_does(exported, doubling):
     emulator = PortableEmulator(exported)
     strings = inside(emulator)
-    process = doubling.emulated.emulator.processes[0].arrays()
+    process = doubling.emulated.emulator.processes[0].process.arrays()
     prior = process["scale"] * np.sqrt(process["variance"])
     assert emulator.mean(strings) == pytest.approx(doubling.mean(strings), rel=AGREEMENT)
     expected = doubling.deviation(strings)

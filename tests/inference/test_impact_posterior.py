@@ -10,12 +10,12 @@ from toy_posteriors import NOISE, SAMPLES, STRINGS, measurements
 
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.emulation.blas_threads import single_threaded
+from agglom_mpi.inference.contributions import predict_data
 from agglom_mpi.inference.data_emulator import EmulatedData
 from agglom_mpi.inference.data_posterior import posterior_of
 from agglom_mpi.inference.evidence import evidence_of
 from agglom_mpi.inference.expected_volume import expected_volume
 from agglom_mpi.inference.next_measurement import dense_points, measurables
-from agglom_mpi.inference.predictive import predict_data
 from agglom_mpi.inference.searched_box import SearchedBox
 from agglom_mpi.inference.stored_samples import StoredSamples, StringValues
 from agglom_mpi.measurements.datum import Datum

@@ -11,6 +11,7 @@ from scipy.special import chdtrc
 from toy_posteriors import correlated, linear_emulator, measurements
 
 from agglom_mpi.emulation.blas_threads import single_threaded
+from agglom_mpi.inference.contributions import conditional_densities, datum_points
 from agglom_mpi.inference.data_posterior import posterior_of
 from agglom_mpi.inference.evidence import Evidence, evidence_of
 from agglom_mpi.inference.law_comparison import (
@@ -24,7 +25,6 @@ from agglom_mpi.inference.law_comparison import (
 )
 from agglom_mpi.inference.posterior import Posterior, PosteriorError
 from agglom_mpi.inference.posterior_sampling import WeightedStrings, effective_size
-from agglom_mpi.inference.predictive import conditional_densities, datum_points
 from agglom_mpi.measurements.datum import Datum
 from agglom_mpi.measurements.misfit import ResidualFrame
 
@@ -170,8 +170,8 @@ def test_each_impact_of_a_list_is_left_out_alone_and_a_curve_as_a_whole():
         frame = ResidualFrame(data)
 
     points, turned = datum_points(Known)
-    assert [each.name.partition(":")[0] for each in points] == ["curve", *["list"] * 3]
-    assert [each.columns.stop - each.columns.start for each in points] == [2, 1, 1, 1]
+    assert [name.partition(":")[0] for name, *_ in points] == ["curve", *["list"] * 3]
+    assert [own.stop - own.start for *_, own in points] == [2, 1, 1, 1]
     away = np.array([0.0, 0.0, 0.0, 0.03, -0.01, 0.02])
     residuals = turned @ (away @ Known.frame.basis)
     assert residuals[2:] == pytest.approx(away[3:] / errors)

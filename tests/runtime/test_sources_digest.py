@@ -28,7 +28,7 @@ SAME = [
 ]
 OTHER = [
     ("physics/constants.py", "8.314462618", "8.314462619"),
-    ("search/ensemble.py", "10 * (failed", "11 * (failed"),
+    ("statistics.py", "10 * failed", "11 * failed"),
     ("config/campaign.py", "first_sample", "other_sample"),
     ("config/searchable.py", "campaign.plan is None", "campaign.plan is not None"),
     ("config/identity.py", '"seed"', '"sown"'),

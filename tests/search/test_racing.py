@@ -13,7 +13,8 @@ from searches import genetic_search
 
 from agglom_mpi.search.ending import Generations
 from agglom_mpi.search.inversion import Inversion
-from agglom_mpi.search.racing import RaceEntry, Racing
+from agglom_mpi.search.racing import Racing
+from agglom_mpi.statistics import MeanEstimate
 
 GENERATIONS, MOST = 4, 60
 
@@ -64,22 +65,24 @@ def run(racing, shuffle=None):
 
 def test_a_string_whose_interval_lies_above_those_of_all_kept_is_dropped():
     racing = Racing(confidence=0.95, first=5)
-    running = {7: RaceEntry(0.9, 0.001, 5), 8: RaceEntry(0.50002, 0.001, 5)}
-    others = [RaceEntry(0.5, 0.001, 20), RaceEntry(0.4, 0.001, 20)]
+    running = {7: MeanEstimate(0.9, 0.001, 5), 8: MeanEstimate(0.50002, 0.001, 5)}
+    others = [MeanEstimate(0.5, 0.001, 20), MeanEstimate(0.4, 0.001, 20)]
     assert racing.dropped(2, 0, running, others) == [7]
 
 
 def test_no_string_is_dropped_while_there_are_no_more_than_are_kept():
     racing = Racing(confidence=0.95, first=5)
-    running = {i: RaceEntry(float(i), 1e-6, 50) for i in range(4)}
+    running = {i: MeanEstimate(float(i), 1e-6, 50) for i in range(4)}
     assert racing.dropped(4, 0, running, []) == []
 
 
-@pytest.mark.parametrize("unknown", [RaceEntry(0.9, math.nan, 1), RaceEntry(math.inf, math.nan, 0)])
+@pytest.mark.parametrize(
+    "unknown", [MeanEstimate(0.9, math.nan, 1), MeanEstimate(math.inf, math.nan, 0)]
+)
 def test_a_string_without_an_error_is_not_dropped_and_drops_nobody(unknown):
     racing = Racing(confidence=0.95, first=5)
-    assert racing.dropped(1, 0, {1: unknown}, [RaceEntry(0.1, 1e-9, 50)]) == []
-    assert racing.dropped(1, 0, {1: RaceEntry(0.9, 1e-9, 50)}, [unknown]) == []
+    assert racing.dropped(1, 0, {1: unknown}, [MeanEstimate(0.1, 1e-9, 50)]) == []
+    assert racing.dropped(1, 0, {1: MeanEstimate(0.9, 1e-9, 50)}, [unknown]) == []
 
 
 @given(st.data())
@@ -88,17 +91,19 @@ def test_the_kept_number_of_best_is_never_dropped_by_their_own_means(data):
     kept = data.draw(st.integers(1, 6))
     number = st.floats(1e-3, 10.0)
     standings = data.draw(
-        st.lists(st.builds(RaceEntry, number, number, st.integers(2, 100)), min_size=1, max_size=20)
+        st.lists(
+            st.builds(MeanEstimate, number, number, st.integers(2, 100)), min_size=1, max_size=20
+        )
     )
     running = dict(enumerate(standings))
     dropped = Racing().dropped(kept, data.draw(st.integers(0, 4)), running, [])
-    best = sorted(running, key=lambda i: standings[i].objective)[:kept]
+    best = sorted(running, key=lambda i: standings[i].value)[:kept]
     assert not set(best) & set(dropped)
 
 
 def test_more_confidence_drops_fewer():
     rng = np.random.default_rng(0)
-    running = {i: RaceEntry(rng.uniform(), 0.05, 10) for i in range(40)}
+    running = {i: MeanEstimate(rng.uniform(), 0.05, 10) for i in range(40)}
     counts = [
         len(Racing(confidence=c).dropped(4, 0, running, []))
         for c in (0.6, 0.9, 0.99, 0.9999, 1 - 1e-9)
@@ -119,7 +124,7 @@ def test_the_best_are_dropped_no_more_often_than_the_confidence_allows():
             r = racing.samples(race)
             seen = {i: means[i] + noise[i, :r] for i in range(8)}
             standings = {
-                i: RaceEntry(x.mean(), x.std(ddof=1) / math.sqrt(r), r) for i, x in seen.items()
+                i: MeanEstimate(x.mean(), x.std(ddof=1) / math.sqrt(r), r) for i, x in seen.items()
             }
             running = {i: standings[i] for i in alive}
             out = [standings[i] for i in set(range(8)) - alive]
@@ -167,7 +172,7 @@ def test_a_string_is_dropped_where_intervals_of_the_confidence_of_its_round_part
     race = Racing(confidence=0.9, first=4)
     risk = 0.1 / 2.0 ** (round_number + 1) / (kept + 1)
     half = stats.t.ppf(1.0 - risk, df=9) * 0.3
-    others = [RaceEntry(1.0, 0.3, 10)] * kept
+    others = [MeanEstimate(1.0, 0.3, 10)] * kept
     for factor, dropped in ((1.0 + 1e-9, [7]), (1.0 - 1e-9, [])):
-        running = {7: RaceEntry(1.0 + 2.0 * half * factor, 0.3, 10)}
+        running = {7: MeanEstimate(1.0 + 2.0 * half * factor, 0.3, 10)}
         assert race.dropped(kept, round_number, running, others) == dropped

@@ -26,7 +26,7 @@ from agglom_mpi.config.identity import STUDY_SEPARATORS, digest
 from agglom_mpi.runtime.experiment import SampleSetup
 from agglom_mpi.search.ensemble import Ensemble
 from agglom_mpi.search.objectives.objective import Objective
-from agglom_mpi.statistics import MeanEstimate
+from agglom_mpi.statistics import MeanEstimate, too_many_failed
 from agglom_mpi.storage.reader import CampaignData, read_inversion
 from agglom_mpi.storage.room import table_sizes
 
@@ -38,8 +38,6 @@ Floats = NDArray[np.float64]
 COST_SAMPLES: Final = "samples"
 COST_SECONDS: Final = "processor time (s)"
 """Columns of the two costs."""
-MAX_FAILED_SHARE: Final = 0.1
-"""Maximum share of failed samples of an answer, as in an ensemble."""
 BOUND_ERRORS: Final = 1.6449
 """Standard errors from an estimate to its one-sided 95 % bound."""
 
@@ -233,7 +231,7 @@ def _joined(frames: Iterable[dict[str, object]]) -> "pd.DataFrame":
 def estimate_of(objective: Objective, rows: Rows) -> MeanEstimate:
     """Return the objective of samples; inf, like an ensemble's, if too many of them failed."""
     good = completed(rows)
-    if len(rows) - len(good) > MAX_FAILED_SHARE * len(rows):
+    if too_many_failed(len(rows) - len(good), len(rows)):
         return MeanEstimate(np.inf, np.nan, len(good))
     return MeanEstimate(*objective.of_rows(good), len(good))
 

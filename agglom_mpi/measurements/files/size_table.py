@@ -34,6 +34,18 @@ _SIZE: Final = r"(\d[\d.,]*|[.,]\d+)"
 _RANGE: Final = re.compile(rf"{_SIZE}\s*[-–]\s*{_SIZE}", re.ASCII)
 _OPEN: Final = re.compile(rf"([<>≤≥])\s*{_SIZE}", re.ASCII)
 _PAN: Final = "pan"
+MAX_BYTES: Final = 1 << 23
+"""Largest size of a file of sizes."""
+MAX_ROWS: Final = 100_000
+MAX_RATIO: Final = 100.0
+"""Largest over smallest diameter, at most."""
+GRAIN_EXAMPLE: Final = "diameter (um)"
+"""Heading that messages give as an example."""
+GRAINS_REMEDY: Final = (
+    "a file of sizes must have one grain per row. A curve or a histogram needs "
+    "its error, like {file: sieve.csv, error: 2 percent}"
+)
+"""Advice on a file that is neither a curve nor a histogram."""
 
 
 class SizeRow(NamedTuple):
@@ -181,21 +193,6 @@ def in_metres(numbers: Sequence[float], unit: str) -> list[float]:
     whole = round(1.0 / factor)
     divides = whole > 0 and 1.0 / whole == factor
     return [number / whole if divides else number * factor for number in numbers]
-
-
-MAX_BYTES: Final = 1 << 23
-"""Largest size of a file of sizes."""
-MAX_ROWS: Final = 100_000
-MAX_RATIO: Final = 100.0
-"""Largest over smallest diameter, at most."""
-GRAIN_EXAMPLE: Final = "diameter (um)"
-"""Heading that messages give as an example."""
-
-GRAINS_REMEDY: Final = (
-    "a file of sizes must have one grain per row. A curve or a histogram needs "
-    "its error, like {file: sieve.csv, error: 2 percent}"
-)
-"""Advice on a file that is neither a curve nor a histogram."""
 
 
 Diameters: TypeAlias = tuple[tuple[float, ...], bool]

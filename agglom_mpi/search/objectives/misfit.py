@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, Final, Literal, NamedTuple, Self, Ty
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.measurements.census import Census, ExperimentCensuses
+from agglom_mpi.measurements.census import Census
 from agglom_mpi.measurements.datum import Datum, Predictions, predictions
 from agglom_mpi.measurements.layout import CENSUS_COLUMNS, CensusLayout, census_names
 from agglom_mpi.outcome import SampleSummary, summaries
@@ -80,12 +80,12 @@ class MeasuredExperiments(NamedTuple):
         """The measured data of all experiments."""
         return tuple(datum for each in self.strings.values() for datum in each.data)
 
-    def census(self, samples: Sequence[SampleCensus]) -> ExperimentCensuses:
+    def census(self, samples: Sequence[SampleCensus]) -> dict[str, Census]:
         """Return the censuses of n > 0 samples together."""
         size, found = len(CENSUS_COLUMNS), dict[str, Census]()
         for i, (name, string) in enumerate(self.strings.items()):
             found[name] = string.census([each[i * size : (i + 1) * size] for each in samples])
-        return ExperimentCensuses(found)
+        return found
 
 
 Measured: TypeAlias = MeasuredString | MeasuredExperiments
