@@ -169,25 +169,12 @@ OPEN_MPI_NETWORK: Final = (
     "OMPI_MCA_oob_tcp_if_include with the network of the nodes, for example 10.0.0.0/24"
 )
 """Advice where Open MPI may choose a network within the machine."""
-OPEN_MPI_LOSS: Final = (
-    "OMPI_MCA_oob_tcp_keepalive_time=5, …_intvl=5 and …_probes=3 let mpirun end the job 18 s "
-    "after a link is cut, instead of 8 min"
-)
-"""How Open MPI notices a cut link."""
-MPICH_LOSS: Final = (
-    "with ServerAliveInterval 10 in ~/.ssh/config mpirun ends when rank 0 does after a link is "
-    "cut, else it may stay"
-)
-"""How MPICH's launcher notices a cut link."""
 
 
 def check_nodes(environment: Mapping[str, str] = os.environ) -> Iterator[Finding]:
-    """Yield how launchers notice that a node is lost, and networks that Open MPI must not use."""
+    """Yield networks that Open MPI must not use, and when Slurm gives up a node that is lost."""
     _, version = answer_of([find_launcher(environment) or "mpirun", "--version"], environment)
-    if "HYDRA" in version:
-        yield Finding("lost node", MPICH_LOSS)
-    elif "Open MPI" in version or "OpenRTE" in version:
-        yield Finding("lost node", OPEN_MPI_LOSS)
+    if "Open MPI" in version or "OpenRTE" in version:
         found = ", ".join(local_networks())
         if found and "OMPI_MCA_btl_tcp_if_include" not in environment:
             yield Finding("networks", f"{found} in this machine alone", OPEN_MPI_NETWORK)

@@ -200,16 +200,6 @@ def rows_at(rows: np.ndarray, where: np.ndarray) -> np.ndarray:
     return plain[where].view(rows.dtype)
 
 
-def runs_of(done: np.ndarray) -> Iterator[tuple[int, int]]:
-    """Yield start and length of each run of done bytes that are set."""
-    if len(done) and done.all():  # nearly always, among what ranks return
-        yield 0, len(done)
-        return
-    edges = np.flatnonzero(np.diff(done != 0, prepend=False, append=False))
-    for start, stop in edges.reshape(-1, 2).tolist():
-        yield start, stop - start
-
-
 def consecutive_samples(rows: np.ndarray) -> Iterator[np.ndarray]:
     """Yield parts of rows, (n,), that are consecutive samples of one string."""
     ends = np.flatnonzero((np.diff(rows["sample"]) != 1) | (np.diff(rows["string"]) != 0)) + 1

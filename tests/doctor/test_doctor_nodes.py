@@ -23,13 +23,6 @@ def found(environment):
     return {finding.topic: finding for finding in nodes.check_nodes(environment)}
 
 
-def test_what_lets_a_launcher_notice_a_cut_link_is_stated(installed):
-    mpich = found(installed("mpirun", "HYDRA build details:"))
-    assert "ServerAliveInterval" in mpich["lost node"].found
-    open_mpi = found(installed("mpirun", "mpirun (Open MPI) 4.1.4"))
-    assert "oob_tcp_keepalive_time" in open_mpi["lost node"].found
-
-
 def test_open_mpi_is_kept_from_networks_within_the_machine(installed):
     assert "networks" not in found(installed("mpirun", "HYDRA build details:"))
     environment = installed("mpirun", "mpirun (Open MPI) 4.1.4")
