@@ -23,28 +23,19 @@ PROGRESS_MESSAGES: Final = 500
 
 @dataclass(slots=True)
 class TaskInFlight:
-    """A task in flight on a simulated rank.
-
-    Attributes
-    ----------
-    string, first
-        Its string, and the number of its first sample.
-    seconds
-        Times of its samples, s, and of one that is withdrawn while it is under way.
-    done
-        How many of them are returned.
-    left_out
-        Whether those after them are left out.
-    begin
-        Time that the rank takes before the first, s.
-    """
+    """A task in flight on a simulated rank."""
 
     string: int
     first: int
+    """Its string, and the number of its first sample."""
     seconds: list[float]
+    """Times of its samples, s, and of one that is withdrawn while it is under way."""
     done: int
+    """How many of them are returned."""
     left_out: bool = False
+    """Whether those after them are left out."""
     begin: float = 0.0
+    """Time that the rank takes before the first, s."""
 
 
 class SimulatedRank:

@@ -37,27 +37,18 @@ MASTER: Final = "rank 0"
 
 
 class MessageCosts(NamedTuple):
-    """Costs of messages and decisions, s.
-
-    Attributes
-    ----------
-    latency
-        From sending a message to reading it.
-    message
-        Of rank 0, to send or to receive a message.
-    sample
-        Of rank 0, to evaluate and to store a sample.
-    part
-        Of rank 0, for the samples of one string in a message, whatever their number.
-    task
-        Of a rank, to begin and to end the samples of one string.
-    """
+    """Costs of messages and decisions, s."""
 
     latency: float = 0.0
+    """From sending a message to reading it."""
     message: float = 0.0
+    """Of rank 0, to send or to receive a message."""
     sample: float = 0.0
+    """Of rank 0, to evaluate and to store a sample."""
     part: float = 0.0
+    """Of rank 0, for the samples of one string in a message, whatever their number."""
     task: float = 0.0
+    """Of a rank, to begin and to end the samples of one string."""
 
 
 FREE: Final = MessageCosts()
@@ -65,40 +56,27 @@ FREE: Final = MessageCosts()
 
 
 class Forecast(NamedTuple):
-    """Forecast of a run.
-
-    Attributes
-    ----------
-    ranks : int
-    seconds
-        Time from the first sample to the last decision, s.
-    busy
-        Share of the ranks' time in which they simulate.
-    simulated, used
-        Samples completed by the last decision, and those of them that decisions use.
-    work
-        Sum of the time of the samples that are used, s.
-    chain
-        Length of the critical path, s: generations one after the other, each as long as the longest
-        used sample of its strings that depend on earlier results.
-    master
-        Share of the time in which rank 0 handles messages.
-    again
-        Time for the fresh samples of the best strings after that, spread evenly, s.
-    share
-        Share of the samples that were simulated; the others are taken to be like them.
-    """
+    """Forecast of a run."""
 
     ranks: int
     seconds: float
+    """Time from the first sample to the last decision, s."""
     busy: float
+    """Share of the ranks' time in which they simulate."""
     simulated: int
     used: int
+    """Samples completed by the last decision, and those of them that decisions use."""
     work: float
+    """Sum of the time of the samples that are used, s."""
     chain: float
+    """Length of the critical path, s: generations one after the other, each as long as the longest
+    used sample of its strings that depend on earlier results."""
     master: float
+    """Share of the time in which rank 0 handles messages."""
     again: float = 0.0
+    """Time for the fresh samples of the best strings after that, spread evenly, s."""
     share: float = 1.0
+    """Share of the samples that were simulated; the others are taken to be like them."""
 
     def extended(
         self, share: float, generations: float, first: "Forecast | None" = None
@@ -181,65 +159,44 @@ class Forecast(NamedTuple):
 
 
 class PilotSummary(NamedTuple):
-    """Number and times (s) of the samples that a forecast is made from.
-
-    Attributes
-    ----------
-    source
-        Campaign file of the samples; None if they were simulated for the forecast.
-    samples, strings, failed
-        Numbers of samples, of their strings, and of samples that failed.
-    mean_seconds, longest_seconds
-        Mean and longest time of a sample, s: processor time, where it was recorded.
-    wall_over_cpu
-        Ratio of wall-clock to processor time of all samples; nan if it was not recorded.
-    differences
-        Entries in which the file's campaign differs.
-    relative_error
-        Standard error of the mean time relative to it, from the spread of the strings' means; nan
-        of a single string.
-    """
+    """Number and times (s) of the samples that a forecast is made from."""
 
     source: str | None
+    """Campaign file of the samples; None if they were simulated for the forecast."""
     samples: int
     strings: int
     failed: int
+    """Numbers of samples, of their strings, and of samples that failed."""
     mean_seconds: float
     longest_seconds: float
+    """Mean and longest time of a sample, s: processor time, where it was recorded."""
     wall_over_cpu: float
+    """Ratio of wall-clock to processor time of all samples; nan if it was not recorded."""
     differences: tuple[str, ...]
+    """Entries in which the file's campaign differs."""
     relative_error: float = math.nan
+    """Standard error of the mean time relative to it, from the spread of the strings' means; nan of
+    a single string."""
 
 
 class ForecastReport(NamedTuple):
-    """Forecasts of a campaign for several numbers of ranks.
-
-    Attributes
-    ----------
-    campaign, path
-        The campaign and its file.
-    pilot
-        The samples that the forecasts are made from.
-    costs
-        Costs of messages and decisions.
-    forecasts
-        One for each number of ranks.
-    not_forecast
-        Numbers of ranks whose forecast would take more than `MAX_SIMULATED` samples.
-    grains
-        How many grains are enough; None where that was not measured.
-    without_grains
-        Whether it was to be measured, and the time or the most grains did not suffice.
-    """
+    """Forecasts of a campaign for several numbers of ranks."""
 
     campaign: Campaign
     path: str
+    """The campaign and its file."""
     pilot: PilotSummary
+    """The samples that the forecasts are made from."""
     costs: MessageCosts
+    """Costs of messages and decisions."""
     forecasts: list[Forecast]
+    """One for each number of ranks."""
     not_forecast: list[int]
+    """Numbers of ranks whose forecast would take more than `MAX_SIMULATED` samples."""
     grains: "GrainAdvice | None" = None
+    """How many grains are enough; None where that was not measured."""
     without_grains: bool = False
+    """Whether it was to be measured, and the time or the most grains did not suffice."""
 
     @property
     def saturation(self) -> Forecast | None:

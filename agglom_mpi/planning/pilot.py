@@ -155,33 +155,22 @@ again."""
 
 
 class GrainAdvice(NamedTuple):
-    """How the number of grains shifts the answer, by pilot samples.
-
-    Attributes
-    ----------
-    grains
-        Number of grains of the campaign.
-    samples
-        Pilot samples in each volume.
-    fit
-        Extrapolation of the mean of b/b⁰.
-    error
-        Standard error that the final estimate will have, by the spread of one sample.
-    answer_samples
-        Number of samples that the final estimate will have.
-    why_no_limit
-        Why the pilot samples show no shift; empty if they do.
-    volumes
-        Control volumes of the pilot samples.
-    """
+    """How the number of grains shifts the answer, by pilot samples."""
 
     grains: int
+    """Number of grains of the campaign."""
     samples: int
+    """Pilot samples in each volume."""
     fit: Extrapolation
+    """Extrapolation of the mean of b/b⁰."""
     error: float
+    """Standard error that the final estimate will have, by the spread of one sample."""
     answer_samples: int
+    """Number of samples that the final estimate will have."""
     why_no_limit: str = ""
+    """Why the pilot samples show no shift; empty if they do."""
     volumes: tuple[int, ...] = VOLUMES
+    """Control volumes of the pilot samples."""
 
     @property
     def exceeds(self) -> bool:

@@ -57,23 +57,16 @@ class ReestimationPlan(NamedTuple):
 
 
 class StageProgress(NamedTuple):
-    """Progress of a phase of a run.
-
-    Attributes
-    ----------
-    done, total, unit
-        For example `12` of `100` `generations`.
-    in_turns
-        Whether they are done one after the other, each about as much work.
-    may_end_sooner
-        Whether it may end before all are done.
-    """
+    """Progress of a phase of a run."""
 
     done: int
     total: int
     unit: str
+    """For example `12` of `100` `generations`."""
     in_turns: bool = False
+    """Whether they are done one after the other, each about as much work."""
     may_end_sooner: bool = False
+    """Whether it may end before all are done."""
 
 
 class Experiment(ABC):

@@ -44,20 +44,13 @@ def checksums(rows: np.ndarray) -> np.ndarray:
 
 
 class ValidRows(NamedTuple):
-    """The rows of a range that are final and have the right checksum.
-
-    Attributes
-    ----------
-    rows : (n,) structured array
-    places : (n,) int64
-        Their numbers, ascending.
-    damaged : (k,) int64
-        Numbers of the final rows of the range whose checksum is wrong.
-    """
+    """The rows of a range that are final and have the right checksum."""
 
     rows: np.ndarray
     places: np.ndarray
+    """Their numbers, ascending."""
     damaged: np.ndarray
+    """Numbers of the final rows of the range whose checksum is wrong."""
 
 
 class Table:
