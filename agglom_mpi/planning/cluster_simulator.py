@@ -234,11 +234,6 @@ class ClusterSimulator:
         """Number of samples used, those of strings under way included."""
         return sum(self._used().values())
 
-    @property
-    def ranks(self) -> int:
-        """Number of ranks."""
-        return len(self._ranks)
-
     def _propose_ahead(self, generations: int) -> Sequence[int]:
         proposed = self.inversion.propose_ahead(generations)
         return () if proposed is None else proposed.strings.tolist()

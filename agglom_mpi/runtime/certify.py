@@ -225,8 +225,6 @@ def certification(
 
     Parameters
     ----------
-    data
-    plan
     show
         Called with lines on the part that is chosen.
     function
