@@ -278,7 +278,7 @@ class ClusterSimulator:
         tasks = self._ranks[rank].take()
         self._expect(rank)
         done = [seconds for task in tasks for seconds in task.seconds[: task.done]]
-        scheduler.heartbeat(rank, now)
+        scheduler.in_flight.heartbeat(rank, now)
         scheduler.batch_sizer.learn(done)
         for task in tasks:
             part = ReturnedPart(task.string, task.first, task.done, task.left_out)

@@ -345,7 +345,8 @@ class Coordinator:
         tally, stage = self.recorder.tally, self._experiment.stage(self.inversion)
         rest = stage.total - stage.done
         remaining = remaining_in_turns(tally.generation_times, rest, tally.generation_seconds)
-        return tally.progress(self._pool.size, self._scheduler.in_flight, stage)._replace(
+        in_flight = self._scheduler.in_flight.samples
+        return tally.progress(self._pool.size, in_flight, stage)._replace(
             strings_open=self.inversion.open_count,
             remaining=remaining if stage.in_turns else None,
         )
@@ -355,6 +356,7 @@ class Coordinator:
         tally, stage = self.recorder.tally, post_stage.stage
         rest, done = stage.total - stage.done, stage.done - post_stage.done_before
         elapsed = time.monotonic() - begun
-        return tally.progress(self._pool.size, post_stage.scheduler.in_flight, stage)._replace(
+        in_flight = post_stage.scheduler.in_flight.samples
+        return tally.progress(self._pool.size, in_flight, stage)._replace(
             remaining=remaining_by_work(tally.fresh_times, done, rest, elapsed)
         )
