@@ -183,6 +183,11 @@ class GivenStrings(Experiment):
     def ensemble(self, string: int) -> Ensemble:
         """Return what takes the samples of a string."""
 
+    def kernel_cases(self) -> Iterator[tuple[SampleSetup, NDArray[np.float64]]]:
+        """Yield all strings; those of one kind of scene cost little after the first."""
+        for string, parameters in enumerate(self.strings):
+            yield self.setup(string), parameters
+
     def summaries(self, rows: NDArray[np.void]) -> list[SampleSummary]:
         """Return summaries of samples, rows of `/samples`."""
         return self.campaign.objective.summaries(rows)
