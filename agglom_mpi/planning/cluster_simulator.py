@@ -72,8 +72,8 @@ class SimulatedRank:
     def cancel(self, now: float, strings: Collection[int]) -> None:
         """Drop samples of some strings that are not finished at time `now`, s."""
         for task, ends in list(self.schedule()):
-            done = sum(end <= now for end in ends)
-            if task.string in strings and done < len(ends):
+            done = sum(end <= now for end in ends) if task.string in strings else len(ends)
+            if done < len(ends):
                 spent = max(0.0, now - (ends[done] - task.seconds[done]))
                 task.seconds[done:] = [spent]
                 task.done, task.left_out = done, True
