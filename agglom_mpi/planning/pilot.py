@@ -202,15 +202,12 @@ class GrainAdvice(NamedTuple):
             return f"no shift is resolved: {self.grains:,} grains are kept"
         if not self.exceeds:
             return f"the shift is within that error: {self.grains:,} grains are enough"
+        # Of enough grains, whose mean has the same error: variances fall as 1/N.
+        samples = max(2, math.ceil(self.answer_samples * self.grains / self.enough))
         return (
-            f"take {self.enough:,} grains ({pluralise(self._equal_samples, 'sample')} then have "
+            f"take {self.enough:,} grains ({pluralise(samples, 'sample')} then have "
             f"the error of {self.answer_samples}), or final: {{volumes: {list(VOLUMES)}}}"
         )
-
-    @property
-    def _equal_samples(self) -> int:
-        """Samples with enough grains whose mean has the same error: variances fall as 1/N."""
-        return max(2, math.ceil(self.answer_samples * self.grains / self.enough))
 
     def as_dict(self) -> dict[str, float | int | bool | str]:
         """Return plain values for JSON."""
