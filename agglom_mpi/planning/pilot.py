@@ -262,7 +262,7 @@ def _by_volumes(
 ) -> GrainAdvice | None:
     """Return the advice by samples in some volumes; arguments as of `advise_grains`."""
     runner = SampleRunner(InversionExperiment(campaign), 0)
-    string = _best(campaign, pilot)
+    string = _best(pilot)
     limit, begun = SHARE * seconds, time.monotonic()
 
     def tasks() -> Iterator[np.void]:
@@ -294,7 +294,7 @@ def _by_volumes(
     return GrainAdvice(campaign.scene.particles, samples, fit, error, answer, why, volumes)
 
 
-def _best(campaign: Campaign, pilot: PilotSamples) -> int:
+def _best(pilot: PilotSamples) -> int:
     """Return the pilot string with the lowest objective, the first where none has any."""
     done = pilot.rows[pilot.rows["state"] == COMPLETED]
     if not len(done):
