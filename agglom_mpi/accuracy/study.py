@@ -249,11 +249,6 @@ class Study(GivenStrings):
         setup = self._by_string[string]
         return SampleSetup(setup.campaign, setup.engine, setup.first_sample)
 
-    def kernel_cases(self) -> Iterator[tuple[SampleSetup, NDArray[np.float64]]]:
-        """Yield all set-ups; those of one kind of scene cost little after the first."""
-        for string, parameters in enumerate(self.strings):
-            yield self.setup(string), parameters
-
     def ensemble(self, string: int) -> Ensemble:
         """Return what takes the samples of a set-up."""
         return BudgetedEnsemble(self._by_string[string], self.budget)

@@ -20,24 +20,17 @@ class FinishedCounts(NamedTuple):
     """Numbers of rows that a finished file has; None where its status does not state one.
 
     The reason in `/status` is a sentence for people, which ends with these counts.
-
-    Attributes
-    ----------
-    generations
-        All that were asked for; None if the search reached its target before.
-    strings, samples
-        Strings that were estimated again, and fresh samples of each.
-    volumes
-        Larger control volumes in which they were estimated, too; empty if there are none.
-    frames
-        Rows of `/frames`.
     """
 
     generations: int | None = None
+    """All that were asked for; None if the search reached its target before."""
     strings: int | None = None
     samples: int | None = None
+    """Strings that were estimated again, and fresh samples of each."""
     frames: int | None = None
+    """Rows of `/frames`."""
     volumes: tuple[int, ...] = ()
+    """Larger control volumes in which they were estimated, too; empty if there are none."""
 
     @classmethod
     def of_reason(cls, reason: str) -> Self:

@@ -75,7 +75,7 @@ def plan(as_json: bool, **options: Any) -> int:
     """
     from agglom_mpi.analysis.damage import blame_damage
     from agglom_mpi.display.run_display import print_wide
-    from agglom_mpi.planning.forecast_table import forecast_table, to_json
+    from agglom_mpi.planning.forecast import forecast_table, to_json
     from agglom_mpi.planning.plan import plan
 
     origin = click.get_current_context().get_parameter_source("seconds")

@@ -56,15 +56,7 @@ _KERNEL: Final[dict[str, Any]] = {
     "_nrt": True,
 }
 # Inlining saves copying the NamedTuples of arrays at every call: a factor of two and more.
-_ALLOCATING: Final[dict[str, Any]] = {
-    "pipeline_class": COMPILER,
-    "nogil": True,
-    "error_model": "numpy",
-    "forceinline": True,
-    "no_cfunc_wrapper": True,
-    "no_cpython_wrapper": True,
-    "_nrt": True,
-}
+_ALLOCATING: Final[dict[str, Any]] = {**_KERNEL, "forceinline": True, "no_cpython_wrapper": True}
 # Without counting references to arrays, which costs more than half of the time of a short loop.
 _INLINED: Final[dict[str, Any]] = {**_ALLOCATING, "_nrt": False}
 _DISPATCHED: Final[dict[str, Any]] = {

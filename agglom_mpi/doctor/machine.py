@@ -81,7 +81,12 @@ def check_libraries() -> Iterator[Finding]:
     """Yield the versions of libraries, and the extras that are not installed."""
     core = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "numba", "mpi4py"))
     yield Finding("agglom_mpi", f"{__version__}, Python {platform.python_version()}, {core}")
-    yield _hdf5()
+    import h5py
+
+    parallel = bool(h5py.get_config().mpi)
+    writers = "every rank can write" if parallel else "built without MPI: rank 0 writes for all"
+    hdf5 = f"{h5py.__version__}, HDF5 {h5py.version.hdf5_version}, {writers}"
+    yield Finding("h5py", hdf5)
     for extra, purpose in NEEDED_FOR.items():
         names = libraries_of(extra)
         missing = [name for name in names if not is_installed(name)]
@@ -93,14 +98,6 @@ def check_libraries() -> Iterator[Finding]:
         else:
             found = ", ".join(f"{name} {version(name)}" for name in names)
             yield Finding(f"extra {extra}", found)
-
-
-def _hdf5() -> Finding:
-    import h5py
-
-    parallel = bool(h5py.get_config().mpi)
-    writers = "every rank can write" if parallel else "built without MPI: rank 0 writes for all"
-    return Finding("h5py", f"{h5py.__version__}, HDF5 {h5py.version.hdf5_version}, {writers}")
 
 
 def is_installed(name: str) -> bool:
@@ -172,7 +169,7 @@ OPEN_MPI_NETWORK: Final = (
 
 
 def check_nodes(environment: Mapping[str, str] = os.environ) -> Iterator[Finding]:
-    """Yield when Slurm gives a lost node up, and networks that Open MPI must not use."""
+    """Yield networks that Open MPI must not use, and when Slurm gives up a node that is lost."""
     _, version = answer_of([find_launcher(environment) or "mpirun", "--version"], environment)
     if "Open MPI" in version or "OpenRTE" in version:
         found = ", ".join(local_networks())

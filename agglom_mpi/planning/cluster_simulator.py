@@ -29,28 +29,19 @@ PROGRESS_MESSAGES: Final = 500
 
 @dataclass(slots=True)
 class TaskInFlight:
-    """A task in flight on a simulated rank.
-
-    Attributes
-    ----------
-    string, first
-        Its string, and the number of its first sample.
-    seconds
-        Times of its samples, s, and of one that is withdrawn while it is under way.
-    done
-        How many of them are returned.
-    left_out
-        Whether those after them are left out.
-    begin
-        Time that the rank takes before the first, s.
-    """
+    """A task in flight on a simulated rank."""
 
     string: int
     first: int
+    """Its string, and the number of its first sample."""
     seconds: list[float]
+    """Times of its samples, s, and of one that is withdrawn while it is under way."""
     done: int
+    """How many of them are returned."""
     left_out: bool = False
+    """Whether those after them are left out."""
     begin: float = 0.0
+    """Time that the rank takes before the first, s."""
 
 
 class SimulatedRank:
@@ -87,8 +78,8 @@ class SimulatedRank:
     def cancel(self, now: float, strings: Collection[int]) -> None:
         """Drop samples of some strings that are not finished at time `now`, s."""
         for task, ends in list(self.schedule()):
-            done = sum(end <= now for end in ends)
-            if task.string in strings and done < len(ends):
+            done = sum(end <= now for end in ends) if task.string in strings else len(ends)
+            if done < len(ends):
                 spent = max(0.0, now - (ends[done] - task.seconds[done]))
                 task.seconds[done:] = [spent]
                 task.done, task.left_out = done, True
@@ -293,7 +284,7 @@ class ClusterSimulator:
         tasks = self._ranks[rank].take()
         self._expect(rank)
         done = [seconds for task in tasks for seconds in task.seconds[: task.done]]
-        scheduler.heartbeat(rank, now)
+        scheduler.in_flight.heartbeat(rank, now)
         scheduler.batch_sizer.learn(done)
         for task in tasks:
             part = ReturnedPart(task.string, task.first, task.done, task.left_out)

@@ -151,7 +151,11 @@ class InstantRanks:
 
     def poll(self) -> Iterator[RankMessage]:
         """Return the results of some batches."""
-        self._stop_clock()
+        spent = time.thread_time() - self._begun  # by rank 0, since the last poll
+        generations = self._inversion.generation - self._generation
+        self._generation += generations
+        if self._brought[0]:
+            self.costs.append(PollCost(spent, *self._brought, generations))
         held = [self._held.popleft() for _ in range(min(ARRIVED_TOGETHER, len(self._held)))]
         messages = [self._report(rank, tasks) for rank, tasks in held]
         parts = sum(len(message.parts) for message in messages)
@@ -160,14 +164,6 @@ class InstantRanks:
             time.sleep(1e-3)  # a search proposes in a thread of its own
         self._begun = time.thread_time()
         return iter(messages)
-
-    def _stop_clock(self) -> None:
-        """Record what rank 0 has spent since the last poll."""
-        spent = time.thread_time() - self._begun
-        generations = self._inversion.generation - self._generation
-        self._generation += generations
-        if self._brought[0]:
-            self.costs.append(PollCost(spent, *self._brought, generations))
 
     def _report(self, rank: int, tasks: NDArray[np.void]) -> RankMessage:
         """Return the samples of a batch, with the checksums that a rank gives them."""

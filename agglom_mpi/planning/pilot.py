@@ -155,33 +155,22 @@ again."""
 
 
 class GrainAdvice(NamedTuple):
-    """How the number of grains shifts the answer, by pilot samples.
-
-    Attributes
-    ----------
-    grains
-        Number of grains of the campaign.
-    samples
-        Pilot samples in each volume.
-    fit
-        Extrapolation of the mean of b/b⁰.
-    error
-        Standard error that the final estimate will have, by the spread of one sample.
-    answer_samples
-        Number of samples that the final estimate will have.
-    why_no_limit
-        Why the pilot samples show no shift; empty if they do.
-    volumes
-        Control volumes of the pilot samples.
-    """
+    """How the number of grains shifts the answer, by pilot samples."""
 
     grains: int
+    """Number of grains of the campaign."""
     samples: int
+    """Pilot samples in each volume."""
     fit: Extrapolation
+    """Extrapolation of the mean of b/b⁰."""
     error: float
+    """Standard error that the final estimate will have, by the spread of one sample."""
     answer_samples: int
+    """Number of samples that the final estimate will have."""
     why_no_limit: str = ""
+    """Why the pilot samples show no shift; empty if they do."""
     volumes: tuple[int, ...] = VOLUMES
+    """Control volumes of the pilot samples."""
 
     @property
     def exceeds(self) -> bool:
@@ -213,15 +202,12 @@ class GrainAdvice(NamedTuple):
             return f"no shift is resolved: {self.grains:,} grains are kept"
         if not self.exceeds:
             return f"the shift is within that error: {self.grains:,} grains are enough"
+        # Of enough grains, whose mean has the same error: variances fall as 1/N.
+        samples = max(2, math.ceil(self.answer_samples * self.grains / self.enough))
         return (
-            f"take {self.enough:,} grains ({pluralise(self._equal_samples, 'sample')} then have "
+            f"take {self.enough:,} grains ({pluralise(samples, 'sample')} then have "
             f"the error of {self.answer_samples}), or final: {{volumes: {list(VOLUMES)}}}"
         )
-
-    @property
-    def _equal_samples(self) -> int:
-        """Samples with enough grains whose mean has the same error: variances fall as 1/N."""
-        return max(2, math.ceil(self.answer_samples * self.grains / self.enough))
 
     def as_dict(self) -> dict[str, float | int | bool | str]:
         """Return plain values for JSON."""
@@ -276,7 +262,7 @@ def _by_volumes(
 ) -> GrainAdvice | None:
     """Return the advice by samples in some volumes; arguments as of `advise_grains`."""
     runner = SampleRunner(InversionExperiment(campaign), 0)
-    string = _best(campaign, pilot)
+    string = _best(pilot)
     limit, begun = SHARE * seconds, time.monotonic()
 
     def tasks() -> Iterator[np.void]:
@@ -308,7 +294,7 @@ def _by_volumes(
     return GrainAdvice(campaign.scene.particles, samples, fit, error, answer, why, volumes)
 
 
-def _best(campaign: Campaign, pilot: PilotSamples) -> int:
+def _best(pilot: PilotSamples) -> int:
     """Return the pilot string with the lowest objective, the first where none has any."""
     done = pilot.rows[pilot.rows["state"] == COMPLETED]
     if not len(done):

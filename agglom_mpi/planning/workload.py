@@ -28,24 +28,16 @@ BLOCK: Final = 16
 
 
 class PilotSamples(NamedTuple):
-    """Simulated samples.
-
-    Attributes
-    ----------
-    rows
-        Rows of `/samples`, shape (n,), n > 0.
-    parameters
-        Their strings in SI units, shape (m, 10); `rows["string"]` is an index into them.
-    differences
-        Entries of their campaign that differ, as texts.
-    source
-        Campaign file that they were read from; None if they were simulated for the forecast.
-    """
+    """Simulated samples."""
 
     rows: NDArray[np.void]
+    """Rows of `/samples`, shape (n,), n > 0."""
     parameters: NDArray[np.float64]
+    """Their strings in SI units, shape (m, 10); `rows["string"]` is an index into them."""
     differences: tuple[str, ...] = ()
+    """Entries of their campaign that differ, as texts."""
     source: str | None = None
+    """Campaign file that they were read from; None if they were simulated for the forecast."""
 
 
 class _Pool(NamedTuple):

@@ -116,19 +116,13 @@ class ActiveClock:
 
 
 class SampleUnderWay(NamedTuple):
-    """A sample that has begun and is not finished.
-
-    Attributes
-    ----------
-    string, sample
-        Its numbers.
-    seconds
-        Time since it began, without the time in which the rank was stopped, s.
-    """
+    """A sample that has begun and is not finished."""
 
     string: int
     sample: int
+    """Its numbers."""
     seconds: float
+    """Time since it began, without the time in which the rank was stopped, s."""
 
 
 class SampleClock:

@@ -5,7 +5,7 @@ same command after a stop or a kill. That is `agglom certify`, or `agglom-invert
 a section `certify`.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -158,10 +158,6 @@ class Certification(GivenStrings):
         """Return the campaign's scene."""
         return SampleSetup(self.campaign)
 
-    def kernel_cases(self) -> Iterator[tuple[SampleSetup, NDArray[np.float64]]]:
-        """Yield the scene once."""
-        yield SampleSetup(self.campaign), self.campaign.parameters()
-
     def ensemble(self, string: int) -> Ensemble:
         """Return what takes the samples of a string until they decide."""
         objective = self.campaign.objective_at(self.strings[string])
@@ -228,8 +224,6 @@ def certification(
 
     Parameters
     ----------
-    data
-    plan
     show
         Called with lines on the part that is chosen.
     function

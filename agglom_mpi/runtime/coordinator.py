@@ -161,19 +161,15 @@ class Coordinator:
     @property
     def end(self) -> RunEnd:
         """How a run ends that has done all of its work: as failed if no string has a result."""
-        if not self._experiment.in_vain(self.inversion):
-            return RunEnd(FINISHED, "finished", self._finished_reason, complete=True)
-        self._writer.flush()
-        self._stored.refresh()
-        return RunEnd(FAILURE, "failed", no_result(self._stored), complete=True)
-
-    @property
-    def _finished_reason(self) -> str:
-        """The reason why the search ended, and what was stored after its end, as text."""
+        if self._experiment.in_vain(self.inversion):
+            self._writer.flush()
+            self._stored.refresh()
+            return RunEnd(FAILURE, "failed", no_result(self._stored), complete=True)
         reason = self._experiment.end_reason(self.inversion)
         room = self._fresh[1] - self._fresh[0]
         stage, frames = self.reestimation, self._writer.frames.count
-        return finished_reason(reason, *stage.size, frames, room, stage.volumes)
+        reason = finished_reason(reason, *stage.size, frames, room, stage.volumes)
+        return RunEnd(FINISHED, "finished", reason, complete=True)
 
     def shut_down(self, pool: WorkerPool, end: RunEnd) -> RunEnd:
         """Stop all ranks and record what they still report; return the end as it is then."""
@@ -181,7 +177,7 @@ class Coordinator:
             self._receive([message])
         for rank in pool.missing:
             self.recorder.take_over(rank)
-        self.recorder.finish()
+        self.recorder.barrier.finish()
         if end.complete:
             return self.end  # what ranks had not written before is in the file now
         return self._failed() if end.state == "failed" else end
@@ -221,7 +217,7 @@ class Coordinator:
         if announcement := post_stage.begin(self._pool.size):
             self._display.message(announcement)
         self._may_assign, begun = True, time.monotonic()
-        while not post_stage.done:
+        while not post_stage.complete:
             if end := self._end(stop):
                 return end
             self._serve(post_stage.scheduler, lambda: self._stage_progress(post_stage, begun))
@@ -311,7 +307,7 @@ class Coordinator:
                 if self.frame_stage.store(rows):
                     self.frame_stage.scheduler.done(message.rank)
             if message.written:
-                self.recorder.written(message.rank, message.written)
+                self.recorder.barrier.written(message.rank, message.written)
 
     def _store(self, messages: Sequence[RankMessage], together: RankMessage) -> None:
         """Store the samples of messages, except what a rank writes itself."""
@@ -348,13 +344,10 @@ class Coordinator:
         tally, stage = self.recorder.tally, self._experiment.stage(self.inversion)
         rest = stage.total - stage.done
         remaining = remaining_in_turns(tally.generation_times, rest, tally.generation_seconds)
-        return tally.progress(self._pool.size, self._scheduler.in_flight)._replace(
-            done=stage.done,
-            total=stage.total,
-            unit=stage.unit,
+        in_flight = self._scheduler.in_flight.samples
+        return tally.progress(self._pool.size, in_flight, stage)._replace(
             strings_open=self.inversion.open_count,
             remaining=remaining if stage.in_turns else None,
-            may_end_sooner=stage.may_end_sooner,
         )
 
     def _stage_progress(self, post_stage: PostStage, begun: float) -> RunProgress:
@@ -362,9 +355,7 @@ class Coordinator:
         tally, stage = self.recorder.tally, post_stage.stage
         rest, done = stage.total - stage.done, stage.done - post_stage.done_before
         elapsed = time.monotonic() - begun
-        return tally.progress(self._pool.size, post_stage.scheduler.in_flight)._replace(
-            done=stage.done,
-            total=stage.total,
-            unit=stage.unit,
-            remaining=remaining_by_work(tally.fresh_times, done, rest, elapsed),
+        in_flight = post_stage.scheduler.in_flight.samples
+        return tally.progress(self._pool.size, in_flight, stage)._replace(
+            remaining=remaining_by_work(tally.fresh_times, done, rest, elapsed)
         )

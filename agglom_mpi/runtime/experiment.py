@@ -56,23 +56,16 @@ class ReestimationPlan(NamedTuple):
 
 
 class StageProgress(NamedTuple):
-    """Progress of a phase of a run.
-
-    Attributes
-    ----------
-    done, total, unit
-        For example `12` of `100` `generations`.
-    in_turns
-        Whether they are done one after the other, each about as much work.
-    may_end_sooner
-        Whether it may end before all are done.
-    """
+    """Progress of a phase of a run."""
 
     done: int
     total: int
     unit: str
+    """For example `12` of `100` `generations`."""
     in_turns: bool = False
+    """Whether they are done one after the other, each about as much work."""
     may_end_sooner: bool = False
+    """Whether it may end before all are done."""
 
 
 class Experiment(ABC):
@@ -188,6 +181,11 @@ class GivenStrings(Experiment):
     @abstractmethod
     def ensemble(self, string: int) -> Ensemble:
         """Return what takes the samples of a string."""
+
+    def kernel_cases(self) -> Iterator[tuple[SampleSetup, NDArray[np.float64]]]:
+        """Yield all strings; those of one kind of scene cost little after the first."""
+        for string, parameters in enumerate(self.strings):
+            yield self.setup(string), parameters
 
     def summaries(self, rows: NDArray[np.void]) -> list[SampleSummary]:
         """Return summaries of samples, rows of `/samples`."""

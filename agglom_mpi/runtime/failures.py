@@ -71,28 +71,17 @@ class HangingSamples:
         while sample.seconds > limit * 2**times:
             times += 1
         self._reported[rank] = key, times
+        most, compared = self._max_seconds, "no sample is finished yet"
+        if self._longest:
+            compared = f"the longest sample so far took {self._longest:.2g} s"
+        if most is None or sample.seconds < most:
+            remedy = " ends samples that take too long, unless they are in a function of your own"
+        else:
+            remedy = f", {most:g} s, does not end it: it is in a function that does not return"
         self._show(
             f"{self._name_rank(rank)}: string {volume_string(sample.string).text} sample "
-            f"{sample.sample} has been under way for {sample.seconds:.0f} s, {self._comparison}; "
-            f"{self._remedy(sample)}"
-        )
-
-    @property
-    def _comparison(self) -> str:
-        if not self._longest:
-            return "and no sample is finished yet"
-        return f"and the longest sample so far took {self._longest:.2g} s"
-
-    def _remedy(self, sample: SampleUnderWay) -> str:
-        most = self._max_seconds
-        if most is None or sample.seconds < most:
-            return (
-                "stopping.max_seconds ends samples that take too long, unless they are in a "
-                "function of your own"
-            )
-        return (
-            f"stopping.max_seconds, {most:g} s, does not end it: it is in a function that does not "
-            "return"
+            f"{sample.sample} has been under way for {sample.seconds:.0f} s, and {compared}; "
+            f"stopping.max_seconds{remedy}"
         )
 
 

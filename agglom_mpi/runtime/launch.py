@@ -25,15 +25,10 @@ if TYPE_CHECKING:
 
 
 class LaunchError(UserError, RuntimeError):
-    """Launcher, MPI library and the programs of the ranks do not belong together.
-
-    Attributes
-    ----------
-    every_rank : bool
-        Whether each rank shows it, as it may be the only one; else the first rank does.
-    """
+    """Launcher, MPI library and the programs of the ranks do not belong together."""
 
     every_rank: ClassVar[bool] = False
+    """Whether each rank shows it, as it may be the only one; else the first rank does."""
 
 
 class InheritedRankError(LaunchError):
@@ -95,15 +90,6 @@ NOT_TOGETHER: Final = (
     ": launcher and MPI library do not belong together; use the mpirun of this library, or one "
     "that it speaks: srun --mpi=pmi2 for MPICH, pmix for Open MPI"
 )
-
-
-def taken_input(count: int) -> str:
-    """Return a line on bytes of standard input that the launcher has read."""
-    return (
-        f"the launcher has read {pluralise(count, 'byte')} of standard input, which no rank uses; "
-        "a loop `while read` around it ends with this campaign: add </dev/null to the launcher's "
-        "command"
-    )
 
 
 GATHERED: Final = "gathered"

@@ -18,7 +18,6 @@ from agglom_mpi.runtime.provenance import leg_start
 from agglom_mpi.runtime.stop_request import StopRequest
 from agglom_mpi.runtime.task_runner import SampleRunner
 from agglom_mpi.runtime.worker_pool import WorkerPool
-from agglom_mpi.search.inversion import Inversion
 from agglom_mpi.storage.writer import CampaignWriter
 
 if TYPE_CHECKING:
@@ -59,10 +58,15 @@ def run_leg(
     """
     ranks = 1 if world is None else world.size
     recorder, tally = coordinator.recorder, coordinator.recorder.tally
-    database = request.database or GATHERED
+    experiment, database = request.experiment, request.database or GATHERED
     with display:
-        _announce(display, request, ranks, coordinator.inversion)
-        runner = SampleRunner(request.experiment, 0)
+        campaign, stage = experiment.campaign, experiment.stage(coordinator.inversion)
+        note = "the kernels are made ready"
+        progress = RunProgress(stage.done, stage.total, stage.unit, 0.0, 0, note=note)
+        what = f"{campaign.title or campaign.name}: {experiment.largest}"
+        judged = len(coordinator.inversion.results)
+        display.begin(what, str(request.path), ranks, database, judged, progress)
+        runner = SampleRunner(experiment, 0)
         warm_up(runner, world, display.message, stop)
         nodes = find_nodes(world)
         if database == PARALLEL and world is not None:
@@ -129,13 +133,3 @@ def mpi_version(world: "Intracomm | None") -> str:
     from mpi4py import MPI
 
     return " ".join(MPI.Get_library_version().split()[:3])
-
-
-def _announce(display: Display, request: RunRequest, ranks: int, inversion: Inversion) -> None:
-    experiment, stage = request.experiment, request.experiment.stage(inversion)
-    campaign = experiment.campaign
-    what = f"{campaign.title or campaign.name}: {experiment.largest}"
-    note = "the kernels are made ready"
-    progress = RunProgress(stage.done, stage.total, stage.unit, 0.0, 0, note=note)
-    judged = len(inversion.results)
-    display.begin(what, str(request.path), ranks, request.database or GATHERED, judged, progress)

@@ -181,15 +181,6 @@ def packed_results(parts: NDArray[np.void], rows: NDArray[np.void]) -> NDArray[n
     return np.frombuffer(whole, np.uint8)
 
 
-def unpacked_results(
-    packed: NDArray[np.uint8], result: np.dtype
-) -> tuple[NDArray[np.void], NDArray[np.void]]:
-    """Return parts and rows of a type, views of the bytes of `packed_results`."""
-    begin = np.dtype(np.int64).itemsize
-    end = begin + int(packed[:begin].view(np.int64)[0]) * PART.itemsize
-    return packed[begin:end].view(PART), packed[end:].view(result)
-
-
 def record_types(grains: int, spins: bool = False) -> dict[int, np.dtype]:
     """Return the types of records that rank 0 receives, by tag.
 
@@ -218,8 +209,9 @@ def decoded(rank: int, tag: int, records: NDArray[Any], result: np.dtype = RESUL
         If it reports that it cannot write the campaign file.
     """
     if tag == RESULTS:
-        parts, rows = unpacked_results(records, result)
-        return RankMessage(rank, rows, parts)
+        begin = np.dtype(np.int64).itemsize
+        end = begin + int(records[:begin].view(np.int64)[0]) * PART.itemsize
+        return RankMessage(rank, records[end:].view(result), records[begin:end].view(PART))
     if tag == FAILURE:
         return RankMessage(rank, failures=records)
     if tag == FINALS:

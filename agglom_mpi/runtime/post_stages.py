@@ -36,12 +36,7 @@ class PostStage(ABC):
     @property
     @abstractmethod
     def complete(self) -> bool:
-        """Whether the file holds everything, so that a run has nothing to do."""
-
-    @property
-    @abstractmethod
-    def done(self) -> bool:
-        """Whether nothing more is expected."""
+        """Whether nothing is missing in the file, or expected any more."""
 
     @abstractmethod
     def open(self) -> NDArray[np.void]:
@@ -93,11 +88,6 @@ class FrameStage(PostStage):
     def complete(self) -> bool:
         """Whether the file holds exactly what is asked for, or nothing is asked for."""
         return self._same and not self._left
-
-    @property
-    def done(self) -> bool:
-        """Whether nothing more is expected."""
-        return not self._left
 
     @property
     def stage(self) -> StageProgress:
@@ -198,11 +188,6 @@ class ReestimationStage(PostStage):
     @property
     def complete(self) -> bool:
         """Whether the file holds all that are asked for and that it has room for."""
-        return not self._missing
-
-    @property
-    def done(self) -> bool:
-        """Whether nothing more is expected."""
         return not self._missing
 
     @property

@@ -157,11 +157,7 @@ def _is_text(node: Any) -> bool:
 
 
 def _is_docstring(node: Any) -> bool:
-    return (
-        isinstance(node, ast.Expr)
-        and isinstance(node.value, ast.Constant)
-        and isinstance(node.value.value, str)
-    )
+    return isinstance(node, ast.Expr) and _is_text(node.value)
 
 
 VERSIONS: Final = ("python", "numpy", "numba", "h5py", "hdf5", "mpi", "scipy")

@@ -14,6 +14,7 @@ from agglom_mpi.display.run_display import Display
 from agglom_mpi.outcome import FailureReason
 from agglom_mpi.runtime.stop_request import StopRequest
 from agglom_mpi.runtime.tally import RunTally
+from agglom_mpi.scheduling.interface import runs
 from agglom_mpi.search.ensemble import EnsembleResult
 from agglom_mpi.search.proposals import (
     Decision,
@@ -29,7 +30,6 @@ from agglom_mpi.storage.table import (
     make_row,
     places_used,
     rows_at,
-    runs_of,
 )
 from agglom_mpi.storage.writer import CampaignWriter
 
@@ -180,6 +180,8 @@ class RunRecorder:
     ----------
     tally
         Numbers and times of samples and generations.
+    barrier
+        Records that wait for samples which other ranks write.
     synced
         Called when a generation is on the disc.
     """
@@ -207,7 +209,7 @@ class RunRecorder:
             stored.sizes.version,
             samples_schema(stored.sizes.quantities, stored.sizes.census),
         )
-        self._barrier = WriteOrderBarrier()
+        self.barrier = WriteOrderBarrier()
         self._strings = set(stored.parameters)
         self.synced: Callable[[], None] = lambda: None
 
@@ -231,7 +233,7 @@ class RunRecorder:
         if writer is None:
             self._writer.put_samples(results, final_particles)
         else:
-            self._barrier.delivered(writer, results)
+            self.barrier.delivered(writer, results)
 
     def count(self, results: NDArray[np.void]) -> None:
         """Count samples that decisions are made from, (n,), each once."""
@@ -249,20 +251,12 @@ class RunRecorder:
                 case GenerationSummary():
                     self._store_generation(decision)
 
-    def written(self, rank: int, count: int) -> None:
-        """Count `count` more samples of a rank as written, and store what waited for them."""
-        self._barrier.written(rank, count)
-
     def take_over(self, rank: int) -> None:
         """Store what a silent rank has sent and was to write itself."""
-        for rows in self._barrier.take_over(rank):
+        for rows in self.barrier.take_over(rank):
             self._writer.put_samples(rows)
         self._writer.flush()
-        self._barrier.store_ready()
-
-    def finish(self) -> None:
-        """Store what waits: all ranks have stopped, and written what they had."""
-        self._barrier.finish()
+        self.barrier.store_ready()
 
     def _store_strings(self, decision: StringsProposed) -> None:
         """Store strings that are not in the file yet; those proposed ahead end a generation."""
@@ -270,11 +264,10 @@ class RunRecorder:
         if not decision.ahead:
             self._digest.begin(proposals.parameters)
         new = np.array([string not in self._strings for string in numbers.tolist()])
-        for first, count in runs_of(new):
+        for some in runs(new):
             self._writer.mark_running()
-            some = slice(first, first + count)
             self._writer.put_strings(
-                int(numbers[first]),
+                int(numbers[some.start]),
                 proposals.generation,
                 proposals.slot[some],
                 proposals.origin[some],
@@ -288,7 +281,7 @@ class RunRecorder:
         if row is None:
             row = make_row(RESULTS.dtype, string=string, **result._asdict())
             self._writer.mark_running()
-            self._barrier.store(partial(self._writer.put_result, row))
+            self.barrier.store(partial(self._writer.put_result, row))
         self._digest.add_result(string, row)
 
     def _store_generation(self, summary: GenerationSummary) -> None:
@@ -313,7 +306,7 @@ class RunRecorder:
             population=summary.population,
             digest=self._digest.digest(),
         )
-        self._barrier.store(commit)
+        self.barrier.store(commit)
         self._display.generation(summary, self._generations, simulated, self.tally.rate)
 
     def _commit(self, **row: Any) -> None:

@@ -22,7 +22,7 @@ from agglom_mpi.errors import (
     exhausted,
     named_error,
 )
-from agglom_mpi.formatting import printable
+from agglom_mpi.formatting import pluralise, printable
 from agglom_mpi.launcher import unread_input
 from agglom_mpi.runtime.coordinator import Coordinator, RunEnd
 from agglom_mpi.runtime.experiment import Experiment
@@ -37,7 +37,6 @@ from agglom_mpi.runtime.launch import (
     find_nodes,
     own_program,
     receive_start,
-    taken_input,
 )
 from agglom_mpi.runtime.leg import RunRequest, run_leg, warm_up
 from agglom_mpi.runtime.own_code_notes import notes_left, record_ended
@@ -107,7 +106,11 @@ def run_this_rank(
             return run_worker(world, stop)
         code = RankZero(display, finish, stop, world).run(read)
         if world is not None and (unread := unread_input()):
-            display.error(f"warning: {taken_input(unread)}")  # also if quiet: work is left out
+            display.error(  # also if quiet: work is left out
+                f"warning: the launcher has read {pluralise(unread, 'byte')} of standard input, "
+                "which no rank uses; a loop `while read` around it ends with this campaign: add "
+                "</dev/null to the launcher's command"
+            )
         return code
     except UserError as error:  # while kernels are compiled: a law that cannot be
         if world is None:

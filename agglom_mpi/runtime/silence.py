@@ -141,7 +141,7 @@ class RankWatch:
             self._heard[rank] = now
             if rank:
                 self._patience[rank] = STALLED_AFTER if message.writes else self._named
-            scheduler.heartbeat(rank, now)
+            scheduler.in_flight.heartbeat(rank, now)
             if rank in self.silent:
                 self.silent.discard(rank)
                 self._show(f"{self.name_rank(rank)} is back")
@@ -150,7 +150,7 @@ class RankWatch:
         """Let others do the work of silent ranks; name and return those silent for long."""
         present = self._heard > now - self._patience
         for rank in np.flatnonzero(present & (self._patience > self._named)).tolist():
-            scheduler.heartbeat(rank, now)  # it may write for long, or is this rank
+            scheduler.in_flight.heartbeat(rank, now)  # it may write for long, or is this rank
         scheduler.mark_silent(now, self._pace * REASSIGNED_AFTER)
         limits = np.maximum(self._patience, self._gone.after)
         if gone := self._gone.add(np.flatnonzero(self._heard <= now - limits).tolist()):

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from agglom_mpi.display.progress import Best, DurationStatistics, RunProgress
 from agglom_mpi.outcome import FAILED
+from agglom_mpi.runtime.experiment import StageProgress
 from agglom_mpi.storage.reader import CampaignData
 
 
@@ -42,7 +43,10 @@ class RunTally:
         self._failed += sum(int(failed.sum()) for failed in larger)
         self._stored_samples = len(rows) + stored.volume_count
         self._stored_searched = len(stored.searched_samples) + len(judged)
-        self._stored_seconds = _seconds_of_legs(stored)
+        # Of all earlier legs; of a killed one up to its last generation.
+        legs, generations = stored.legs(), stored.generation_rows()
+        ended = float(np.nansum(legs["stopped"] - legs["started"]))
+        self._stored_seconds = max(ended, float(generations["seconds"].max(initial=0.0)))
         self.begin()
 
     def begin(self) -> None:
@@ -78,13 +82,13 @@ class RunTally:
     def _elapsed(self) -> float:
         return max(1e-9, time.monotonic() - self._begun)
 
-    def progress(self, ranks: int, in_flight: int) -> RunProgress:
+    def progress(self, ranks: int, in_flight: int, stage: StageProgress) -> RunProgress:
         """Return the progress as far as it is known in every phase of a run."""
         elapsed = self._elapsed
         return RunProgress(
-            done=0,
-            total=0,
-            unit="",
+            done=stage.done,
+            total=stage.total,
+            unit=stage.unit,
             elapsed=elapsed,
             samples=self._stored_samples + self.samples,
             rate=self.rate if self.samples else None,
@@ -92,6 +96,7 @@ class RunTally:
             in_flight=in_flight,
             failed=self._failed,
             best=self.best,
+            may_end_sooner=stage.may_end_sooner,
         )
 
     def count(self, results: NDArray[np.void]) -> None:
@@ -110,10 +115,3 @@ class RunTally:
         """Add the times of samples, or of those that parts of tasks have left out, (n,)."""
         self.busy_seconds += float(records["seconds"].sum())
         self.cpu_seconds += float(records["cpu_seconds"].sum())
-
-
-def _seconds_of_legs(data: CampaignData) -> float:
-    """Wall-clock time of all earlier legs; of a killed one up to its last generation."""
-    legs, generations = data.legs(), data.generation_rows()
-    ended = float(np.nansum(legs["stopped"] - legs["started"]))
-    return max(ended, float(generations["seconds"].max()) if len(generations) else 0.0)

@@ -5,51 +5,32 @@ import time
 import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agglom_mpi.config.own_components import permitted_modules
-from agglom_mpi.judge import Judge, decides, new_judge
+from agglom_mpi.judge import decides, new_judge
 from agglom_mpi.measurements.layout import CensusLayout
 from agglom_mpi.outcome import COMPLETED, FAILED, FailureReason, final_particles, outcome_type
-from agglom_mpi.random_streams import key_words
 from agglom_mpi.runtime.abort_flag import AbortFlag
-from agglom_mpi.runtime.experiment import Experiment, SampleSetup
-from agglom_mpi.runtime.messages import (
-    FAILED_SAMPLE,
-    PART,
-    RankMessage,
-    failed_sample,
-)
+from agglom_mpi.runtime.experiment import Experiment
+from agglom_mpi.runtime.messages import FAILED_SAMPLE, PART, RankMessage, failed_sample
 from agglom_mpi.runtime.own_code_notes import OwnCodeNotes
-from agglom_mpi.scheduling.interface import MOST_SAMPLES, means_of
-from agglom_mpi.search.ensemble import judge_of
-from agglom_mpi.search.objectives.objective import Objective
-from agglom_mpi.simulation.census import (
-    CensusRoom,
-    census_values,
-    new_census_room,
-)
+from agglom_mpi.runtime.simulated_strings import SimulatedString, SimulatedStrings, scene_of
+from agglom_mpi.scheduling.interface import MOST_SAMPLES
+from agglom_mpi.simulation.census import CensusRoom, census_values, new_census_room
 from agglom_mpi.simulation.compilation import compile_kernels
 from agglom_mpi.simulation.frames import frame_times, new_frames
 from agglom_mpi.simulation.sample import simulate_counted, simulate_samples, simulate_scene
 from agglom_mpi.simulation.sample_draws import samples_at_once
 from agglom_mpi.simulation.sample_range import TIMES, SampleResults, new_results
-from agglom_mpi.simulation.scene import Scene
 from agglom_mpi.stopwatch import Stopwatch, TimeSpent
 from agglom_mpi.storage.particle_tables import final_row, frame_rows
 from agglom_mpi.storage.schema import SAMPLES, TOOK_TOO_LONG, samples_schema
 from agglom_mpi.storage.table import checksums, concatenated
-from agglom_mpi.verbs.simulate import (
-    ExperimentScene,
-    experiment_scenes,
-    objective_value,
-    random_numbers,
-    simulate_experiments,
-    stream_key,
-)
+from agglom_mpi.verbs.simulate import objective_value, random_numbers, simulate_experiments
 
 MAX_AT_ONCE: Final = MOST_SAMPLES
 """Maximum number of samples of one call of compiled code, those of a message; with 1 each is
@@ -57,9 +38,6 @@ simulated by `simulate_scene`."""
 
 MOST_DRAWN: Final = 16
 """Maximum number of samples whose grains' sizes are drawn ahead where not all may be needed."""
-
-MAX_SCENES: Final = 256
-"""Maximum number of strings whose scenes are kept: their samples come in turn, a few at a time."""
 
 _NO_TIME: Final = TimeSpent(0.0, 0.0)
 
@@ -78,14 +56,12 @@ class SampleRunner:
     ----------
     abort_flag
         Ends samples early.
-    grains
-        Largest number of particles of a sample whose particles are stored.
-    spins
-        Whether their rows have what samples of grains that spin have.
+    sizes
+        Sizes of the tables that rows are for.
+    strings
+        The strings that tasks are of.
     outcome
         Type of the results of the kernels, as far as rows have them.
-    quantities
-        SI units of the quantities of a sample, by name.
     census
         Layout of the censuses of samples of one scene; None: none are taken.
     further_columns
@@ -100,18 +76,14 @@ class SampleRunner:
         self.abort_flag = AbortFlag(experiment.max_seconds)
         self.experiment = experiment
         self.rank = rank
-        self.stores_particles = experiment.table_sizes.final_particles
-        self.grains = experiment.table_sizes.grains
-        self.spins = experiment.table_sizes.spins
-        self.outcome = outcome_type(self.spins)
-        self.quantities = dict(experiment.table_sizes.quantities)
-        layouts = experiment.table_sizes.census
-        self.counts = layouts is not None
+        self.sizes = experiment.table_sizes
+        self.strings = SimulatedStrings(experiment)
+        self.outcome = outcome_type(self.sizes.spins)
+        layouts = self.sizes.census
         self.census = layouts if isinstance(layouts, CensusLayout) else None
-        schema = samples_schema(self.quantities, layouts)
+        schema = samples_schema(self.sizes.quantities, layouts)
         self.result_dtype = schema.dtype
         self.further_columns = [c.name for c in schema.fields if c not in SAMPLES.fields]
-        self._strings: dict[tuple[int, bytes], StringScene] = {}
         self.notes: OwnCodeNotes | None = None
         if experiment.noted_beside is not None and permitted_modules(experiment.campaign):
             self.notes = OwnCodeNotes(experiment.noted_beside, rank)
@@ -122,9 +94,8 @@ class SampleRunner:
         `show` is called with lines on what is being compiled.
         """
         for setup, parameters in self.experiment.kernel_cases():
-            scene = scene_of(setup, parameters)
-            frames = bool(self.experiment.table_sizes.frames)
-            compile_kernels(scene, frames, show, self.counts)
+            scene, counts = scene_of(setup, parameters), self.sizes.census is not None
+            compile_kernels(scene, bool(self.sizes.frames), show, counts)
 
     def begin(self, task: np.void) -> "Task":
         """Return the task of a record of `task_type`, with no sample simulated yet."""
@@ -137,57 +108,6 @@ class SampleRunner:
         """Return what rows have of results: those of a study of several scenes none of spins."""
         names = self.outcome.names or ()
         return records if records.dtype.names == names else records[list(names)]
-
-    def string_scene(self, string: int, parameters: NDArray[np.float64]) -> "StringScene":
-        """Return the scene of a string, shape (k,); those of the last strings are kept."""
-        key = string, parameters.tobytes()
-        kept = self._strings.pop(key, None)
-        if kept is None:
-            setup = self.experiment.setup(string)
-            words = key_words(stream_key(setup.campaign, parameters))
-            objective = setup.campaign.objective_at(parameters)
-            scenes = experiment_scenes(setup.campaign, parameters, setup.engine)
-            kept = StringScene(setup, scene_of(setup, parameters), words, objective, scenes)
-            if len(self._strings) == MAX_SCENES:
-                del self._strings[next(iter(self._strings))]
-        self._strings[key] = kept
-        return kept
-
-
-class StringScene(NamedTuple):
-    """What all samples of a string have in common.
-
-    Attributes
-    ----------
-    setup
-        How they are simulated.
-    scene
-        Their scene.
-    words
-        Key of their random streams, from `key_words`.
-    objective
-        Their objective.
-    experiments
-        Their scenes in each experiment; none where the campaign has none.
-    """
-
-    setup: SampleSetup
-    scene: Scene
-    words: NDArray[np.uint64]
-    objective: Objective
-    experiments: tuple[ExperimentScene, ...] = ()
-
-    def judge(self, task: np.void) -> Judge | None:
-        """Return what ends a task that is judged, a record of `task_type`; None of others."""
-        if not task["judged"]:
-            return None
-        rule, means = self.setup.campaign.ensemble, means_of(task)
-        return judge_of(rule, self.objective, self.scene.particles, means, int(task["count"]))
-
-
-def scene_of(setup: SampleSetup, parameters: NDArray[np.float64]) -> Scene:
-    """Return the scene of one parameter string, shape (k,), in a set-up."""
-    return setup.campaign.at(parameters).build(setup.engine)
 
 
 class Task(ABC):
@@ -241,7 +161,7 @@ class Task(ABC):
             return False
         if not is_open:
             return self._goes_on()
-        spent = self._time_left()
+        spent = self._stopwatch.read().less(self._accounted)
         if late:
             text = f"{TOOK_TOO_LONG} {self._abort_flag.max_seconds:g} s"
             reason = FailureReason.TIMED_OUT
@@ -284,12 +204,8 @@ class Task(ABC):
         """Return whether there is another sample to simulate."""
         return self._done < self._count
 
-    def _time_left(self) -> TimeSpent:
-        """Return the time of this call that no sample accounts for."""
-        return self._stopwatch.read().less(self._accounted)
-
-    def _string_scene(self) -> StringScene:
-        return self._runner.string_scene(self._string, self._parameters)
+    def _simulated(self) -> SimulatedString:
+        return self._runner.strings.of(self._string, self._parameters)
 
 
 class SampleTask(Task):
@@ -321,24 +237,24 @@ class SampleTask(Task):
         self._collected = self._done
         completed = rows["state"] == COMPLETED
         if completed.any():
-            objective = self._string_scene().objective
+            objective = self._simulated().objective
             rows["objective"][completed] = objective.of_samples(rows)[completed]
         rows["crc"] = checksums(rows)
         finals, self._finals = self._finals, []
-        final = concatenated(finals, finals[0].dtype) if finals else None
         leaves_out, self._leaves_out = self._leaves_out, False
         parts = np.zeros(int(leaves_out or len(rows) > 0), PART)
         wasted = self._wasted if leaves_out else _NO_TIME
         parts[:] = self._string, first, len(rows), leaves_out, *wasted
+        final = concatenated(finals, finals[0].dtype) if finals else None
         return RankMessage(self._runner.rank, rows, parts, final_particles=final)
 
     def _simulate(self, sample: int, seconds: float) -> bool:
-        string_scene = self._string_scene()
-        setup, scene = string_scene.setup, string_scene.scene
-        if not self._done and (judge := string_scene.judge(self._task)) is not None:
+        string = self._simulated()
+        setup, scene = string.setup, string.scene
+        if not self._done and (judge := string.judge(self._task)) is not None:
             self._judge = judge
         # Those of a larger volume have more particles than a row has room for.
-        stores = self._runner.stores_particles and setup.campaign.volume == 1
+        stores = self._runner.sizes.final_particles and setup.campaign.volume == 1
         code = setup.campaign.user_function
         alone = MAX_AT_ONCE == 1 or stores or code is not None
         if self._runner.notes is not None:
@@ -350,27 +266,27 @@ class SampleTask(Task):
         random = random_numbers(setup.campaign, self._parameters, number)
         layout, abort = self._runner.census, self._abort_flag.abort
         if layout is None:
+            census = None
             result, particles = simulate_scene(scene, random, abort)
-            self._records[self._done] = self._runner.in_row(result)
         else:
             census = new_census_room(layout, 1)
             result, particles = simulate_counted(scene, random, census, abort)
-            self._records[self._done] = self._runner.in_row(result)
-            self._keep_censuses(slice(self._done, self._done + 1), census)
+        self._records[self._done] = self._runner.in_row(result)
+        self._keep_censuses(slice(self._done, self._done + 1), census)
         if record["state"] != COMPLETED or not (stores or code):
             return True
         final = final_particles(scene, particles)
         if stores:
             self._final = final_row(self._string, sample, final, scene.particles)
         if code and not self._abort_flag.abort[0]:  # one that was cut short is not finished
-            campaign, string, done = setup.campaign, self._parameters, (scene, record, final)
-            for name, value in objective_value(campaign, string, number, done).items():
+            done, parameters = (scene, record, final), self._parameters
+            for name, value in objective_value(setup.campaign, parameters, number, done).items():
                 self._rows[name][self._done] = value
         return True
 
     def _simulate_range(self, sample: int, seconds: float) -> bool:
         """Simulate samples by one call of compiled code, as `_simulate`."""
-        setup, scene, words, *_ = self._string_scene()
+        setup, scene, words, *_ = self._simulated()
         count = min(self._count - self._done, MAX_AT_ONCE, samples_at_once(scene))
         if self._judge.state["asked"][0] and scene.sizes is not None:
             count = min(count, MOST_DRAWN)
@@ -426,9 +342,9 @@ class ExperimentsTask(SampleTask):
     """Samples of all experiments of a campaign, each sample of one after the other."""
 
     def _simulate(self, sample: int, seconds: float) -> bool:
-        string_scene, row = self._string_scene(), self._rows[self._done]
-        number = string_scene.setup.first_sample + sample
-        simulate_experiments(string_scene.experiments, number, row, self._abort_flag.abort)
+        string, row = self._simulated(), self._rows[self._done]
+        number = string.setup.first_sample + sample
+        simulate_experiments(string.experiments, number, row, self._abort_flag.abort)
         return True
 
 
@@ -446,12 +362,11 @@ class FrameTask(Task):
 
     def _simulate(self, sample: int, seconds: float) -> bool:
         self._sample_rows = None
-        string_scene = self._string_scene()
-        setup, scene = string_scene.setup, string_scene.scene
+        setup, scene, *_ = self._simulated()
         number = setup.first_sample + sample
         random = random_numbers(setup.campaign, self._parameters, number)
         frames = new_frames(
-            frame_times(self._frames, scene.end_time), scene.particles, self._runner.spins
+            frame_times(self._frames, scene.end_time), scene.particles, self._runner.sizes.spins
         )
         # A sample that fails has no particles in the frames after that.
         simulate_scene(scene, random, self._abort_flag.abort, frames)

@@ -99,7 +99,7 @@ class WorkerPool:
 
             self._any_rank, self._byte, self._status = MPI.ANY_SOURCE, MPI.BYTE, MPI.Status()
         self.gone = GoneRanks() if self._heart is None else self._heart.gone
-        self._record_types = record_types(runner.grains, runner.spins)
+        self._record_types = record_types(runner.sizes.grains, runner.sizes.spins)
         self._result_type = runner.result_dtype
 
     def send(self, rank: int, tasks: NDArray[np.void]) -> None:

@@ -1,7 +1,7 @@
 """Dynamic scheduling of samples: a pure state machine, without MPI, files or a clock.
 
-Events go in (`returned`, `update`, `heartbeat`, `mark_silent`); assignments and cancellations come
-out.
+Events go in (`returned`, `update`, `in_flight.heartbeat`, `mark_silent`); assignments and
+cancellations come out.
 """
 
 import math
@@ -79,6 +79,8 @@ class Scheduler:
     ----------
     batch_sizer
         Learns how long samples and messages take.
+    in_flight
+        What every rank was given and has not returned.
     sample_counts
         Learns how many samples strings need.
     duplicates
@@ -98,7 +100,7 @@ class Scheduler:
         self._propose_ahead = propose_ahead
         self._ranks = self._employed = ranks
         self._urgency = min(URGENCY, 1.0 + URGENCY_PER_RANK * ranks)
-        self._in_flight = InFlightTable(ranks)
+        self.in_flight = InFlightTable(ranks)
         self.duplicates = DuplicateSamples()
         self.sample_counts = SampleCountModel()
         self._known: dict[int, set[int]] = {}
@@ -114,15 +116,6 @@ class Scheduler:
             self._known.setdefault(string, set()).add(sample)
         for samples in used:
             self.sample_counts.learn(samples)
-
-    @property
-    def in_flight(self) -> int:
-        """Number of samples in flight."""
-        return self._in_flight.samples
-
-    def next_rank(self, batches: int) -> int | None:
-        """Return the rank with exactly `batches` batches that should finish first, or None."""
-        return self._in_flight.next_rank(batches)
 
     def assignments(self, now: float) -> Iterator[tuple[int, NDArray[np.void]]]:
         """Yield ranks and their new tasks, arrays of `task_type`, at the time `now` in s."""
@@ -141,14 +134,14 @@ class Scheduler:
                 batch = self._next_batch(size, least)
                 if not batch:
                     return
-                self._in_flight.assign(rank, batch, now)
+                self.in_flight.assign(rank, batch, now)
                 yield rank, self._tasks(batch)
 
     def _rank_to_employ(self, batches: int) -> int | None:
         """Return the next rank with exactly `batches` batches; None if rank 0 is full by others."""
-        if not batches and self._in_flight.working >= self._employed:
+        if not batches and self.in_flight.working >= self._employed:
             return None
-        return self.next_rank(batches)
+        return self.in_flight.next_rank(batches)
 
     def cancellations(self) -> list[tuple[int, NDArray[np.int64]]]:
         """Return ranks and the strings, (n,), whose samples in flight there are unnecessary.
@@ -162,7 +155,7 @@ class Scheduler:
                 self._forget(string)
         cancelled: dict[int, list[int]] = {}
         for string in self._complete:
-            for rank, samples in self._in_flight.close(string):
+            for rank, samples in self.in_flight.close(string):
                 if samples * self.batch_sizer.mean_seconds > self.batch_sizer.round_trip:
                     cancelled.setdefault(rank, []).append(string)
         self._complete.clear()
@@ -180,7 +173,7 @@ class Scheduler:
         list
             The places of those in the part that no rank has returned before.
         """
-        removed = self._in_flight.remove(rank, part)
+        removed = self.in_flight.remove(rank, part)
         if not self.duplicates:
             return [slice(0, part.size)] if part.size else []
         return runs(self.duplicates.first_returns(removed, part.size))
@@ -190,15 +183,11 @@ class Scheduler:
         if string in self._next:
             self._prioritise(string)
 
-    def heartbeat(self, rank: int, now: float) -> bool:
-        """Record a heartbeat of `rank`; return True if it was marked silent."""
-        return self._in_flight.heartbeat(rank, now)
-
     def mark_silent(self, now: float, timeout: float) -> list[int]:
         """Mark and return ranks that have work and were not heard for `timeout` s; reassign it."""
-        marked = self._in_flight.mark_silent(now - timeout)
+        marked = self.in_flight.mark_silent(now - timeout)
         for rank in marked:
-            for part in self._in_flight.ranges(rank):
+            for part in self.in_flight.ranges(rank):
                 self.duplicates.add(part, needed=part.string in self._next)
                 self.update(part.string)
         return marked

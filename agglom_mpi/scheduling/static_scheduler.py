@@ -92,11 +92,13 @@ class StaticScheduler:
     ----------
     batch_sizer
         Learns how long samples and messages take.
+    in_flight
+        What every rank was given and has not returned.
     """
 
     def __init__(self, tasks: NDArray[np.void], ranks: int) -> None:
         self.batch_sizer = BatchSizer()
-        self._in_flight = InFlightTable(ranks)
+        self.in_flight = InFlightTable(ranks)
         self._ranks = ranks
         self._type = tasks.dtype
         self._of_string = {int(task["string"]): task for task in tasks}
@@ -106,20 +108,15 @@ class StaticScheduler:
         self._waiting_samples = sum(part.size for part in self._waiting)
         self._open = SampleSet(self._waiting)
 
-    @property
-    def in_flight(self) -> int:
-        """Number of samples in flight."""
-        return self._in_flight.samples
-
     def assignments(self, now: float) -> Iterator[tuple[int, NDArray[np.void]]]:
         """Yield ranks and their new tasks, arrays of `task_type`, at the time `now` in s."""
         share = self._waiting_samples / (BATCHES_PER_RANK * self._ranks)
         size = self.batch_sizer.batch_size(share)
         for batches in range(self.batch_sizer.batches_per_rank(size)):
-            while self._waiting and (rank := self._in_flight.next_rank(batches)) is not None:
+            while self._waiting and (rank := self.in_flight.next_rank(batches)) is not None:
                 if not (batch := self._next_batch(size)):
                     return
-                self._in_flight.assign(rank, batch, now)
+                self.in_flight.assign(rank, batch, now)
                 yield rank, self._tasks(batch)
 
     def _next_batch(self, size: int) -> list[SampleRange]:
@@ -154,22 +151,18 @@ class StaticScheduler:
         list
             The places of those in the part that no rank has returned before.
         """
-        removed = self._in_flight.remove(rank, part)
+        removed = self.in_flight.remove(rank, part)
         return runs(self._open.take(removed._replace(size=part.size)))
 
     def done(self, rank: int) -> None:
         """Take the next sample of a rank off those in flight."""
-        string, first, *_ = next(self._in_flight.ranges(rank))
+        string, first, *_ = next(self.in_flight.ranges(rank))
         self.returned(rank, ReturnedPart(string, first, 1, left_out=False))
-
-    def heartbeat(self, rank: int, now: float) -> bool:
-        """Record a heartbeat of `rank`; return True if it was marked silent."""
-        return self._in_flight.heartbeat(rank, now)
 
     def mark_silent(self, now: float, timeout: float) -> list[int]:
         """Mark and return ranks that have work and were not heard for `timeout` s; reassign it."""
-        marked = self._in_flight.mark_silent(now - timeout)
-        repeated = [part for rank in marked for part in self._in_flight.ranges(rank)]
+        marked = self.in_flight.mark_silent(now - timeout)
+        repeated = [part for rank in marked for part in self.in_flight.ranges(rank)]
         self._waiting.extendleft(reversed(repeated))
         self._waiting_samples += sum(part.size for part in repeated)
         return marked

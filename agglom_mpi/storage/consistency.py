@@ -25,10 +25,13 @@ EXIT_CODES: Final = (-1, 0, 1, 75)
 
 
 def check_numbers(report: VerificationReport) -> None:
-    """Add to a report: rows that are absent though others rest on them, and impossible numbers."""
+    """Add to a report: absent rows that others rest on, impossible numbers, wrong own code."""
     if report.data.attributes.get("purpose") not in (INVERSION, STUDY, CERTIFICATE):
         report.faults.append("attributes: unknown purpose")
-    report.faults += _faults_of_own(report)
+    # Imported here: other files are verified without what reads modules.
+    from agglom_mpi.config.own_components import record_faults
+
+    report.faults += record_faults(report.data.attributes, report.data.identity)
     check_absent(report)
     for table, wrong, what in _out_of_range(report):
         if wrong.any():
@@ -40,14 +43,6 @@ def check_numbers(report: VerificationReport) -> None:
     for what, number in _mismatches(report):
         report.faults.append(f"generations: {what} in {number} does not follow from the results")
     report.faults += [*_wrong_legs(report), *_absent_texts(report)]
-
-
-def _faults_of_own(report: VerificationReport) -> list[str]:
-    """Return what is wrong with what the file records of code of one's own."""
-    # Imported here: other files are verified without what reads modules.
-    from agglom_mpi.config.own_components import record_faults
-
-    return list(record_faults(report.data.attributes, report.data.identity))
 
 
 def check_absent(report: VerificationReport) -> None:

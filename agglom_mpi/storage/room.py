@@ -203,13 +203,10 @@ _PATH: Final = re.compile(rf"(?=.{{1,{MAX_VARIABLE_NAME}}}$)[A-Za-z]\w*(\.\w+)*"
 @cache
 def _variables(text: str) -> VariableTable:
     found = json.loads(text)
-    if not isinstance(found, list) or not found:
-        raise ValueError(f"attribute {FURTHER_VARIABLES} is no list")
-    for each in found:
-        if not isinstance(each, list) or [type(part) for part in each] != [str] * 3:
-            raise ValueError(f"attribute {FURTHER_VARIABLES} has an entry without name and unit")
-        if not _PATH.fullmatch(each[0]):
-            raise ValueError(f"attribute {FURTHER_VARIABLES} has a name that no variable has")
+    entries = found if isinstance(found, list) else []
+    texts = all(isinstance(e, list) and [*map(type, e)] == [str] * 3 for e in entries)
+    if not entries or not texts or not all(_PATH.fullmatch(name) for name, *_ in entries):
+        raise ValueError(f"attribute {FURTHER_VARIABLES} is no list of names, units and meanings")
     return VariableTable(Variable(name, unit, name, meaning) for name, unit, meaning in found)
 
 
@@ -221,11 +218,10 @@ def _quantities(text: str) -> dict[str, str]:
 
 
 def _volumes(text: Any) -> tuple[int, ...]:
-    parts = text.split(" ") if isinstance(text, str) and text else []
-    if not isinstance(text, str) or not all(p.isascii() and p.isdecimal() for p in parts):
+    if not isinstance(text, str) or not re.fullmatch(r"([0-9]+( [0-9]+)*)?", text):
         raise ValueError(f"attribute {VOLUMES} is no list of whole numbers")
-    volumes = tuple(int(part) for part in parts)
-    if list(volumes) != sorted(set(volumes)) or (volumes and volumes[0] < 2):
+    volumes = tuple(map(int, text.split()))
+    if list(volumes) != sorted({*volumes} - {0, 1}):
         raise ValueError(f"attribute {VOLUMES} is not ascending from 2")
     return volumes
 
@@ -264,12 +260,12 @@ def _layout(entries: Any) -> CensusLayout:
     try:
         times = tuple(math.inf if time is None else float(time) for time in entries["times"])
         layout = CensusLayout(times, float(entries["lower"]), int(entries["classes"]))
+        whole = 0 < layout.classes <= MAX_CLASSES and 0 < len(times) <= MAX_CLASSES
+        if whole and math.isfinite(layout.lower) and list(times) == sorted(set(times)):
+            return layout
     except (KeyError, TypeError, ValueError):
-        raise ValueError(f"attribute {CENSUS} is no JSON object of times and classes") from None
-    whole = 0 < layout.classes <= MAX_CLASSES and 0 < len(times) <= MAX_CLASSES
-    if not whole or not math.isfinite(layout.lower) or list(times) != sorted(set(times)):
-        raise ValueError(f"attribute {CENSUS} has impossible times or classes")
-    return layout
+        pass
+    raise ValueError(f"attribute {CENSUS} is no JSON object of possible times and classes")
 
 
 def table_sizes(campaign: "Campaign") -> TableSizes:

@@ -12,12 +12,12 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from agglom_mpi.scheduling.interface import number_in_volume, volumes_of
+from agglom_mpi.scheduling.interface import number_in_volume, runs, volumes_of
 from agglom_mpi.storage.access import open_file, with_path
 from agglom_mpi.storage.room import TableSizes
 from agglom_mpi.storage.rows import same_type
 from agglom_mpi.storage.schema import volume_table
-from agglom_mpi.storage.table import Table, checksum_ok, rows_at, runs_of
+from agglom_mpi.storage.table import Table, checksum_ok, rows_at
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Intracomm
@@ -130,8 +130,8 @@ class RowBuffer:
     def write_absent(self) -> None:
         """Write the rows that are not in the file."""
         for first, rows in self.runs():
-            for begin, count in runs_of(~stored(self.table, first, len(rows))):
-                self.table.write(first + begin, rows[begin : begin + count], checked=True)
+            for run in runs(~stored(self.table, first, len(rows))):
+                self.table.write(first + run.start, rows[run], checked=True)
         self.clear()
 
     def _numbers(self, rows: np.ndarray, name: str) -> np.ndarray:

@@ -44,20 +44,13 @@ def checksums(rows: np.ndarray) -> np.ndarray:
 
 
 class ValidRows(NamedTuple):
-    """The rows of a range that are final and have the right checksum.
-
-    Attributes
-    ----------
-    rows : (n,) structured array
-    places : (n,) int64
-        Their numbers, ascending.
-    damaged : (k,) int64
-        Numbers of the final rows of the range whose checksum is wrong.
-    """
+    """The rows of a range that are final and have the right checksum."""
 
     rows: np.ndarray
     places: np.ndarray
+    """Their numbers, ascending."""
     damaged: np.ndarray
+    """Numbers of the final rows of the range whose checksum is wrong."""
 
 
 class Table:
@@ -198,16 +191,6 @@ def rows_at(rows: np.ndarray, where: np.ndarray) -> np.ndarray:
     """
     plain = np.ascontiguousarray(rows).view(np.dtype((np.void, rows.dtype.itemsize)))
     return plain[where].view(rows.dtype)
-
-
-def runs_of(done: np.ndarray) -> Iterator[tuple[int, int]]:
-    """Yield start and length of each run of done bytes that are set."""
-    if len(done) and done.all():  # nearly always, among what ranks return
-        yield 0, len(done)
-        return
-    edges = np.flatnonzero(np.diff(done != 0, prepend=False, append=False))
-    for start, stop in edges.reshape(-1, 2).tolist():
-        yield start, stop - start
 
 
 def consecutive_samples(rows: np.ndarray) -> Iterator[np.ndarray]:

@@ -47,40 +47,28 @@ _LOSABLE: Final = (*_READ, "final_particles", "frames", "status")
 
 @dataclass
 class VerificationReport:
-    """Faults of a campaign file, and its valid rows.
-
-    Attributes
-    ----------
-    data
-        The rows that are final, have the right checksum and lie in their own places.
-    lost
-        Numbers of rows, by table, that are needed but absent or damaged. To a resume they are
-        absent: it makes those of `RECOMPUTED` again as far as it needs them.
-    losses, faults
-        Messages: on rows that a resume makes again, and on all else.
-    counts
-        Valid rows of the tables of particles, by table.
-    generations
-        Generations that were final when all other tables had been read.
-    room
-        Rows that there is room for, by table.
-    settled
-        Whether no run was writing while the file was read, and the last one ended in order.
-    estimates
-        Fresh samples that a finished campaign lacks, though a resume makes them again.
-    """
+    """Faults of a campaign file, and its valid rows."""
 
     data: CampaignData
+    """The rows that are final, have the right checksum and lie in their own places."""
     lost: defaultdict[str, set[Key]] = field(
         default_factory=lambda: defaultdict(set, {name: set() for name in _LOSABLE})
     )
+    """Numbers of rows, by table, that are needed but absent or damaged. To a resume they are
+    absent: it makes those of `RECOMPUTED` again as far as it needs them."""
     losses: list[str] = field(default_factory=list)
     faults: list[str] = field(default_factory=list)
+    """Messages: on rows that a resume makes again, and on all else."""
     counts: dict[str, int] = field(default_factory=dict)
+    """Valid rows of the tables of particles, by table."""
     generations: set[int] = field(default_factory=set)
+    """Generations that were final when all other tables had been read."""
     room: dict[str, int] = field(default_factory=dict)
+    """Rows that there is room for, by table."""
     settled: bool = False
+    """Whether no run was writing while the file was read, and the last one ended in order."""
     estimates: set[Key] = field(default_factory=set)
+    """Fresh samples that a finished campaign lacks, though a resume makes them again."""
 
     def numbers(self, table: str) -> set[int]:
         """Return the strings or generations that a table has rows of."""

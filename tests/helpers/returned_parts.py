@@ -11,7 +11,7 @@ def give_back(scheduler, rank, count):
     """Let a rank return its next samples; return each range with the places of what is new."""
     found = []
     while count:
-        string, first, size, *_ = next(scheduler._in_flight.ranges(rank))
+        string, first, size, *_ = next(scheduler.in_flight.ranges(rank))
         part = ReturnedPart(string, first, min(size, count), left_out=False)
         found.append((SampleRange(*part[:3]), scheduler.returned(rank, part)))
         count -= part.size

@@ -15,8 +15,9 @@ from agglom_mpi.planning.forecast import (
     ForecastReport,
     MessageCosts,
     PilotSummary,
+    forecast_table,
+    to_json,
 )
-from agglom_mpi.planning.forecast_table import forecast_table, to_json
 
 COSTS = MessageCosts(2e-3, 30e-6, 1e-6, 5e-6)
 

@@ -42,7 +42,8 @@ class World:
 @pytest.fixture
 def pool():
     flag = AbortFlag(None)
-    runner = SimpleNamespace(rank=0, grains=3, spins=False, result_dtype=RESULT, abort_flag=flag)
+    sizes = SimpleNamespace(grains=3, spins=False)
+    runner = SimpleNamespace(rank=0, sizes=sizes, result_dtype=RESULT, abort_flag=flag)
     pool = WorkerPool(runner, World(), heart_thread=False)
     yield pool
     pool._thread.stop()

@@ -63,9 +63,8 @@ def test_all_are_taken_in_order_where_there_are_none():
     for task in tasks:
         assert task["parameters"].tolist() == parameters(task["string"]).tolist()
     for pair in reversed(WANTED.samples):
-        assert not stage.done
+        assert not stage.complete
         stage.store(rows(*pair))
-    assert stage.done
     assert stage.complete
     assert writer.kept == FramesInMemory(*WANTED.samples).kept
     assert writer.forgotten == 0
@@ -85,7 +84,6 @@ def test_frames_may_arrive_one_by_one():
 def test_nothing_is_missing_where_all_are_there():
     stage, tasks = open_stage(FramesInMemory(*WANTED.samples))
     assert stage.complete
-    assert stage.done
     assert len(tasks) == 0
 
 
@@ -111,7 +109,6 @@ def test_pictures_of_others_are_dropped_before_any_is_taken(stored):
     writer = FramesInMemory(*stored)
     stage = FrameStage(WANTED, writer, parameters)
     assert not stage.complete
-    assert not stage.done
     assert writer.kept, "asking changes nothing"
     assert pairs(stage.open()) == list(WANTED.samples)
     assert (writer.kept, writer.forgotten) == ({}, 1)
@@ -137,9 +134,9 @@ def test_a_sample_that_raised_is_given_up_until_the_next_run():
     writer = FramesInMemory((7, 0))
     stage, _ = open_stage(writer)
     stage.give_up(7, 1)
-    assert not stage.done
+    assert not stage.complete
     stage.store(rows(2, 0))
-    assert stage.done
+    assert stage.complete
     assert pairs(open_stage(writer)[1]) == [(7, 1)]
 
 
@@ -147,6 +144,5 @@ def test_where_none_are_asked_for_those_there_are_stay():
     writer = FramesInMemory((7, 0))
     stage, tasks = open_stage(writer, FramePlan())
     assert stage.complete
-    assert stage.done
     assert len(tasks) == 0
     assert writer.forgotten == 0

@@ -36,9 +36,9 @@ def test_a_result_is_stored_when_the_rank_that_simulated_it_has_written_its_samp
 ):
     recorder.store_samples(sample_rows(STRING, 0, 10), writer=1)
     recorder.record([StringEvaluated(STRING, RESULT)])
-    recorder.written(1, 9)
+    recorder.barrier.written(1, 9)
     assert "put_result" not in writer.calls
-    recorder.written(1, 1)
+    recorder.barrier.written(1, 1)
     assert writer.calls == ["mark_running", "put_result"]
 
 

@@ -46,9 +46,8 @@ def test_all_are_simulated_the_best_string_first():
     assert tasks["parameters"][:, 0].tolist() == [7, 2]
     assert stage.announcement(tasks) == "estimating 2 strings again, on 6 fresh samples"
     stage.take(rows(*ALL[:5]))
-    assert not stage.done
+    assert not stage.complete
     stage.take(rows(ALL[5]))
-    assert stage.done
     assert stage.complete
 
 

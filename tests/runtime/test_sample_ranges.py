@@ -11,6 +11,7 @@ from processes import HANG
 
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.outcome import COMPLETED, OUTCOME, FailureReason
+from agglom_mpi.runtime import simulated_strings
 from agglom_mpi.runtime import task_runner as module
 from agglom_mpi.runtime.experiment import InversionExperiment
 from agglom_mpi.runtime.task_runner import SampleRunner
@@ -211,14 +212,14 @@ def test_times_of_samples_add_up_to_that_of_the_thread(runner, campaign):
 
 
 def test_scenes_of_the_last_strings_are_kept_and_no_others(runner, campaign, monkeypatch):
-    monkeypatch.setattr(module, "MAX_SCENES", 2)
+    monkeypatch.setattr(simulated_strings, "MAX_KEPT", 2)
     string = campaign.parameters()
-    first = runner.string_scene(0, string)
-    assert runner.string_scene(0, string) is first
-    assert runner.string_scene(0, 2.0 * string) is not first
-    runner.string_scene(0, string)
-    runner.string_scene(1, string)
-    assert runner.string_scene(0, string) is first
-    runner.string_scene(2, string)
-    runner.string_scene(3, string)
-    assert runner.string_scene(0, string) is not first
+    first = runner.strings.of(0, string)
+    assert runner.strings.of(0, string) is first
+    assert runner.strings.of(0, 2.0 * string) is not first
+    runner.strings.of(0, string)
+    runner.strings.of(1, string)
+    assert runner.strings.of(0, string) is first
+    runner.strings.of(2, string)
+    runner.strings.of(3, string)
+    assert runner.strings.of(0, string) is not first

@@ -27,6 +27,7 @@ class Ranks:
 
     def __init__(self, monkeypatch, hosts=HOSTS):
         self.time, self.shown, self.marks = 100.0, [], []
+        self.in_flight = self
         monkeypatch.setattr(abort_flag, "time", SimpleNamespace(monotonic=lambda: self.time))
         self.gone = GoneRanks({3, 4} if hosts is HOSTS else (), beat_every=BEAT_EVERY)
         self.watch = RankWatch(len(hosts), hosts, self.shown.append, self.gone)

@@ -3,7 +3,10 @@ import pytest
 
 from agglom_mpi.outcome import COMPLETED, FAILED
 from agglom_mpi.runtime import tally
+from agglom_mpi.runtime.experiment import StageProgress
 from agglom_mpi.storage.reader import read_campaign
+
+STAGE = StageProgress(1, 2, "generations")
 
 
 @pytest.fixture
@@ -16,13 +19,13 @@ def clock(monkeypatch):
 
 def test_ranks_are_busy_for_the_share_of_the_time_in_which_they_simulate(finished, clock):
     counted = tally.RunTally(read_campaign(finished))
-    stored = counted.progress(2, 0).samples
+    stored = counted.progress(2, 0, STAGE).samples
     rows = np.zeros(3, [("seconds", "f8"), ("cpu_seconds", "f8"), ("state", "u1")])
     rows["seconds"], rows["cpu_seconds"], rows["state"] = 1.0, 0.5, COMPLETED
     rows["state"][0] = FAILED
     clock[0] += 10.0
     counted.count(rows)
-    found = counted.progress(ranks=2, in_flight=4)
+    found = counted.progress(ranks=2, in_flight=4, stage=STAGE)
     assert (found.busy, found.rate) == (pytest.approx(3.0 / 20.0), pytest.approx(0.3))
     assert (found.samples - stored, found.failed, found.in_flight) == (3, 1, 4)
     assert counted.cpu_seconds == pytest.approx(1.5)

@@ -182,7 +182,7 @@ class World:
             self._look_at_the_clock()
 
     def _say_something(self, rank):
-        was_silent = self.scheduler.heartbeat(rank, self._now)
+        was_silent = self.scheduler.in_flight.heartbeat(rank, self._now)
         assert was_silent == (rank in self._silent)
         self._silent.discard(rank)
 
@@ -222,7 +222,7 @@ class World:
             assert 1 <= len(batch) <= MOST_SAMPLES
             self.held[rank].append(deque(batch))
             assert len(self.held[rank]) <= MESSAGES_IN_FLIGHT
-        assert self.scheduler.in_flight == sum(len(b) for held in self.held for b in held)
+        assert self.scheduler.in_flight.samples == sum(len(b) for held in self.held for b in held)
         if any(not self.held[rank] for rank in range(self._ranks) if rank not in self._silent):
             self._check_that_nothing_useful_is_left()
 
@@ -274,7 +274,7 @@ class World:
         batch = self.held[rank][0]
         count = len(batch) if self._chance.random() < 0.5 else self._chance.randint(1, len(batch))
         while count > 0:
-            string, first, size, *_ = next(self.scheduler._in_flight.ranges(rank))
+            string, first, size, *_ = next(self.scheduler.in_flight.ranges(rank))
             left_out = (string, first) in self._left_out[rank]
             done = 0 if left_out else min(size, count)
             turn = [batch.popleft() for _ in range(size if left_out else done)]

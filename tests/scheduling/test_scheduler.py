@@ -163,7 +163,7 @@ def batches_of(ranks, seconds, experience=(), round_trip=ROUND_TRIP_SECONDS, **o
     scheduler.batch_sizer.learn([seconds])
     for rank in first:
         give_back(scheduler, rank, 1)
-    assert scheduler.in_flight == 0
+    assert scheduler.in_flight.samples == 0
     return [(rank, int(tasks["count"].sum())) for rank, tasks in scheduler.assignments(0.0)]
 
 
@@ -197,7 +197,7 @@ def test_more_ranks_than_samples_leave_some_without_work():
     assert announced == GENERATIONS_AHEAD * 2
     assert sum(int(task["count"]) for task in tasks) == (6 + announced) * MAX_SAMPLES
     assert max(int(task["first"]) for task in tasks) == MAX_SAMPLES - 1
-    assert scheduler.next_rank(0) is not None
+    assert scheduler.in_flight.next_rank(0) is not None
 
 
 def test_what_a_decision_waits_for_comes_before_what_a_silent_rank_held_ahead():
@@ -207,7 +207,7 @@ def test_what_a_decision_waits_for_comes_before_what_a_silent_rank_held_ahead():
     held = {rank: [] for rank in range(2)}
     for rank, tasks in scheduler.assignments(0.0):
         held[rank] += tasks[["string", "first"]].tolist()
-    scheduler.heartbeat(1, 100.0)
+    scheduler.in_flight.heartbeat(1, 100.0)
     assert scheduler.mark_silent(100.0, PATIENCE) == [0]
     scheduler.batch_sizer.learn([1e-3])
     give_back(scheduler, 1, len(held[1]))

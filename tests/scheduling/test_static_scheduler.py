@@ -46,13 +46,13 @@ def test_tasks_of_a_silent_rank_are_given_to_others_unless_it_did_them():
     scheduler = StaticScheduler(tasks(3), 2)
     assert [rank for rank, _ in scheduler.assignments(0.0)] == [0, 1, 0]
     scheduler.done(1)
-    scheduler.heartbeat(1, 50.0)
+    scheduler.in_flight.heartbeat(1, 50.0)
     assert scheduler.mark_silent(50.0, PATIENCE) == [0]
     scheduler.done(0)
     again = [(rank, pairs(task)) for rank, task in scheduler.assignments(50.0)]
     assert again == [(1, [(0, 2)])]
-    assert scheduler.heartbeat(0, 51.0)
-    assert not scheduler.heartbeat(0, 52.0)
+    assert scheduler.in_flight.heartbeat(0, 51.0)
+    assert not scheduler.in_flight.heartbeat(0, 52.0)
 
 
 def many(strings, samples):
@@ -92,7 +92,7 @@ def test_long_samples_do_not_wait_in_the_queue_of_a_rank():
 def test_what_two_ranks_have_done_counts_once():
     scheduler = StaticScheduler(many(1, 4), 2)
     assert [rank for rank, _ in scheduler.assignments(0.0)] == [0, 1, 0, 1]
-    scheduler.heartbeat(1, 50.0)
+    scheduler.in_flight.heartbeat(1, 50.0)
     assert scheduler.mark_silent(50.0, PATIENCE) == [0]
     scheduler.batch_sizer.learn([0.1])
     give_back(scheduler, 1, 2)
@@ -121,7 +121,7 @@ class World:
         self.now += seconds
         for rank in sorted(self.alive):
             if self.chance.random() < share_heard:
-                self.scheduler.heartbeat(rank, self.now)
+                self.scheduler.in_flight.heartbeat(rank, self.now)
         for rank in self.scheduler.mark_silent(self.now, PATIENCE):
             self.lost.update(self.held[rank])
 
@@ -135,7 +135,7 @@ class World:
     def give_back(self, rank):
         self.done.add(self.held[rank].popleft())
         self.scheduler.done(rank)
-        self.scheduler.heartbeat(rank, self.now)
+        self.scheduler.in_flight.heartbeat(rank, self.now)
 
 
 @examples(150, st.integers(1, 6), st.integers(0, 30), st.integers(0, 2**32), st.floats(0.0, 0.5))
