@@ -20,7 +20,7 @@ from agglom_mpi.analysis.summary import describe_best
 from agglom_mpi.config.searchable import check_searchable
 from agglom_mpi.config.yaml_source import CampaignError
 from agglom_mpi.display.table import Column, Table
-from agglom_mpi.formatting import label_of, pluralise
+from agglom_mpi.formatting import label_of, pluralise, value_with_error
 from agglom_mpi.report.posterior_summary import next_text, posterior_text
 from agglom_mpi.report.sections.section import Block, Page, bullets, note, section, shown, warning
 from agglom_mpi.report.set_summary import set_text
@@ -130,7 +130,7 @@ def strings(page: Page) -> Iterator[Block | Table]:
     """Yield all strings that have a result."""
     if rank_strings(page.data).order:
         table = all_strings(page.data)
-        yield note(ORDER)
+        yield note(describe_order(page.data))
         heading = f"{pluralise(len(table.rows), 'string')} in order of rank"
         yield Block("folded_table", table, heading)
 
@@ -140,6 +140,16 @@ ORDER: Final = (
     "ranks strings by more than their own samples, as it ranked them; then all others, by the "
     "objective as searched, which rests on their own samples alone."
 )
+
+
+def describe_order(data: CampaignData) -> str:
+    """Return what strings are ordered by, and why that of the lowest objective is not the first."""
+    results, _, order = rank_strings(data)
+    place = min(range(len(order)), key=lambda i: results[order[i]]["objective"])
+    row = results[order[place]]
+    lowest = value_with_error(row["objective"], row["standard_error"])
+    example = f"string {order[place]} has place {place + 1}, by {places_by(data)[place]}"
+    return f"{ORDER} The lowest objective as searched is {lowest}: {example}."
 
 
 def all_strings(data: CampaignData) -> Table:
