@@ -262,6 +262,9 @@ def test_each_string_says_what_it_is_ranked_by(four_of_six, tmp_path, monkeypatc
     order = rank_strings(data).order
     kinds = ["search" if string in last else "samples" for string in order[4:]]
     assert by[4:] == kinds == sorted(kinds, reverse=True)
+    lowest = min(order, key=lambda string: rank_strings(data).results[string]["objective"])
+    place = order.index(lowest)
+    assert f"string {lowest} has place {place + 1}, by {by[place]}." in page
 
 
 @pytest.mark.parametrize("upright", [True, False])
