@@ -6,8 +6,8 @@ samples are left out one by one. Pairs of bins whose error is too large are merg
 """
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Final, NamedTuple
 
@@ -122,6 +122,8 @@ class CollisionKernels:
         The laws of the string.
     max_error
         Maximum relative standard error of an efficiency; pairs are merged until they have it.
+    parameters
+        The string: values and units of its variables by name.
     """
 
     sums: BlockSums
@@ -133,6 +135,7 @@ class CollisionKernels:
     failed: int = 0
     tests: ImpactTests | None = None
     max_error: float = MAX_ERROR
+    parameters: Mapping[str, tuple[float, str]] = field(default_factory=dict)
 
     @cached_property
     def _whole(self) -> BlockSums:

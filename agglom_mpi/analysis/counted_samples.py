@@ -93,7 +93,13 @@ def collision_kernels(
     volume = (2.0 * scene.half_width) ** 3
     box = volume, density, scene.mass
     found = sums, masses, np.array([0.0, *ends]), *box, len(failures)
-    return CollisionKernels(*found, campaign.impact_tests_at(vector))
+    table = campaign.variables
+    values = {
+        each.name: (float(vector[table.index(each.name)]), each.unit)
+        for each in table.variables
+        if each.name in table.used
+    }
+    return CollisionKernels(*found, campaign.impact_tests_at(vector), parameters=values)
 
 
 def _windows(campaign: Campaign, scene: Scene, times: Sequence[float]) -> npt.NDArray[np.float64]:

@@ -56,6 +56,8 @@ class ImposedGrowth(NamedTuple):
         there is none.
     efficiency
         Mean collision efficiency of the measured pairs, and the scatter of pairs about it.
+    masses, sticking
+        Masses in kg, and the share of the impacts of two equal ones that stick, each (bins,).
     """
 
     times: Floats
@@ -64,6 +66,8 @@ class ImposedGrowth(NamedTuple):
     extrapolated: Floats
     barrier: float
     efficiency: tuple[float, float]
+    masses: Floats
+    sticking: Floats
 
 
 def power_law(grain_mass: float, speed: float, exponent: float) -> Speed:
@@ -118,6 +122,8 @@ def imposed_growth(kernels: CollisionKernels, speed: Speed, until: float) -> Imp
         numbers[1, :, beyond] @ masses[beyond] / mass[1],
         _barrier(longest, equal),
         efficiency,
+        longest,
+        equal,
     )
 
 

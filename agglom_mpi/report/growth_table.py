@@ -2,11 +2,12 @@
 
 from typing import Any, Final
 
+import numpy as np
 from rich.console import Group, RenderableType
 
 from agglom_mpi.analysis.imposed_speeds import ImposedGrowth
 from agglom_mpi.display.table import Column, Table
-from agglom_mpi.formatting import number_or_none
+from agglom_mpi.formatting import format_percent, number_or_none
 
 GROWTH_COLUMNS: Final = (
     Column("time", unit="s", format=".3g"),
@@ -23,9 +24,11 @@ def growth_text(growth: ImposedGrowth, grain_mass: float) -> RenderableType:
         low, mean, high = (record[f"mean_mass{end}"] / grain_mass for end in ("_from", "", "_to"))
         rows.append(record | {"mean_mass": mean, "band": f"{low:.3g}–{high:.3g}"})
     (mean, scatter), size = growth.efficiency, (growth.barrier / grain_mass) ** (1.0 / 3.0)
+    grains = float(np.interp(grain_mass, growth.masses, growth.sticking))
     barrier = (
-        "barrier, from which fewer than half of the impacts of equal particles stick, in radii of "
-        f"a grain: {number_or_none(size, '.3g')}"
+        f"barrier: {number_or_none(size, '.3g')}, in radii of a grain; from there on fewer than "
+        f"half of the impacts of equal particles stick, and {format_percent(grains, 2)} of those "
+        "of grains"
     )
     title = "Growth at the imposed relative speeds, by the Smoluchowski equations"
     note = (
@@ -46,5 +49,11 @@ def growth_json(growth: ImposedGrowth) -> dict[str, Any]:
         records.append(record)
     barrier = growth.barrier if growth.barrier > 0.0 else None
     efficiency, scatter = growth.efficiency
-    shown = {"barrier": barrier, "efficiency": efficiency, "efficiency_scatter": scatter}
+    shown: dict[str, Any] = {
+        "barrier": barrier,
+        "efficiency": efficiency,
+        "efficiency_scatter": scatter,
+    }
+    masses = zip(growth.masses.tolist(), growth.sticking.tolist(), strict=True)
+    shown["sticking"] = [{"mass": mass, "of_equal_masses": share} for mass, share in masses]
     return shown | {"growth": records}

@@ -22,6 +22,7 @@ from agglom_mpi.analysis.imposed_speeds import (
     require_unbreakable,
 )
 from agglom_mpi.display.table import Column, Table
+from agglom_mpi.formatting import in_unit
 from agglom_mpi.report.growth_table import growth_json, growth_text
 from agglom_mpi.report.simulate import SimulationRequest, selected_string
 from agglom_mpi.simulation.collision_counts import ENERGY, NUMBER
@@ -150,7 +151,9 @@ def kernel_text(found: CollisionKernels, growth: ImposedGrowth | None = None) ->
         }
         for record in map(records.__getitem__, sorted(most))
     ]
+    string = [f"{n} {in_unit(f'{v:.6g}', unit)}" for n, (v, unit) in found.parameters.items()]
     notes = [
+        f"string: {', '.join(string)}",
         f"{int(found.sums.samples.sum())} samples, {found.failed} failed",
         "efficiency: the rate over that of Maxwellian grains with the same partial temperatures; "
         "speed: normal to the contact; sticking by law: of Maxwellian grains",
@@ -220,7 +223,12 @@ def kernel_json(found: CollisionKernels, growth: ImposedGrowth | None = None) ->
         balance = balance_records(found)
     except RuntimeError:
         balance = []
-    shown: dict[str, Any] = {"samples": int(found.sums.samples.sum()), "failed": found.failed}
+    values = {name: value for name, (value, _) in found.parameters.items()}
+    shown: dict[str, Any] = {
+        "parameters": values,
+        "samples": int(found.sums.samples.sum()),
+        "failed": found.failed,
+    }
     shown |= {"units": UNITS, "kernels": records, "pieces": pieces}
     shown["balance"] = [_separate(record) for record in balance]
     if growth is not None:
