@@ -10,7 +10,7 @@ these numbers between samples (the delta method), which is updated in constant t
 import math
 from collections.abc import Mapping
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -299,6 +299,32 @@ def weighted_quantiles(
     below = np.cumsum(weights[order]) / weights.sum()
     places = np.minimum(np.searchsorted(below, shares), len(values) - 1)
     return tuple(values[order][places].tolist())
+
+
+MAX_WITHIN: Final = 0.12
+"""Largest variance within two groups, over that of all, at which they are apart.
+
+The best split of even values leaves 0.25 of it, of normal ones 0.36.
+"""
+
+
+def gap_between(values: Floats, weights: Floats) -> float | None:
+    """Return the number between two groups of weighted values, (n,), that are apart, or None.
+
+    It splits them so that the variance within both groups is smallest (N. Otsu, IEEE Trans. Syst.
+    Man Cybern. 9 (1979) 62).
+    """
+    order = np.argsort(values)
+    values, shares = values[order], weights[order] / weights.sum()
+    mean = float(shares @ values)
+    whole, below = float(shares @ (values - mean) ** 2), np.cumsum(shares)[:-1]
+    product = below * (1.0 - below)
+    moments = np.cumsum(shares * (values - mean))[:-1]
+    between = np.divide(moments**2, product, out=np.zeros_like(below), where=product > 1e-12)
+    k = int(np.argmax(between)) if len(between) else 0
+    if not len(between) or between[k] <= (1.0 - MAX_WITHIN) * whole:
+        return None
+    return 0.5 * float(values[k] + values[k + 1])
 
 
 def probability_between(lower: float, upper: float, mean: Floats, deviation: Floats) -> Floats:

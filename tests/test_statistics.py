@@ -11,6 +11,7 @@ from agglom_mpi.statistics import (
     MeanEstimate,
     PooledMoments,
     RunningMean,
+    gap_between,
     mean_of,
     t_95,
     t_quantile,
@@ -114,3 +115,17 @@ def test_t_quantiles_are_those_of_printed_tables(degrees_of_freedom, quantile):
 def test_quantiles_weigh():
     values, weights = np.array([3.0, 1.0, 2.0]), np.array([0.1, 0.8, 0.1])
     assert weighted_quantiles(values, weights, (0.5, 0.85, 1.0)) == (1.0, 2.0, 3.0)
+
+
+@pytest.mark.parametrize("share", [0.03, 0.5, 0.8])
+def test_two_groups_are_split_where_there_is_nothing(share):
+    rng, count = np.random.default_rng(2), 4000
+    values = np.where(rng.random(count) < share, rng.normal(0.0, 0.1, count), 3.0)
+    assert 1.0 < gap_between(values, rng.uniform(0.5, 1.5, count)) < 3.0
+
+
+@pytest.mark.parametrize("draw", ["normal", "uniform", "exponential"])
+def test_one_group_is_not_split(draw):
+    rng = np.random.default_rng(3)
+    assert gap_between(getattr(rng, draw)(size=4000), np.ones(4000)) is None
+    assert gap_between(np.ones(5), np.ones(5)) is None

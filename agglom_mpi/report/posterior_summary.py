@@ -27,10 +27,13 @@ from agglom_mpi.inference.posterior_sampling import CENTRAL, REPORTED_QUANTILES
 from agglom_mpi.inference.searched_box import SearchedBox
 from agglom_mpi.inference.set_points import quantity_name
 from agglom_mpi.measurements.datum import Datum
+from agglom_mpi.statistics import gap_between, weighted_quantiles
 from agglom_mpi.variables import Variable
 
 SHOWN_PAIRS: Final = 6
 """Number of pairs of variables whose correlations are shown."""
+MIN_BRANCH: Final = 0.02
+"""Minimum share of the posterior of a branch that is named."""
 
 
 def measure_text(box: SearchedBox) -> str:
@@ -74,6 +77,8 @@ def posterior_text(posterior: Posterior) -> RenderableType:
         ("strings", size),
         ("share of the box", f"{share} has 90 % of the posterior"),
     ]
+    if branches := _branches(posterior):
+        facts.append(("branches", "\n".join(branches)))
     if posterior.calibration is not None:
         facts.append(("check", posterior.calibration.text))
     rows = [_compared(each, of.box.campaign.text) for each in posterior.predictions]
@@ -81,6 +86,30 @@ def posterior_text(posterior: Posterior) -> RenderableType:
     if len(rows) > 1:
         data.append(f"all data together: p = {posterior.p_value:.2g}")
     return Group(f"posterior, given {posterior.given}", Facts(facts), *warning, *data)
+
+
+def _branches(posterior: Posterior) -> list[str]:
+    """Return a line for each variable whose posterior is in two groups that are apart."""
+    found = []
+    for variable in posterior.of.box.own:
+        values = variable.values(posterior.strings)
+        scaled = np.log(values) if variable.logarithmic else values
+        if (gap := gap_between(scaled, posterior.weights)) is None:
+            continue
+        lower = scaled < gap
+        share = float(posterior.weights[lower].sum())
+        if MIN_BRANCH <= share <= 1.0 - MIN_BRANCH:
+            factor, unit = unit_of_variable(posterior.of.box.campaign.text, variable)
+            ends = [
+                weighted_quantiles(values[part], posterior.weights[part], (end,))[0]
+                for part, end in ((lower, 0.99), (~lower, 0.01))
+            ]
+            below, above = (in_unit(f"{end / factor:.3g}", unit) for end in ends)
+            found.append(
+                f"{label_of(variable.name)}: {format_percent(share)} up to {below}, "
+                f"{format_percent(1.0 - share)} from {above} on"
+            )
+    return found
 
 
 def variable_rows(

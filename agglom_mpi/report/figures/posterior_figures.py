@@ -32,7 +32,7 @@ from agglom_mpi.report.figures.data_fit import (
 )
 from agglom_mpi.report.figures.figure import Figure, FigureOptions
 from agglom_mpi.report.style import COLOURS, PAGE, legend_below
-from agglom_mpi.statistics import weighted_quantiles
+from agglom_mpi.statistics import gap_between, weighted_quantiles
 from agglom_mpi.storage.reader import CampaignData
 
 if TYPE_CHECKING:
@@ -162,16 +162,17 @@ def _draw_pair(ax: Any, points: BoxPoints, column: str, row: str) -> None:
 def pair_density(x: Floats, y: Floats, weights: Floats, edges: Sequence[Floats]) -> Floats:
     """Return the density of weighted points, (n,), in the cells of a panel, by normal kernels.
 
-    Kernels have the shape of the points' covariance, so that a narrow ridge stays narrow, and the
-    width of Scott's rule, n^(-1/6) by the effective n, but at least half a cell. The result is over
-    that of a uniform density, so that it does not fall towards an edge of the box.
+    Kernels have the shape of the points' covariance, of groups that are apart within these, so that
+    a narrow ridge stays narrow, and the width of Scott's rule, n^(-1/6) by the effective n, but at
+    least half a cell. The result is over that of a uniform density, so that it does not fall
+    towards an edge of the box.
     """
     from scipy.signal import fftconvolve
 
     mass = np.histogram2d(x, y, bins=edges, weights=weights)[0]
     cells = np.array([edge[1] - edge[0] for edge in edges])
     size = np.sum(weights) ** 2 / np.sum(weights**2)
-    covariance = np.cov(x, y, aweights=weights) * size ** (-1.0 / 3.0)
+    covariance = _covariance_within(np.array([x, y]), weights) * size ** (-1.0 / 3.0)
     precision = np.linalg.inv(covariance + np.diag((0.5 * cells) ** 2))
     reach = np.arange(1 - len(mass), len(mass))
     away = np.stack(np.meshgrid(reach * cells[0], reach * cells[1], indexing="ij"), axis=-1)
@@ -179,6 +180,20 @@ def pair_density(x: Floats, y: Floats, weights: Floats, edges: Sequence[Floats])
     inside = fftconvolve(np.ones(mass.shape), kernel, mode="same")
     density = np.maximum(fftconvolve(mass, kernel, mode="same"), 0.0) / inside
     return np.asarray(density / density.sum())
+
+
+def _covariance_within(points: Floats, weights: Floats) -> Floats:
+    """Return the mean covariance, (2, 2), of the groups that weighted points, (2, n), lie in."""
+    centre = np.average(points, axis=1, weights=weights)
+    away = points - centre[:, None]
+    covariance = (weights * away) @ away.T / weights.sum()
+    along = np.linalg.eigh(covariance)[1][:, -1] @ away
+    gap = gap_between(along, weights)
+    parts = [] if gap is None else [along < gap, along >= gap]
+    if not all(weights[part].any() for part in parts) or not parts:
+        return np.asarray(covariance)
+    of_parts = [_covariance_within(points[:, part], weights[part]) for part in parts]
+    return np.average(of_parts, axis=0, weights=[weights[part].sum() for part in parts])
 
 
 def _truth_handle() -> Any:

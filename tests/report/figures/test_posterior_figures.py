@@ -103,6 +103,15 @@ def test_the_density_of_even_points_is_even_up_to_the_edges():
     assert 1600 * density == pytest.approx(np.ones((40, 40)), rel=0.1)
 
 
+def test_each_of_two_groups_far_apart_is_as_narrow_as_alone():
+    rng, edges = np.random.default_rng(1), [np.linspace(0.0, 1.0, 101)] * 2
+    x = np.concatenate([rng.normal(0.2, 0.01, 1000), rng.normal(0.8, 0.03, 1000)])
+    y = rng.uniform(0.0, 1.0, 2000)
+    density = pair_density(x, y, np.ones(2000), edges).sum(axis=1)
+    assert density[15:25].sum() > 0.48
+    assert density[30:60].sum() < 0.01
+
+
 def test_points_count_by_their_weights_in_a_density():
     x, y = np.array([0.25, 0.75, 0.25, 0.75]), np.array([0.25, 0.75, 0.75, 0.25])
     weights = np.array([0.4, 0.1, 0.3, 0.2])
