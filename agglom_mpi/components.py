@@ -65,7 +65,7 @@ _BY_MODULE: Final[dict[str, tuple[str, ...]]] = {
     ),
     # Searches
     "outcome": ("SampleSummary",),
-    "statistics": ("RunningMean", "PooledMoments", "t_95"),
+    "statistics": ("Floats", "RunningMean", "PooledMoments", "t_95"),
     "search.objectives.objective": (
         *("Objective", "RadiusObjective", "ObjectiveAccumulator", "MeanAccumulator", "Ratio"),
         "ReachedMoment",

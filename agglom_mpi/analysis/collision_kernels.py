@@ -162,6 +162,18 @@ class CollisionKernels:
         return self._jackknife(self._efficiencies)
 
     @cached_property
+    def expected(self) -> Floats:
+        """Numbers of collisions of Maxwellian gases, shape (windows, bins, bins)."""
+        return self._expected(self._whole)
+
+    @cached_property
+    def mean_efficiency(self) -> Coefficient:
+        """Efficiency of all pairs and windows together."""
+        return self._jackknife(
+            lambda sums: np.asarray(sums.impacts[..., HITS].sum() / self._expected(sums).sum())
+        )
+
+    @cached_property
     def sticking(self) -> Coefficient:
         """Share of the collisions after which there is one particle."""
         return self._share(STICKS)

@@ -33,7 +33,9 @@ Speed = Callable[[Floats, Floats], Floats]
 TIMES: Final = np.geomspace(1e-3, 1.0, 16)
 """Times at which growth is returned, over the last one."""
 MARGIN: Final = 100.0
-"""Mass at the end of the grid over that which equal particles reach."""
+"""Mass at the end of the first grid over that which equal particles reach."""
+EDGE_SHARE: Final = 1e-3
+"""Largest share of the mass in the last decade of a grid; with more, a longer grid is taken."""
 MOST_BINS: Final = 240
 """Largest number of bins of the grid, on which the equations take some minutes."""
 
@@ -105,19 +107,21 @@ def imposed_growth(kernels: CollisionKernels, speed: Speed, until: float) -> Imp
         raise UserError("no two masses have enough collisions; must be more samples")
     longest = kernels.masses[0] * (kernels.masses[1] / kernels.masses[0]) ** np.arange(MOST_BINS)
     speeds, equal = _rates(kernels, np.array([longest, longest]), speed)
-    bins, size = len(kernels.masses), _size(kernels, longest, speeds * equal, until)
-    masses = longest[: max(bins, size)]
-    grid = Grid(masses)
-    of_pairs, error, efficiency, largest = _efficiencies(kernels, grid)
-    speeds, sticking = _rates(kernels, masses[grid.pairs], speed)
-    start = np.zeros(len(masses))
-    start[:bins] = kernels.sums.start[..., NUMBER].sum(axis=0) / kernels.sums.samples.sum()
-    rates = [speeds * sticking * (of_pairs + k * error).clip(0.0) for k in (-2.0, 0.0, 2.0)]
-    numbers = np.array([_numbers(kernels, grid, each, start, until * TIMES) for each in rates])
-    mass, beyond = numbers @ masses, slice(largest + 1, None)
+    size = max(len(kernels.masses), _size(kernels, longest, speeds * equal, until))
+    decade = math.ceil(math.log(10.0) / math.log(longest[1] / longest[0]))
+    while True:
+        masses, last = longest[:size], slice(size - decade, size)
+        numbers, efficiency, largest = _solved(kernels, Grid(masses), speed, until)
+        mass = numbers @ masses
+        if np.all(numbers[..., last] @ masses[last] <= EDGE_SHARE * mass):
+            break
+        if size == MOST_BINS:
+            raise _beyond(kernels, masses[last][0], until)
+        size = min(2 * size, MOST_BINS)
+    beyond = slice(largest + 1, None)
     return ImposedGrowth(
         until * TIMES,
-        numbers.sum(axis=2) / start.sum(),
+        numbers.sum(axis=2) / _start(kernels, len(kernels.masses)).sum(),
         numbers @ masses**2 / mass,
         numbers[1, :, beyond] @ masses[beyond] / mass[1],
         _barrier(longest, equal),
@@ -125,6 +129,36 @@ def imposed_growth(kernels: CollisionKernels, speed: Speed, until: float) -> Imp
         longest,
         equal,
     )
+
+
+def _solved(
+    kernels: CollisionKernels, grid: Grid, speed: Speed, until: float
+) -> tuple[Floats, tuple[float, float], int]:
+    """Return numbers of particles, (3, times, bins), with the efficiencies that they rest on.
+
+    These are the mean and the scatter of those measured, and the largest bin of them.
+    """
+    of_pairs, error, efficiency, largest = _efficiencies(kernels, grid)
+    speeds, sticking = _rates(kernels, grid.masses[grid.pairs], speed)
+    rates = [speeds * sticking * (of_pairs + k * error).clip(0.0) for k in (-2.0, 0.0, 2.0)]
+    start = _start(kernels, len(grid.masses))
+    try:
+        numbers = [_numbers(kernels, grid, each, start, until * TIMES) for each in rates]
+    except RuntimeError as reason:
+        raise UserError(f"until {until:g} s {reason}; must be less time") from None
+    return np.array(numbers), efficiency, largest
+
+
+def _start(kernels: CollisionKernels, bins: int) -> Floats:
+    """Return the numbers of particles that a sample begins with, in the bins of a grid."""
+    numbers = kernels.sums.start[..., NUMBER].sum(axis=0) / kernels.sums.samples.sum()
+    return np.pad(numbers, (0, bins - len(numbers)))
+
+
+def _beyond(kernels: CollisionKernels, mass: float, until: float) -> UserError:
+    """Return the error of particles that grow beyond a mass in kg."""
+    grains = f"{mass / kernels.grain_mass:.1e} grains"
+    return UserError(f"until {until:g} s particles grow beyond {grains}; must be less time")
 
 
 def _efficiencies(
@@ -137,18 +171,18 @@ def _efficiencies(
     """
     value, error = kernels.efficiency
     known = np.isfinite(value)
-    hits = np.where(known, kernels.hits, 0.0)
-    expected = np.divide(hits, value, out=np.zeros_like(hits), where=known)
-    errors = np.sqrt(np.sum(np.where(known, expected * error, 0.0) ** 2, axis=0))
-    hits, expected = hits.sum(axis=0), expected.sum(axis=0)
-    mean = float(hits.sum() / expected.sum())
-    place = first, second = np.nonzero(expected)
-    found, weights = hits[place] / expected[place], expected[place]
-    scatter = math.sqrt(np.average((found - mean) ** 2, weights=weights))
+    weights = np.where(known, kernels.expected, 0.0)
+    place = first, second = np.nonzero(weights.sum(axis=0))
+    of_windows = np.where(known, [value, error], 0.0) * weights
+    whole = weights.sum(axis=0)[place]
+    found = of_windows[0].sum(axis=0)[place] / whole
+    errors = np.sqrt(np.sum(of_windows[1] ** 2, axis=0))[place] / whole
+    mean, of_mean = map(float, kernels.mean_efficiency)
+    scatter = math.hypot(of_mean, math.sqrt(np.average((found - mean) ** 2, weights=whole)))
     # Pairs of the grid in a row follow each other, those of the first bin first.
     at = first * len(grid.masses) - first * (first - 1) // 2 + second - first
     values = np.full((2, grid.pairs.shape[1]), [[mean], [scatter]])
-    values[:, at] = found, errors[place] / weights
+    values[:, at] = found, errors
     return values[0], values[1], (mean, scatter), int(second.max())
 
 
@@ -169,13 +203,12 @@ def _size(kernels: CollisionKernels, masses: Floats, rates: Floats, until: float
     held = kernels.sums.start[..., MASS].sum() / kernels.sums.samples.sum() / kernels.volume
     with np.errstate(divide="ignore"):  # equal particles: m' = ½Kρ, K of those that stick
         slopes = 2.0 * math.pi * kernels.radii(masses) ** 2 * held * rates
-        ages = np.cumsum(np.diff(masses) / slopes[:-1])
-    grain = int(np.searchsorted(masses, kernels.grain_mass))
-    reached = int(np.searchsorted(ages, until + ages[grain])) + 1
+        grain = int(np.searchsorted(masses, kernels.grain_mass))
+        ages = np.cumsum(np.diff(masses)[grain:] / slopes[grain:-1])
+    reached = grain + int(np.searchsorted(ages, until)) + 2
     margin = math.ceil(math.log(MARGIN) / math.log(masses[1] / masses[0]))
     if reached + margin > MOST_BINS:
-        grains = f"{masses[-margin] / kernels.grain_mass:.1e} grains"
-        raise UserError(f"until {until:g} s particles grow beyond {grains}; must be less time")
+        raise _beyond(kernels, masses[-margin], until)
     return reached + margin
 
 

@@ -5,7 +5,16 @@ from typing import Any
 
 import click
 
-from agglom_mpi.cli.common import ALLOW_CODE, JSON, PATH, SETTINGS, examples, exit_with, say
+from agglom_mpi.cli.common import (
+    ALLOW_CODE,
+    JSON,
+    PATH,
+    SETTINGS,
+    examples,
+    exit_with,
+    require_own_names,
+    say,
+)
 
 
 @click.command(
@@ -70,9 +79,12 @@ def kernels(as_json: bool, **options: Any) -> int:
     --impose solves the Smoluchowski equations where something else than the grains' own motion
     decides their relative speeds, also beyond the masses of the samples.
     """
-    if any(map(math.isnan, options["impose"] or ())):
-        raise click.UsageError("--impose: must be three numbers, not nan")
+    for option, given in (("--impose", options["impose"] or ()), ("--error", [options["error"]])):
+        if any(map(math.isnan, given)):
+            raise click.UsageError(f"{option}: is nan; must be a number")
+    require_own_names({"--csv": options["csv"], "--netcdf": options["netcdf"]})
     from agglom_mpi.display.run_display import print_wide
+    from agglom_mpi.report.growth_table import growth_text
     from agglom_mpi.report.kernel_table import (
         KernelRequest,
         kernel_json,
@@ -83,9 +95,11 @@ def kernels(as_json: bool, **options: Any) -> int:
 
     request = KernelRequest(**options)
     found = string_kernels(request, show=lambda line: say(line, error=True))
+    if not as_json:
+        print_wide(kernel_text(found))
     growth = string_growth(request, found)
     if as_json:
         say(kernel_json(found, growth))
-    else:
-        print_wide(kernel_text(found, growth))
+    elif growth is not None:
+        print_wide(growth_text(growth, found.grain_mass))
     return 0

@@ -19,7 +19,6 @@ from agglom_mpi.formatting import (
 )
 from agglom_mpi.measurements.datum import Datum, exact_values
 from agglom_mpi.measurements.layout import CensusLayout
-from agglom_mpi.physics.sizes import CurveSizes
 from agglom_mpi.variables import volume_fraction
 
 if TYPE_CHECKING:
@@ -345,8 +344,8 @@ def _sizes(campaign: "Campaign") -> list[str]:
         found = [f"d{100 * share:.0f} {text(law.quantile(share, by_volume))}" for share in SHARES]
         found += [f"D[4,3] {text(law.volume_mean)}"] if by_volume else []
         lines.append(f"diameters by {name}: {', '.join(found)}{unit}")
-    if isinstance(scene.sizes, CurveSizes) and scene.sizes.mean_errors:
-        number, volume = map(format_percent, scene.sizes.mean_errors)
+    if errors := scene.sizes.errors_of_means():
+        number, volume = map(format_percent, errors)
         lines.append(f"errors of the curve: mean diameter ± {number}, D[4,3] ± {volume}")
     return lines
 

@@ -252,7 +252,8 @@ def _problem(campaign: "Campaign", string: npt.NDArray[np.float64]) -> str:
     fraction = volume_fraction(values["size_ratio"], section.third_moment)
     if fraction > JAMMING_FRACTION * (1.0 + 1e-9):
         limit = f"random placement jams near {JAMMING_FRACTION}"
-        return f"the grains fill {fraction:.3g} of the box; {limit}"
+        most = values["size_ratio"] * (JAMMING_FRACTION / fraction) ** (1.0 / 3.0)
+        return f"the grains fill {fraction:.3g} of the box; {limit}, at a size_ratio of {most:.4g}"
     return ""
 
 

@@ -110,7 +110,7 @@ class ImpactTests(NamedTuple):
             return np.asarray(self.coefficients(np.column_stack(states), solve) == 0.0)
 
         pair, place = np.indices((len(speed), len(SCALED_SPEEDS))).reshape(2, -1)
-        bonded = bonds(pair, SCALED_SPEEDS[place]).reshape(len(speed), -1)
+        bonded = bonds(pair, SCALED_SPEEDS[place]).reshape(len(speed), len(SCALED_SPEEDS))
         pair, place = np.nonzero(bonded[:, 1:] != bonded[:, :-1])
         low, high, below = SCALED_SPEEDS[place], SCALED_SPEEDS[place + 1], bonded[pair, place]
         for _ in range(HALVINGS):

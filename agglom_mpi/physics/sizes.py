@@ -75,6 +75,10 @@ class Sizes(Component):
         """The distribution of radii; one object, which calculates its moments once."""
         return self.build()
 
+    def errors_of_means(self) -> tuple[float, ...]:
+        """Relative errors of the means by number and volume of what was measured; none of a law."""
+        return ()
+
     @needed
     def build(self) -> SizeLaw:
         """Return the distribution of radii over their mean."""
@@ -301,6 +305,10 @@ class CurveSizes(FileSizes):
     headings: dict[Line, Line] | None = None
     counted: Annotated[int, Whole(at_least=10)] | None = None
     mean_errors: tuple[float, ...] = ()
+
+    def errors_of_means(self) -> tuple[float, ...]:
+        """Those that the errors of the curve make."""
+        return self.mean_errors
 
     @property
     def summary(self) -> str:

@@ -21,9 +21,10 @@ from agglom_mpi.analysis.imposed_speeds import (
     power_law,
     require_unbreakable,
 )
+from agglom_mpi.analysis.merged_pairs import pooled
 from agglom_mpi.display.table import Column, Table
 from agglom_mpi.formatting import in_unit
-from agglom_mpi.report.growth_table import growth_json, growth_text
+from agglom_mpi.report.growth_table import growth_json
 from agglom_mpi.report.simulate import SimulationRequest, selected_string
 from agglom_mpi.simulation.collision_counts import ENERGY, NUMBER
 from agglom_mpi.storage.files import atomic_file, require_absent
@@ -139,7 +140,7 @@ def string_growth(request: KernelRequest, found: CollisionKernels) -> ImposedGro
     return imposed_growth(found, power_law(found.grain_mass, *law), until)
 
 
-def kernel_text(found: CollisionKernels, growth: ImposedGrowth | None = None) -> RenderableType:
+def kernel_text(found: CollisionKernels) -> RenderableType:
     """Return the pairs with the most collisions as a table."""
     records, grain = found.records(), found.grain_mass
     most = sorted(range(len(records)), key=lambda k: -records[k]["collisions"])[:SHOWN]
@@ -162,8 +163,7 @@ def kernel_text(found: CollisionKernels, growth: ImposedGrowth | None = None) ->
     ]
     if len(most) < len(records):
         notes.append(f"{len(records) - len(most)} more pairs: --csv and --json have all")
-    grown = [] if growth is None else [growth_text(growth, found.grain_mass)]
-    return Group(Table(COLUMNS, rows), *notes, *_piece_text(found), *_balance_text(found), *grown)
+    return Group(Table(COLUMNS, rows), *notes, *_piece_text(found), *_balance_text(found))
 
 
 def _window(record: dict[str, Any]) -> str:
@@ -219,10 +219,11 @@ def kernel_json(found: CollisionKernels, growth: ImposedGrowth | None = None) ->
     """Return all pairs and the growth at imposed speeds as JSON, in SI units."""
     records = [_separate(record) for record in found.records()]
     pieces = [_separate(record) for record in found.piece_records()]
+    failed = {}
     try:
         balance = balance_records(found)
-    except RuntimeError:
-        balance = []
+    except RuntimeError as error:
+        balance, failed = [], {"balance_error": str(error)}
     values = {name: value for name, (value, _) in found.parameters.items()}
     shown: dict[str, Any] = {
         "parameters": values,
@@ -230,7 +231,7 @@ def kernel_json(found: CollisionKernels, growth: ImposedGrowth | None = None) ->
         "failed": found.failed,
     }
     shown |= {"units": UNITS, "kernels": records, "pieces": pieces}
-    shown["balance"] = [_separate(record) for record in balance]
+    shown |= {"balance": [_separate(record) for record in balance]} | failed
     if growth is not None:
         shown["imposed"] = growth_json(growth)
     return json.dumps(shown, indent=2, allow_nan=False)
@@ -278,6 +279,8 @@ def _arrays(found: CollisionKernels) -> dict[str, tuple[tuple[str, ...], str, An
         "particles": (numbers, "", found.numbers),
         "temperature": (numbers, "J", found.temperatures),
         "collisions": (PAIRS, "", found.hits),
+        "merged_collisions": (PAIRS, "", pooled(found.hits, found.groups)),
+        "sticking_by_law": (PAIRS, "", found.sticking_by_law),
         "volume": ((), "m^3", found.volume),
         "density": ((), "kg/m^3", found.density),
         "samples": ((), "", samples),

@@ -21,6 +21,8 @@ NEXT = ["report", "tiny.h5", "--out", "OUT", "--posterior", "--what-next", "--wh
         (["export", "tiny.h5", "--compact", "OUT", "--unused"], "--unused"),
         (["report", "tiny.h5", "--feasible-set", "--posterior"], "--posterior"),
         (["kernels", "tiny.yaml", "--impose", "1", "nan", "1"], "--impose"),
+        (["kernels", "tiny.yaml", "--error", "nan"], "--error"),
+        (["kernels", "tiny.yaml", "--csv", "k", "--netcdf", "k"], "--csv and --netcdf"),
         ([*NEXT, "OUT.csv", "--feasible-set", "--grid", "OUT.csv"], "--grid and --what-next-table"),
         (["report", "tiny.h5", "--posterior", "--what-next-table", "OUT"], "--what-next"),
         (["export", "tiny.h5", "--csv", "OUT", "--frames", "5"], "--paraview"),

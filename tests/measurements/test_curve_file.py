@@ -54,6 +54,10 @@ LAYOUTS = {
         "230,0.063,50,25,90,10\n",
         {"column": "Passing"},
     ),
+    "amounts in words": (
+        "Aperture (mm),Percent passing by mass\n0.5,100\n0.25,85\n0.125,35\n0.063,10\n",
+        {},
+    ),
     "Camsizer": (
         "CAMSIZER 0.3.5.7\r\nDate\t12.3.2014\r\n\r\nx1 [mm]\tx2 [mm]\tp3 [%]\tQ3 [%]\tSPHT3\r\n"
         "0.000\t0.063\t10.0\t10.0\t0.8\r\n0.063\t0.125\t25.0\t35.0\t0.81\r\n"

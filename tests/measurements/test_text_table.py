@@ -176,6 +176,8 @@ def test_what_is_quoted_can_be_printed():
     [
         ("Diameter [um]", Heading("Diameter", "um")),
         ("Passing (%) by mass", Heading("Passing by mass", "%")),
+        ("Percent passing by mass", Heading("passing by mass", "%")),
+        ("% finer", Heading("finer", "%")),
         ("time / ms", Heading("time / ms")),
         ("Diameter min", Heading("Diameter min")),
     ],

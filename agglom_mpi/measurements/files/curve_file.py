@@ -99,10 +99,11 @@ def read_curve_grains(folder: Path, name: str, keys: CurveKeys) -> dict[str, Any
     curve = read_size_curve(folder, name, keys)
     low, high = curve.edges[0], curve.edges[-1]
     try:
-        for is_open, at, word in ((low == 0.0, 0, "below"), (high == math.inf, -1, "above")):
-            if is_open:
-                share = format_percent(curve.shares[at])
-                raise TableError(f"{share} is {word} all sizes; must have a size with none {word}")
+        places = ((low == 0.0, 0, "below"), (high == math.inf, -1, "above"))
+        ends = [f"{format_percent(curve.shares[k])} {word}" for beyond, k, word in places if beyond]
+        if ends:
+            must = "must reach 0 % and 100 %; add a row with the size at which it does"
+            raise TableError(f"has {' and '.join(ends)} all sizes; {must}")
         check_range(low, high)
         if curve.weight == "area":
             raise TableError("has shares of the area; must be of number or mass")

@@ -48,7 +48,8 @@ KNOWN_HEADINGS: Final[dict[str, tuple[Role, ShareWeight | None]]] = {
     **{"lower": ("lower", None), "upper": ("upper", None), "area": ("area", None)},
     **{word: (amount, None) for word, amount in _WORDS.items()},
     **{
-        f"{of} {word}": (amount, weight)
+        title.format(of=of, word=word): (amount, weight)
+        for title in ("{of} {word}", "{word} by {of}")
         for of, weight in _WEIGHTS.items()
         for word, amount in _WORDS.items()
     },

@@ -148,13 +148,14 @@ def is_unit(cell: str) -> bool:
 
 
 def parse_heading(text: str) -> Heading:
-    """Return title and unit of a heading like `Diameter [um]` or `Passing (%) by mass`."""
+    """Return title and unit of a heading: `Diameter [um]`, `Passing (%) by mass`, `% passing`."""
     text = " ".join(text.split())
     for found in _BRACKETS.finditer(text):
         if found[1] in ("%", "1") or is_unit(found[1]):
             title = f"{text[: found.start()]} {text[found.end() :]}"
             return Heading(" ".join(title.split()), found[1].strip())
-    return Heading(text)
+    first, _, rest = text.partition(" ")
+    return Heading(rest, "%") if rest and first.lower() in ("%", "percent") else Heading(text)
 
 
 def read_table(
