@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from plain_python import PLAIN
 
+from agglom_mpi.analysis import imposed_speeds
 from agglom_mpi.analysis.collision_kernels import BlockSums, CollisionKernels
 from agglom_mpi.analysis.imposed_speeds import imposed_growth, power_law
 from agglom_mpi.config.campaign import Campaign
@@ -15,6 +16,8 @@ from agglom_mpi.simulation.collision_counts import ENERGY, HITS, MASS, NUMBER
 NUMBER_OF_GRAINS = 1000.0
 DENSITY, RADIUS, VOLUME = 2000.0, 0.5e-6, 1e-9
 GRAIN = 4.0 / 3.0 * math.pi * DENSITY * RADIUS**3
+ROUNDS = 8.0
+"""Time in s in which a grain at 0.1 m/s meets some three others."""
 SCENE = """\
 scene:
   {particles: 1000, grain_radius: 0.5 um, heating: none, end_time: 1 ms, velocities: uniform_x,
@@ -126,3 +129,20 @@ def test_growth_that_is_not_in_the_equations_is_one_message(kernels, speed, unti
     with pytest.raises(UserError) as error:
         imposed_growth(kernels, power_law(kernels.grain_mass, speed, 0.5), until)
     assert "\n" not in str(error.value)
+
+
+@PLAIN
+def test_growth_does_not_depend_on_the_first_length_of_the_grid(monkeypatch):
+    """Rates that grow like the mass widen the distribution by decades."""
+    kernels, found = counted(STICKS, bins=(1, 4)), []
+    for margin in (10.0, 1e6):
+        monkeypatch.setattr(imposed_speeds, "MARGIN", margin)
+        found.append(imposed_growth(kernels, power_law(GRAIN, 0.1, 1.0), ROUNDS).mean_mass)
+    assert found[0] == pytest.approx(found[1], rel=0.01)
+
+
+@PLAIN
+def test_particles_that_gel_are_one_message():
+    """Rates that grow faster than the mass make one particle of all in a finite time."""
+    with pytest.raises(UserError, match="must be less time"):
+        imposed_growth(counted(STICKS, bins=(1, 4)), power_law(GRAIN, 0.1, 2.0), ROUNDS)
