@@ -33,7 +33,8 @@ def read_range(value: Any, variable: Variable, recorded: bool = False) -> Variab
         return variable._replace(lower=number, upper=number)
     logarithmic = len(value) == 3 and isinstance(value, list) and value[2] == LOGARITHMIC
     if isinstance(value, dict) or len(value) != 2 + logarithmic:
-        point = "; numbers have a decimal point, and no comma" * (len(value) > 2)
+        numbers = [end for end in value if isinstance(end, int | float)]
+        point = "; numbers have a decimal point, and no comma" * (len(numbers) == len(value) > 2)
         raise ValueError(f"is {quoted(value)}; must be {allowed}{point}")
     lower, upper = (read_value(variable, end) for end in value[:2])
     if not recorded:

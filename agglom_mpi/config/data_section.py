@@ -143,7 +143,10 @@ class DatumEntry(Declared):
         left_out |= {"time", *_OF_SIZES} if kind.is_exact else set()
         left_out |= set() if kind.has_weight else {"weight"}
         for key in sorted(left_out & self.model_fields_set):
-            yield (key,), f"must be left out of {self.quantity}"
+            weighted = ", ".join(name for name, each in QUANTITIES.items() if each.has_weight)
+            belongs = f", and belongs to {weighted}" * (key == "weight")
+            value = quoted(getattr(self, key))
+            yield (key,), f"is {value}; must be left out of {self.quantity}{belongs}"
         number = "a number" if unit == "1" else f"a number in {unit}, or a text with a unit"
         for key in ("file",) if kind.has_file else ("value", "error"):
             if getattr(self, key) is None:

@@ -39,7 +39,7 @@ from agglom_mpi.declaration.declared import (
     Reads,
     raise_field_errors,
 )
-from agglom_mpi.declaration.reading import PLAIN, Reading
+from agglom_mpi.declaration.reading import PLAIN, Reading, problems_at
 from agglom_mpi.measurements.files.size_columns import CurveKeys
 from agglom_mpi.outcome import SPIN_UNITS, quantity_columns
 from agglom_mpi.physics.sizes import CurveSizes, law_of_file
@@ -373,17 +373,21 @@ def _with_sizes(source: Source, reading: Reading) -> Source:
     problems: list[tuple[FieldPath, str]] = [
         ((key,), f"unknown key '{key[:40]}'; {rule}") for key in unknown
     ]
-    stated, place = dict[str, Any](), "file"
-    try:
-        for place in (key for key in CurveKeys._fields if key in given and key in sizes):
-            stated[place] = given[place].read(sizes[place], reading)
-        place, keys = "file", CurveKeys(**stated) if issubclass(law, CurveSizes) else None
-        sizes = {**sizes, **reading.files.diameters(sizes["file"], keys)}
-    except FieldError as error:
-        problems += error.problems
-    except ValueError as error:
-        problems.append(((place,), str(error)))
-    if problems:
+    stated, wrong = dict[str, Any](), list[tuple[FieldPath, str]]()
+    for key in (key for key in CurveKeys._fields if key in given and key in sizes):
+        try:
+            stated[key] = given[key].read(sizes[key], reading)
+        except ValueError as error:
+            wrong += problems_at(key, error)
+    if not wrong:
+        keys = CurveKeys(**stated) if issubclass(law, CurveSizes) else None
+        try:
+            sizes = {**sizes, **reading.files.diameters(sizes["file"], keys)}
+        except FieldError as error:
+            wrong += error.problems
+        except ValueError as error:
+            wrong.append((("file",), str(error)))
+    if problems := problems + wrong:
         path = ("scene", "sizes")
         raise CampaignError(*(source.problem((*path, *key), message) for key, message in problems))
     return replace(source, data={**source.data, "scene": {**scene, "sizes": sizes}})

@@ -116,6 +116,8 @@ def read_searched(campaign: "Campaign", parameters: Parameters) -> Floats:
     table = campaign.variables
     strings, by_name = read_strings(campaign, parameters), hasattr(parameters, "items")
     names = {str(name) for name, _ in parameters.items()} if by_name else set()
+    if VOLUME_FRACTION.name in names:  # it is read as a size ratio
+        names.add("size_ratio")
     for variable in table.own:
         if by_name and names.isdisjoint((variable.name, table.names[variable.column])):
             message = "is missing; the campaign searches it"

@@ -16,10 +16,12 @@ from agglom_mpi.config.bounds import ABSENT
 from agglom_mpi.config.given_strings import read_string
 from agglom_mpi.config.size_warnings import Finding, unlikely_draws
 from agglom_mpi.config.yaml_source import Problem, parse
+from agglom_mpi.declaration.declared import FieldPath
 from agglom_mpi.declaration.given_values import FRACTIONS
 from agglom_mpi.declaration.units import quoted
 from agglom_mpi.formatting import format_duration, in_unit, pluralise, value_with_prefix
 from agglom_mpi.physics import scales
+from agglom_mpi.physics.constants import LIGHT_SPEED
 from agglom_mpi.variables import TEN, VariableTable
 
 Value = dict[str, float]
@@ -51,6 +53,9 @@ USUAL: Final = {
 
 GRAINS: Final = Usual(1e-8, 0.1, "from 10 nm to 10 cm across")
 """Diameters of grains, m."""
+
+NEWTONIAN: Final = 0.01
+"""Fraction of the speed of light up to which energies by Newton's mechanics are right to 1e-4."""
 
 SLOW: Final = 0.5
 """Fraction of the critical speed that no two grains reach at the start where nothing bonds: pairs
@@ -203,8 +208,8 @@ def _softening(scene: "SceneSection", soft: Value, hard: Value) -> Iterator[Find
 
 
 def _speeds(scene: "SceneSection", fast: Value) -> Iterator[Finding]:
-    """Yield a wide spread in y and z."""
-    speed = fast["relative_speed"]
+    """Yield a wide spread in y and z, and speeds at which mechanics is not Newton's."""
+    speed, mean = fast["relative_speed"], scene.velocities.mean_flow
     across, usual = scene.velocities.transverse_speed(speed), USUAL["relative_speed"]
     if across > usual.upper >= speed:
         message = (
@@ -212,6 +217,15 @@ def _speeds(scene: "SceneSection", fast: Value) -> Iterator[Finding]:
             f"usual is {usual.words}"
         )
         yield ("scene", "velocities", "transverse"), message
+    share = (mean + speed) / LIGHT_SPEED
+    if share > NEWTONIAN:
+        flow: FieldPath = ("scene", "velocities", "mean")
+        path: FieldPath = flow if mean > speed else ("variables", "relative_speed")
+        message = (
+            f"makes speeds up to {mean + speed:.3g} m/s, {share:.2g} of the speed of light; the "
+            f"mechanics is Newtonian, valid up to {NEWTONIAN:g} of it"
+        )
+        yield path, message
 
 
 def _bonding(scene: "SceneSection", low: Value, fast: Value) -> Iterator[Finding]:

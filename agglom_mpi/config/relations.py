@@ -284,12 +284,12 @@ def quantity_problems(
     return problems
 
 
-def _text(entry: Any) -> str:
+def _text(entry: Any, example: str = "0.5 * density") -> str:
     """Return the text of an expression, which may be a plain number."""
     if isinstance(entry, int | float) and not isinstance(entry, bool):
         return repr(entry)
     if not isinstance(entry, str):
-        raise ValueError(f"is {quoted(entry)}; must be a text like '0.5 * density'")
+        raise ValueError(f"is {quoted(entry)}; must be a text like '{example}'")
     return entry
 
 
@@ -335,7 +335,9 @@ def read_constraints(
 
 def _constraint(entry: Any, dimensions: Mapping[str, Dimension], reading: Reading) -> Comparison:
     comparison = read_comparison(
-        _text(entry), {*reading.variables.names, *dimensions}, reading.recorded
+        _text(entry, "pressure < 0.1 * hardness"),
+        {*reading.variables.names, *dimensions},
+        reading.recorded,
     )
     check_names(comparison.operands, dimensions, reading.variables)
     common_dimension(comparison.operands, dimensions, "in a comparison")

@@ -185,8 +185,9 @@ def check_ends(campaign: "Campaign") -> None:
     a campaign that wants more growth than the grains of any string allow.
     """
     box, names = campaign.variables, _searched(campaign)
-    problems = _refused(campaign, (each for name in names for each in _ends(campaign, [name])))
-    whole = (([*names, "size_ratio"], string) for string in (box.lower, box.upper))
+    ends = [*names, "size_ratio"]
+    problems = _refused(campaign, (each for name in ends for each in _ends(campaign, [name])))
+    whole = ((ends, string) for string in (box.lower, box.upper))
     if problems := problems or _refused(campaign, whole) or dict(_out_of_reach(campaign)):
         source = parse(campaign.text, campaign.name)
         raise CampaignError(*(source.problem(*found) for found in problems.items()))

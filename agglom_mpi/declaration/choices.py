@@ -60,6 +60,8 @@ class Choice(NamedTuple):
         except UnknownComponentError as error:
             is_own = self.kind.may_be_own and names_own(mapping[key])
             known = ", ".join(self.kind.components())
+            if self.kind.may_be_own and ":" in str(mapping[key]):
+                known += "; a class of your own is FILE.py:Class"
             message = str(error) if is_own else f"is {quoted(mapping[key])}; allowed: {known}"
             path = (key,) if isinstance(entry, Mapping) and key in entry else ()
             raise FieldError((path, message)) from error

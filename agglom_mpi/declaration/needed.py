@@ -89,7 +89,9 @@ def check_number(
     values: Any = field.default if several else (field.default,)
     count = len(parts) if several else 1
     is_tuple = isinstance(values, tuple) and len(values) == count
-    if not is_tuple or any(type(each) not in (int, kind) for each in values):
+    if not is_tuple or any(
+        isinstance(each, bool) or not isinstance(each, int | kind) for each in values
+    ):
         wanted = "number" if kind is float else "whole number"
         message = f"has the default {quoted(field.default)}; must be {pluralise(count, wanted)}"
         raise TypeError(f"field {name} {message}")

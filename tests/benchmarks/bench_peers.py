@@ -93,7 +93,10 @@ PER_STRING: Final = 10
 
 def ours(study: AnswerStudy, name: str, seed: int) -> Iterator[tuple[int, Floats]]:
     """Yield what `reported` does, of one of our searches."""
-    campaign, last = setting_of(study, DEFAULT if name == SMALL else name).with_seed(seed), 0
+    campaign, last = (
+        setting_of(study, DEFAULT if name == SMALL else name).campaign.with_seed(seed),
+        0,
+    )
     if name == SMALL:
         search = {"method": "surrogate", "initial": 10, "batch": 4}
         plan = {"search": search, "stopping": {"generations": SAMPLES}}
@@ -192,7 +195,7 @@ def run_set(study: AnswerStudy, name: str, seed: int) -> Run:
         by = predicted_by_skopt if SETS[name] == "skopt" else predicted_by_sklearn
         sets = by(study, seed)
     else:
-        data = json.loads(setting_of(study, name).with_seed(seed).text)
+        data = json.loads(setting_of(study, name).campaign.with_seed(seed).text)
         data["stopping"] = {"generations": SAMPLES // 16}
         with tempfile.TemporaryDirectory() as folder:
             file = campaign_file(Path(folder) / "run.yaml", json.dumps(data))

@@ -38,10 +38,15 @@ class Idle(SampleRunner):
     """A simulator that has nothing to do."""
 
     def __init__(self, rank):
-        sizes = SimpleNamespace(final_particles=False, grains=1, quantities={})
+        sizes = SimpleNamespace(
+            final_particles=False, grains=1, quantities={}, spins=False, census=None, frames=0
+        )
         variables = SimpleNamespace(count=NUMBERS)
         super().__init__(
-            SimpleNamespace(max_seconds=None, table_sizes=sizes, variables=variables), rank
+            SimpleNamespace(
+                max_seconds=None, table_sizes=sizes, variables=variables, noted_beside=None
+            ),
+            rank,
         )
 
     def begin(self, task):

@@ -181,6 +181,7 @@ def test_a_change_of_the_source_is_another_campaign(written: Path) -> None:
         ("raise SystemExit(3)", "but shape.py raised SystemExit, which would end a rank"),
         ("def other(sample): return 1.0", "but shape.py defines no function 'worth'"),
         ("worth = 1.0", "but shape.py defines no function 'worth'"),
+        ("", "but shape.py defines no function 'worth'"),
     ],
 )
 def test_code_that_cannot_be_used_is_said_in_one_line(

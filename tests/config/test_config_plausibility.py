@@ -97,10 +97,20 @@ def spread(settings: str) -> tuple[str, str]:
     return "  velocities", f"  velocities: {{law: spread, {settings}}}"
 
 
-def test_speeds_across_that_no_matter_has() -> None:
-    found = lines(campaign(spread("transverse: 1e3"), ("  end_time", "  end_time: 1 ms")))
-    start = "campaign.yaml:6: scene.velocities.transverse: is 1000"
-    assert any(line.startswith(start) for line in found)
+@pytest.mark.parametrize(
+    ("edit", "place"),
+    [
+        (spread("mean: [0, 0, 3e6 m/s]"), "6: scene.velocities.mean: makes speeds up to 3e+06 m/s"),
+        (spread("transverse: 1e3"), "6: scene.velocities.transverse: is 1000, which makes speeds"),
+        (
+            ("  relative_speed", "  relative_speed: 3e6"),
+            "17: variables.relative_speed: makes speeds",
+        ),
+    ],
+)
+def test_speeds_of_which_newton_knew_nothing(edit: tuple[str, str], place: str) -> None:
+    found = lines(campaign(edit, ("  end_time", "  end_time: 1 ms")))
+    assert any(line.startswith(f"campaign.yaml:{place}") for line in found)
 
 
 def test_a_mean_flow_of_kilometres_per_second_is_that_of_a_projectile() -> None:

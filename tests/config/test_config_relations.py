@@ -99,6 +99,7 @@ def test_the_identity_holds_the_constraints_but_not_how_they_are_spelled():
             "is no name for a quantity; must be small letters, digits and _, a letter first",
         ),
         (["derived: {p: [1]}"], "derived.p: is [1]; must be a text like '0.5 * density'"),
+        (["constraints: [null]"], "must be a text like 'pressure < 0.1 * hardness'"),
         (["derived: {p: }"], "derived.p: is empty; must be a text like '0.5 * density'"),
         (["derived: {p: densty}"], "has the unknown name 'densty'; did you mean 'density'?"),
         (["derived: {p: 2 * surface_energy}"], "names 'surface_energy', on which this scene does"),

@@ -107,6 +107,8 @@ def test_a_wide_law_may_fill_no_more_of_the_box_than_has_room():
     wide = "  sizes: {law: lognormal, spread: 2}"
     found = message(wide, "  half_width: 0.01")
     assert "variables.size_ratio: reaches 0.8, where the grains fill 1.13 of the box" in found
+    limit = ("objective", "constraints: [relative_speed < 20 m/s]\nobjective: maximum_growth")
+    assert "reaches 0.8, where" in message(wide, "  half_width: 0.01", limit)
     fits = with_sizes(wide, "  half_width: 0.01", ("  size_ratio", "  volume_fraction: 0.38"))
     assert fits.variables.fraction(fits.parameters()[1]) == pytest.approx(0.38, rel=1e-13)
 
@@ -259,6 +261,7 @@ def test_the_error_of_a_sieve_curve_is_none_of_the_samples(folder):
         ("error: 2 percent, counted: 100", CURVE, "sizes.counted"),
         ("error: 2 percent, basis: volume", CURVE, "sizes.basis"),
         ("error: 2 percent, headings: {x: size (um)}", CURVE, "sizes.headings"),
+        ("error: 2 percent, headings: {a: 1}", CURVE, "sizes.headings.a"),
         ("error: 2 percent", CURVE.replace("20;0\n", ""), "sizes.file"),
         ("error: 2 percent", CURVE.replace("125;100\n", ""), "sizes.file"),
         ("error: 2 percent", CURVE.replace("20;0", "1;0"), "sizes.file"),

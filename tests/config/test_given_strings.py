@@ -134,6 +134,14 @@ def test_what_is_fixed_may_be_given_but_not_changed():
         read_searched(campaign, searched | {"volume_fraction": "25%"})
 
 
+def test_a_volume_fraction_gives_a_size_ratio_that_is_searched():
+    campaign = Campaign.from_text(TEXT.replace("size_ratio: 0.633", "size_ratio: [0.3, 0.8]"))
+    searched = {"relative_speed": 4.3, "hardness": "67 MPa", "friction": 0.3}
+    [filled] = read_searched(campaign, searched | {"volume_fraction": 0.1})
+    [given] = read_searched(campaign, searched | {"size_ratio": (0.6 / np.pi) ** (1.0 / 3.0)})
+    assert filled == pytest.approx(given, nan_ok=True)
+
+
 def row(campaign, **columns):
     """Return a row of a table of strings as a mapping."""
     values = TEN.values_by_name(campaign.parameters())
