@@ -329,6 +329,14 @@ def _footer(report: ForecastReport) -> list[str]:
             f"rank 0 is saturated with {full.ranks} ranks: it takes "
             f"{full.samples_per_second:.0f} samples/s, used or not"
         )
+    if report.campaign.required_plan.certify is not None:
+        plan = report.campaign.required_plan.certify
+        most = plan.strings * plan.max_samples
+        hours = most * report.pilot.mean_seconds / 3600.0
+        lines.append(
+            f"certificate, not in these times: at most {most:,} samples more, "
+            f"{hours:.2g} core-hours"
+        )
     again = any(f.again for f in report.forecasts)
     grains = [] if report.grains is None else [report.grains.text]
     if report.without_grains:

@@ -7,6 +7,7 @@ from examples import examples
 from hypothesis import strategies as st
 from rich.console import Console
 
+from agglom_mpi.config.campaign import Campaign
 from agglom_mpi.config.loading import load_campaign
 from agglom_mpi.planning.forecast import (
     SATURATED,
@@ -111,3 +112,14 @@ def test_the_ratio_of_the_clocks_is_in_the_json_where_it_is_known():
 
     assert ratio(2.5) == 2.5
     assert ratio(math.nan) is None
+
+
+def test_what_a_certificate_takes_at_most_is_named():
+    text = (
+        load_campaign("jobs/polymer_dust.yaml").text + "certify: {strings: 50, max_samples: 100}\n"
+    )
+    summary = PilotSummary(None, 60, 10, 0, 0.72, 5.0, 1.0, ())
+    report = ForecastReport(Campaign.from_text(text), "a.yaml", summary, COSTS, [], [])
+    console = Console(width=200, file=io.StringIO())
+    console.print(forecast_table(report))
+    assert "at most 5,000 samples more, 1 core-hours" in console.file.getvalue()
