@@ -1,4 +1,36 @@
-"""A point of a macroscopic flow that is a box of grains, stepped from outside  [B 9]."""
+"""A point of a macroscopic flow that is a box of grains, stepped from outside  [B 9].
+
+>>> from agglom_mpi import Box
+>>> from agglom_mpi.config.campaign import Campaign
+>>> scene = '''
+... seed: 1
+... scene:
+...   particles: 200
+...   half_width: 1 cm
+...   velocities: {law: spread, mean: [0, 0, 0], transverse: 1}
+...   restitution: {law: constant, value: 0.8}
+...   heating: none
+...   end_time: 1 s
+... variables: {relative_speed: 1, size_ratio: 0.5, density: 2500}
+... '''
+>>> flow = [0.5, 0.0, 0.0]  # from the macroscopic model, m/s
+>>> cloud = lambda random, n: random.normal(flow, 1.0, (n, 3))
+>>> box = Box(Campaign.from_text(scene), velocities=cloud)
+>>> before = box.state
+>>> after = box.advance(0.02)
+>>> after.granular_temperature < before.granular_temperature  # Haff's law
+True
+>>> lost = 1.5 * after.mass_density * (before.granular_temperature - after.granular_temperature)
+>>> abs(after.dissipation_rate * 0.02 / lost - 1.0) < 1e-12
+True
+>>> box.set(velocities=box.particles.velocities + [0.1, 0.0, 0.0])  # the mean flow changed
+>>> faster = box.advance(0.02)
+>>> change = (faster.momentum_density - before.momentum_density) / faster.mass_density
+>>> bool(abs(change - [0.1, 0.0, 0.0]).max() < 1e-12)
+True
+>>> box.reset().time
+0.0
+"""
 
 import os
 from collections.abc import Callable, Mapping

@@ -215,8 +215,12 @@ class Host:
         self("ip", "link", "set", "eth0", "up")
 
     def wait_for_network(self):
-        """Wait until programs see the cable: Linux reports a new state once in a second."""
+        """Wait until programs see the cable and sshd listens.
+
+        Linux reports a new state once in a second; sshd leaves its caller before it listens.
+        """
         wait_for(lambda: "state UP" in self("ip", "link", "show", "eth0"), "network")
+        wait_for(lambda: ":22 " in self("ss", "--listening", "--tcp", "--numeric"), "sshd")
 
     def processes(self):
         """Return the processes of this host but for its first, and what that waits for."""
