@@ -274,23 +274,19 @@ class CollisionKernels:
         """
         if self.breaks:
             raise ValueError("particles broke; the equations have no breakage")
-        grid, expected = Grid(self.masses), self._maxwellian(self._whole)
+        grid = Grid(self.masses)
         numbers, _, energies = self._whole.start.T / self._whole.samples
         found = np.empty((len(self.times) - 1, 2))
         for w, duration in enumerate(np.diff(self.times).tolist()):
-            impacts = self._impacts(grid, w, expected[w])
-            law = maxwellian_law(grid, impacts, self.density, self.volume)
+            law = maxwellian_law(grid, self._impacts(grid, w), self.density, self.volume)
             n, e = solve(grid, law, numbers, energies, duration)
             for place, values in enumerate((n, e)):
                 found[w, place] = np.trapezoid(values.sum(axis=0)) / (values.shape[1] - 1)
             numbers, energies = n[:, -1], e[:, -1]
         return found
 
-    def _impacts(self, grid: Grid, w: int, maxwellian: Floats) -> Impacts:
-        """Return the properties of the impacts of a window, of each group or else of all.
-
-        `maxwellian` are the rate coefficients of Maxwellian gases in m³/s, (bins, bins).
-        """
+    def _impacts(self, grid: Grid, w: int) -> Impacts:
+        """Return the properties of the impacts of a window, of each group or else of all."""
         sums, (first, second) = self._whole, grid.pairs
         of_pairs = sums.impacts[w, first, second].T
         hits, sticks, squared, lost = of_pairs[[HITS, STICKS, SQUARED_SPEED, LOST]]
@@ -298,7 +294,7 @@ class CollisionKernels:
         scale = per_mass[first] + per_mass[second]
         reduced = self.masses[first] * self.masses[second] / self.masses[grid.pairs].sum(axis=0)
         bounces, normal = hits - sticks, squared - of_pairs[SQUARED_SPEED_OF_STICKS]
-        expected = (maxwellian * sums.pairs[w] / self.volume)[first, second]
+        expected = self.expected[w, first, second]
         stuck, groups = of_pairs[LOST_BY_STICKS], self.groups[w, first, second]
         # The share of energy that is lost in an impact with the normal speed w is 1 − e².
         losses = _of_each(2.0 * (lost - stuck), reduced * normal, groups)

@@ -37,7 +37,7 @@ MARGIN: Final = 100.0
 EDGE_SHARE: Final = 1e-3
 """Largest share of the mass in the last decade of a grid; with more, a longer grid is taken."""
 MOST_BINS: Final = 240
-"""Largest number of bins of the grid, on which the equations take some minutes."""
+"""Largest number of bins of the grid unless samples have more; the equations then take minutes."""
 
 
 class ImposedGrowth(NamedTuple):
@@ -105,7 +105,8 @@ def imposed_growth(kernels: CollisionKernels, speed: Speed, until: float) -> Imp
     require_unbreakable(kernels.tests)
     if not np.isfinite(kernels.rate.value).any():
         raise UserError("no two masses have enough collisions; must be more samples")
-    longest = kernels.masses[0] * (kernels.masses[1] / kernels.masses[0]) ** np.arange(MOST_BINS)
+    most = max(MOST_BINS, len(kernels.masses))
+    longest = kernels.masses[0] * (kernels.masses[1] / kernels.masses[0]) ** np.arange(most)
     speeds, equal = _rates(kernels, np.array([longest, longest]), speed)
     size = max(len(kernels.masses), _size(kernels, longest, speeds * equal, until))
     decade = math.ceil(math.log(10.0) / math.log(longest[1] / longest[0]))
@@ -115,9 +116,9 @@ def imposed_growth(kernels: CollisionKernels, speed: Speed, until: float) -> Imp
         mass = numbers @ masses
         if np.all(numbers[..., last] @ masses[last] <= EDGE_SHARE * mass):
             break
-        if size == MOST_BINS:
+        if size == most:
             raise _beyond(kernels, masses[last][0], until)
-        size = min(2 * size, MOST_BINS)
+        size = min(2 * size, most)
     beyond = slice(largest + 1, None)
     return ImposedGrowth(
         until * TIMES,
@@ -207,7 +208,7 @@ def _size(kernels: CollisionKernels, masses: Floats, rates: Floats, until: float
         ages = np.cumsum(np.diff(masses)[grain:] / slopes[grain:-1])
     reached = grain + int(np.searchsorted(ages, until)) + 2
     margin = math.ceil(math.log(MARGIN) / math.log(masses[1] / masses[0]))
-    if reached + margin > MOST_BINS:
+    if reached + margin > len(masses):
         raise _beyond(kernels, masses[-margin], until)
     return reached + margin
 

@@ -21,7 +21,7 @@ from agglom_mpi.formatting import format_digits, in_unit
 from agglom_mpi.physics import scales
 from agglom_mpi.random_streams import ALLOWED_SHARE, search_stream
 from agglom_mpi.search.space import SearchSpace
-from agglom_mpi.variables import VariableTable, volume_fraction
+from agglom_mpi.variables import VariableTable, size_ratio, volume_fraction
 
 if TYPE_CHECKING:
     from agglom_mpi.config.campaign import Campaign
@@ -253,7 +253,7 @@ def _problem(campaign: "Campaign", string: npt.NDArray[np.float64]) -> str:
     fraction = volume_fraction(values["size_ratio"], section.third_moment)
     if fraction > JAMMING_FRACTION * (1.0 + 1e-9):
         limit = f"random placement jams near {JAMMING_FRACTION}"
-        most = values["size_ratio"] * (JAMMING_FRACTION / fraction) ** (1.0 / 3.0)
+        most = size_ratio(JAMMING_FRACTION, section.third_moment)
         return f"the grains fill {fraction:.3g} of the box; {limit}, at a size_ratio of {most:.4g}"
     return ""
 

@@ -307,7 +307,7 @@ class CurveSizes(FileSizes):
     mean_errors: tuple[float, ...] = ()
 
     def errors_of_means(self) -> tuple[float, ...]:
-        """Those that the errors of the curve make."""
+        """Return the errors of the means that follow from the errors of the curve."""
         return self.mean_errors
 
     @property

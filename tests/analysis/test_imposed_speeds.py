@@ -146,3 +146,11 @@ def test_particles_that_gel_are_one_message():
     """Rates that grow faster than the mass make one particle of all in a finite time."""
     with pytest.raises(UserError, match="must be less time"):
         imposed_growth(counted(STICKS, bins=(1, 4)), power_law(GRAIN, 0.1, 2.0), ROUNDS)
+
+
+@PLAIN
+def test_samples_may_have_more_bins_than_the_grid_beyond_them():
+    kernels = counted(STICKS, bins=(3, 100))
+    assert len(kernels.masses) > imposed_speeds.MOST_BINS
+    found = imposed_growth(kernels, power_law(GRAIN, 0.1, 0.0), 1e-3)
+    assert found.particles[:, -1] == pytest.approx(1.0, abs=0.01)
